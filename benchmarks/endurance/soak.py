@@ -31,7 +31,7 @@ from capture_app.common.child import Child
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.rig_link import ask_burst, ask_status
+from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -88,7 +88,7 @@ class Soak:
         """Take one burst and judge it."""
         self.bursts += 1
         try:
-            *_, done = [status async for status in ask_burst(self.leader, request)]
+            *_, done = [status async for status in RigLink(self.leader).burst(request)]
         except SimulshotError as error:
             self.incomplete.append(f"burst {self.bursts}: {error}")
             return

@@ -34,7 +34,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.rig_link import ask_burst, ask_status
+from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -155,7 +155,7 @@ async def kill_and_take(run: Run, leader: Machine, other: Machine, cameras: int)
     told, back = await note_lead(other), asyncio.create_task(wait_for_all())
     await wait_for_cameras(other, 1)
     try:
-        *_, done = [status async for status in ask_burst(other.address, BurstRequest(frames=3))]
+        *_, done = [status async for status in RigLink(other.address).burst(BurstRequest(frames=3))]
     except SimulshotError as error:
         run.wrong.append(f"no burst: {error}")
         await back

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 from msgspec import Struct
+from msgspec.structs import astuple
 
 from capture_app.commands.shared_options import FOLDER, run_until_stopped
-from capture_app.common.child import Child
-from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.common.text import UNREADABLE, ProgressStep, Talk
+from capture_app.common.child import ask_reconstruct
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import ProgressStep, Talk
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
 from capture_app.console.usage import examples
@@ -63,20 +63,16 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
 
 
 def _show_line(line: str) -> None:
-    step = ProgressStep.parse(line)
-    if step is None:
-        talk(line)
-    else:
+    if step := ProgressStep.parse(line):
         show_progress(step)
+    else:
+        talk(line)
 
 
 def _lines(result: dict[str, Any]) -> Iterator[str]:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
-    rows = []
-    for node in result["sync"]["nodes"]:
-        times_ns = (node.clock_error_ns, node.phase_error_ns, node.total_error_ns, node.hard_bound_ns)
-        rows.append((node.name, *(f"{time_ns / 1000:.1f}" for time_ns in times_ns)))
-    yield table(head, rows)
+    nodes = (astuple(node) for node in result["sync"]["nodes"])
+    yield table(head, [(name, *(f"{time_ns / 1000:.1f}" for time_ns in of)) for name, *of in nodes])
     yield "\n" + textwrap.fill(str(result["compare"].get("verdict", "")), 88) + "\n"
     yield f"session  {result['session']}"
     yield f"report   {result['report']}"
@@ -92,7 +88,8 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
     began_s = time.monotonic()
     session = await capture(out, cameras, talk)
     report = free_name(out / "compare")
-    compared = await compare(session.folder, report, talk)
+    arguments = ("compare", str(session.folder), *QUICK, "--out", str(report))
+    compared = await ask_reconstruct(arguments, dict[str, Any], on_line=talk)
     nodes = measure_sync_errors(session)
     return {
         "session": str(session.folder),
@@ -132,23 +129,6 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
                     if status.message:
                         talk(status.message)
     return session
-
-
-async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
-    """Run `reconstruct compare` in a process of its own, pass its progress on, and return its metrics."""
-    arguments = ("compare", str(session), *QUICK, "--out", str(out), "--json")
-    child = await Child.start("reconstruct compare", ("reconstruction.cli", *arguments), on_line=talk)
-    try:
-        printed = await child.output()
-    finally:
-        await child.stop()
-    try:
-        metrics: dict[str, Any] = msgspec.json.decode(printed, type=dict[str, Any])
-    except UNREADABLE as error:
-        raise SimulshotError(
-            f"reconstruct compare printed no JSON: {error}", hint="reinstall simulshot"
-        ) from error
-    return metrics
 
 
 def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:

@@ -8,7 +8,9 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Self, TypeVar
+
+import msgspec
 
 from capture_app.common.errors import (
     BadInputError,
@@ -19,7 +21,7 @@ from capture_app.common.errors import (
     NotAvailableError,
     SimulshotError,
 )
-from capture_app.common.text import Talk
+from capture_app.common.text import UNREADABLE, Talk
 from capture_app.common.timeouts import CHILD_STOP_TIMEOUT_S
 
 _KINDS: dict[int | None, type[SimulshotError]] = {
@@ -27,6 +29,7 @@ _KINDS: dict[int | None, type[SimulshotError]] = {
     for kind in (BadInputError, CameraError, NetworkError, NotAvailableError, IncompleteError)
 }
 
+T = TypeVar("T")
 LOWEST_PRIORITY = 19
 
 
@@ -107,19 +110,36 @@ class Child:
 
     async def stop(self) -> None:
         """Terminate the process and all its children: by SIGTERM, then by SIGKILL."""
-        for kind in (signal.SIGTERM, signal.SIGKILL):
-            try:
+        with suppress(ProcessLookupError):
+            for kind in (signal.SIGTERM, signal.SIGKILL):
                 os.killpg(self.process.pid, kind)
                 os.killpg(self.process.pid, signal.SIGCONT)
-                async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
-                    await self.process.wait()
-            except ProcessLookupError:
-                break
-            except TimeoutError:
-                continue
-            break
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
+                        await self.process.wait()
+                        break
         await self.process.wait()
         self.listening.cancel()
+
+
+async def ask_reconstruct(
+    arguments: Sequence[str], kind: type[T], *, on_line: Talk | None = None, niceness: int = 0
+) -> T:
+    """Run `reconstruct` in a process of its own, and return what it prints with --json.
+
+    Raises the error that it ends with, such as NotAvailableError where it is not installed.
+    """
+    name = f"reconstruct {arguments[0]}"
+    command = ("reconstruction.cli", *arguments, "--json")
+    child = await Child.start(name, command, on_line=on_line, niceness=niceness)
+    try:
+        return msgspec.json.decode(await child.output(), type=kind)
+    except UNREADABLE as error:
+        raise SimulshotError(
+            f"the output of {name} is unreadable: {error}", hint="reinstall simulshot"
+        ) from error
+    finally:
+        await child.stop()
 
 
 def error_of_exit(code: int | None, what: str) -> SimulshotError:

@@ -113,18 +113,17 @@ def _systemctl(*arguments: str) -> None:
     command = ("systemctl", *(() if _is_root() else ("--user",)), *arguments)
     done = _run(command)
     if done.returncode:
-        said = done.stderr.strip() or f"code {done.returncode}"
         raise NotAvailableError(
-            f"{' '.join(command)}: {said}", hint="log in as this user itself, on the machine or by ssh"
+            f"{' '.join(command)}: {done.stderr.strip() or f'code {done.returncode}'}",
+            hint="log in as this user itself, on the machine or by ssh",
         )
 
 
 def _linger() -> str:
     """Start this user's services without a login; return the command to type if that is not permitted."""
     user = getpass.getuser()
-    if _run(("loginctl", "show-user", user, "--property=Linger")).stdout.strip() == "Linger=yes":
-        return ""
-    if _run(("loginctl", "enable-linger")).returncode == 0:
+    lingers = _run(("loginctl", "show-user", user, "--property=Linger")).stdout.strip() == "Linger=yes"
+    if lingers or _run(("loginctl", "enable-linger")).returncode == 0:
         return ""
     return (
         f"until then it starts when {user} logs in; to start it at boot: sudo loginctl enable-linger {user}"

@@ -9,9 +9,7 @@ import msgspec
 
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import UNMEASURED, StampAccuracy, StampSource
-from capture_app.common.child import LOWEST_PRIORITY, Child
-from capture_app.common.errors import NotApplicableError
-from capture_app.common.text import UNREADABLE
+from capture_app.common.child import LOWEST_PRIORITY, ask_reconstruct
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.rig.rig_link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
@@ -67,12 +65,12 @@ async def calibrate(
 
 def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
     """Return the camera with the smallest time uncertainty; None if no camera's timestamps are calibrated."""
-    known = {
+    known_ns = {
         name: math.hypot(record.facts.stamp_accuracy.uncertainty_ns, _clock_error_ns(record))
         for name, record in records.items()
         if record.facts.stamp_accuracy.source not in UNMEASURED
     }
-    return min(known, key=lambda name: known[name], default=None)
+    return min(known_ns, key=known_ns.__getitem__, default=None)
 
 
 async def measure_session(session: Path, reference: str | None) -> MeasuredTimes:
@@ -81,19 +79,8 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
     Raises the error that it ends with: NotAvailableError where it is not installed, BadInputError where it
     cannot measure.
     """
-    arguments = ["reconstruction.cli", "time", str(session), "--json"]
-    arguments += [] if reference is None else ["--reference", reference]
-    child = await Child.start("reconstruct time", arguments, niceness=LOWEST_PRIORITY)
-    try:
-        printed = await child.output()
-    finally:
-        await child.stop()
-    try:
-        return msgspec.json.decode(printed, type=MeasuredTimes)
-    except UNREADABLE as error:
-        raise NotApplicableError(
-            f"the output of reconstruct time is unreadable: {error}", hint="reinstall simulshot"
-        ) from error
+    arguments = ["time", str(session), *([] if reference is None else ["--reference", reference])]
+    return await ask_reconstruct(arguments, MeasuredTimes, niceness=LOWEST_PRIORITY)
 
 
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import ceil, e, log, pi, sqrt
 from statistics import fmean, median
@@ -17,7 +17,8 @@ from capture_app.cameras.specs import open_camera
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
-from capture_app.common.text import count
+from capture_app.common.tasks import has_come
+from capture_app.common.text import Talk, count
 from capture_app.common.timeouts import NO_FRAME_TIMEOUT_S
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.rig.cameras import modes_of
@@ -120,10 +121,8 @@ class StreamWatch:
     def __init__(self, camera: Camera, clock: NodeClock) -> None:
         self.camera = camera
         self.phase = PhaseEstimator(period_ns=camera.facts.period_ns)
-        self.deliveries_ns: list[int] = []
-        """Delay from each frame's timestamp to its arrival here."""
-        self.exposure_ns: int | None = None
-        """Exposure of the newest frame."""
+        self.seen_ns: list[tuple[int, int | None]] = []
+        """Of each frame: delay from its timestamp to its arrival here, and its exposure."""
         self._clock = clock
         self._arrived = asyncio.Event()
         self._failure: Exception | None = None
@@ -146,7 +145,8 @@ class StreamWatch:
         """Restart the stream; return the time from the command to its first frame's timestamp."""
         stream, begun_ns = self._stream, self._clock.now_ns() + delay_ns
         await self.camera.apply(RestartStream(delay_ns))
-        await self.until(lambda: self._stream > stream)
+        while self._stream <= stream:
+            await self._next()
         return self._first_stamp_ns - begun_ns
 
     async def shift(self, command: CameraCommand) -> tuple[float, int | None]:
@@ -158,47 +158,43 @@ class StreamWatch:
         before_ns = self._place(sequence)
         phase.mark_disturbance()
         await self.camera.apply(command)
-        await self.until(lambda: not phase.disturbed)
+        while phase.disturbed:
+            await self._next()
         moved = phase.last_shift_ns is not None
         await self.frames(PLACE_FRAMES)
         return self._place(sequence) - before_ns, phase.last_latency_frames if moved else None
 
     def _place(self, sequence: int) -> float:
         """Return the time at which frame `sequence` would start, extrapolated from the newest frames."""
-        period_ns = self.phase.period_ns
-        places = [stamp_ns - period_ns * (number - sequence) for number, stamp_ns in self._stamps]
+        places = [stamp_ns - self.phase.period_ns * (number - sequence) for number, stamp_ns in self._stamps]
         middle, noise_ns = median(places), max(self.phase.noise_ns, 1_000.0)
         return fmean(place for place in places if abs(place - middle) <= OUTLIER * noise_ns)
 
     async def frames(self, count: int) -> None:
         """Wait for `count` more frames."""
         target = self.phase.frames + count
-        await self.until(lambda: self.phase.frames >= target)
+        while self.phase.frames < target:
+            await self._next()
 
-    async def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until `holds`, which frames change. Raises CameraError if none arrive."""
-        while not holds():
-            self._arrived.clear()
-            try:
-                async with asyncio.timeout(NO_FRAME_TIMEOUT_S):
-                    await self._arrived.wait()
-            except TimeoutError:
-                raise CameraError(
-                    f"the camera delivered no frames for {NO_FRAME_TIMEOUT_S:.0f} s",
-                    hint="check its cable, and close other programs that use it",
-                ) from None
-            if self._failure is not None:
-                raise CameraError(
-                    f"the camera failed: {self._failure}",
-                    hint="check its power and cable, and close other programs that use it",
-                )
+    async def _next(self) -> None:
+        """Wait for a frame. Raises CameraError if none arrives."""
+        self._arrived.clear()
+        if not await has_come(self._arrived, NO_FRAME_TIMEOUT_S):
+            raise CameraError(
+                f"the camera delivered no frames for {NO_FRAME_TIMEOUT_S:.0f} s",
+                hint="check its cable, and close other programs that use it",
+            )
+        if self._failure is not None:
+            raise CameraError(
+                f"the camera failed: {self._failure}",
+                hint="check its power and cable, and close other programs that use it",
+            )
 
     def _add(self, frame: CapturedFrame) -> None:
-        self.deliveries_ns.append(self._clock.now_ns() - frame.timestamp_ns)
+        self.seen_ns.append((self._clock.now_ns() - frame.timestamp_ns, frame.exposure_ns))
         if frame.stream > self._stream:
             self._stream, self._first_stamp_ns = frame.stream, frame.timestamp_ns
         self._stamps.append((frame.sequence, frame.timestamp_ns))
-        self.exposure_ns = frame.exposure_ns
         self.phase.add(FrameStamp(frame.sequence, frame.stream, frame.timestamp_ns))
         self._arrived.set()
 
@@ -223,11 +219,8 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
     parts = np.array_split(steps_ns, ceil(len(steps_ns) / CANDIDATES_AT_ONCE))
     residuals_ns = np.concatenate([_residuals(offs, part) for part in parts])
     likely = np.log(steps_ns / np.maximum(residuals_ns, noise_ns / 2.0))
-    best = likely.argmax()
-    free = len(offs) - 2
-    if free * (likely[best] - log(NORMAL)) < SURE + log(len(steps_ns)):
-        return None
-    return _refined(offs, steps_ns[best])
+    advantage = (len(offs) - 2) * (likely.max() - log(NORMAL))
+    return _refined(offs, steps_ns[likely.argmax()]) if advantage >= SURE + log(len(steps_ns)) else None
 
 
 def _residuals(offs_ns: Offsets, steps_ns: Offsets) -> Offsets:
@@ -239,16 +232,13 @@ def _residuals(offs_ns: Offsets, steps_ns: Offsets) -> Offsets:
     first = offs_ns - steps_ns * np.round(offs_ns / steps_ns)
     centered = offs_ns - first.mean(axis=1, keepdims=True)
     left = centered - steps_ns * np.round(centered / steps_ns)
-    residuals_ns: Offsets = np.sqrt((left**2).mean(axis=1))
-    return residuals_ns
+    return np.asarray(np.sqrt((left**2).mean(axis=1)))
 
 
 def _refined(offs_ns: Offsets, step_ns: float) -> float:
     """Return the slope of a line through the shifts, once the number of steps of each is known."""
     counts = np.round(offs_ns / step_ns)
-    counts -= counts.mean()
-    weight = counts @ counts
-    return float(counts @ offs_ns / weight if weight else step_ns)
+    return float(np.polyfit(counts, offs_ns, 1)[0]) if counts.any() else step_ns
 
 
 async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:
@@ -256,58 +246,47 @@ async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> M
 
     Raises CameraError where the camera refuses one, or stops delivering frames.
     """
-    if facts.phase_control is PhaseControl.INJECTION:
-        problem = InjectionActuator(facts).problem
-        if problem:
-            return Moves(commands=0, effective=0, reason=problem)
-    elif facts.phase_control is not PhaseControl.FRAME_DURATION:
+    if facts.phase_control not in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION):
         return None
+    by_injection = facts.phase_control is PhaseControl.INJECTION
+    if by_injection and (problem := InjectionActuator(facts).problem):
+        return Moves(commands=0, effective=0, reason=problem)
     history = InjectionHistory(period_ns=facts.period_ns, row_time_ns=facts.row_time_ns)
     shifts_ns: list[float] = []
     latencies: list[int] = []
     for number, stretch_ns in enumerate(STRETCHES_NS[:moves]):
         command, rows = _command(facts, number, stretch_ns, history)
         shift_ns, latency = await watch.shift(command)
-        if latency is None:
-            continue
-        shifts_ns.append(shift_ns)
-        latencies.append(latency)
-        history.add(rows, shift_ns / history.row_ns, watch.phase.noise_ns / history.row_ns)
+        if latency is not None:
+            shifts_ns.append(shift_ns)
+            latencies.append(latency)
+            history.add(rows, shift_ns / history.row_ns, watch.phase.noise_ns / history.row_ns)
     step_ns = common_step(shifts_ns, watch.phase.noise_ns * sqrt(2.0 / PLACE_FRAMES))
-    seen = Moves(
+    profile = history.fit() if by_injection and history.moved else None
+    gain = 1.0 if profile is None else profile.gain
+    return Moves(
         commands=min(moves, MOVES),
         effective=len(shifts_ns),
         latency_frames=(min(latencies), max(latencies)) if latencies else None,
         step_ns=step_ns,
+        row_time_ns=None if step_ns is None else step_ns / gain,
+        injection=profile,
+        overhead_ns=facts.period_ns - profile.neutral_rows * profile.row_time_ns if profile else None,
         reason=_reason(len(shifts_ns), step_ns),
     )
-    return _with_rows(seen, facts, history)
 
 
 def _command(
     facts: CameraFacts, number: int, stretch_ns: int, history: InjectionHistory
 ) -> tuple[CameraCommand, int]:
     """Return a command that lengthens one frame, and the number of rows that it is exposed, or lasts, for."""
-    target_ns = facts.period_ns + FIRST_STRETCH_NS + stretch_ns
-    rows = round(target_ns / history.row_ns)
+    rows = round((facts.period_ns + FIRST_STRETCH_NS + stretch_ns) / history.row_ns)
     # Alternate even and odd row counts: even counts alone would look like rows of twice the length.
     rows += (rows + number) % 2
     asked_ns = round((rows + INSIDE_ROW) * history.row_ns)
     if facts.phase_control is PhaseControl.INJECTION:
         return InjectFrame(min(asked_ns, facts.max_exposure_ns or asked_ns)), rows
     return SetFrameDuration(min(asked_ns, facts.max_frame_duration_ns or asked_ns)), rows
-
-
-def _with_rows(seen: Moves, facts: CameraFacts, history: InjectionHistory) -> Moves:
-    """Return `seen` with the row time from its step, and the effect of long frames from the injections."""
-    if facts.phase_control is PhaseControl.FRAME_DURATION:
-        return replace(seen, row_time_ns=seen.step_ns)
-    if not history.moved:
-        return seen
-    profile = history.fit()
-    row_ns = None if seen.step_ns is None else seen.step_ns / profile.gain
-    overhead_ns = facts.period_ns - profile.neutral_rows * profile.row_time_ns
-    return replace(seen, row_time_ns=row_ns, injection=profile, overhead_ns=overhead_ns)
 
 
 def _reason(effective: int, step_ns: float | None) -> str:
@@ -325,7 +304,7 @@ async def characterize(
     starts: int,
     moves: int,
     keep: bool,
-    talk: Callable[[str], None],
+    talk: Talk,
     clock: NodeClock | None = None,
 ) -> Character:
     """Measure a camera of this machine, and with `keep` save what nodes use to this user's profiles.
@@ -344,15 +323,12 @@ async def characterize(
         # Some facts are known only once the camera streams.
         facts = watch.camera.facts
         await watch.frames(SETTLING_FRAMES)
-        watch.deliveries_ns.clear()
+        watch.seen_ns.clear()
         target = max(SETTLING_FRAMES, round(seconds * 1e9 / facts.period_ns))
         talk(f"watching {count(target, 'frame')}")
-        min_ns = max_ns = watch.exposure_ns
-        for _ in range(target):
-            await watch.frames(1)
-            if watch.exposure_ns is not None and min_ns is not None and max_ns is not None:
-                min_ns, max_ns = min(min_ns, watch.exposure_ns), max(max_ns, watch.exposure_ns)
-        phase = watch.phase
+        await watch.frames(target)
+        phase, deliveries_ns = watch.phase, [delivery_ns for delivery_ns, _ in watch.seen_ns]
+        exposures_ns = [exposure_ns for _, exposure_ns in watch.seen_ns if exposure_ns is not None]
         character = Character(
             spec=spec,
             camera=facts,
@@ -363,9 +339,9 @@ async def characterize(
             rate_error_ppm=(facts.period_ns / phase.period_ns - 1.0) * 1e6,
             stamp_step_ns=phase.quantum_ns,
             stamp_jitter_ns=phase.noise_ns,
-            delivery_ns=round(median(watch.deliveries_ns)),
-            slowest_delivery_ns=max(watch.deliveries_ns),
-            exposures_ns=None if min_ns is None or max_ns is None else (min_ns, max_ns),
+            delivery_ns=round(median(deliveries_ns)),
+            slowest_delivery_ns=max(deliveries_ns),
+            exposures_ns=(min(exposures_ns), max(exposures_ns)) if exposures_ns else None,
         )
         if moves and facts.phase_control in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION):
             talk(f"moving its phase {count(moves, 'time')}")
@@ -374,8 +350,7 @@ async def characterize(
         talk(f"starting it {count(starts, 'time')}")
         for number in range(starts):
             if by_restart:
-                delay_ns = round(number * GOLDEN % 1.0 * facts.period_ns)
-                latencies_ns.append(await watch.restart(delay_ns))
+                latencies_ns.append(await watch.restart(round(number * GOLDEN % 1.0 * facts.period_ns)))
             else:
                 await watch.camera.stop()
                 watch = StreamWatch(reopen(), clock)
@@ -391,12 +366,10 @@ async def characterize(
 
 def save(character: Character, profiles: DeviceProfiles) -> Character:
     """Save to this machine's profiles what nodes use; return the character, with whether it was saved."""
-    saved = False
-    moves, starts = character.moves, character.starts
+    saved, moves, starts = False, character.moves, character.starts
     if moves is not None and moves.injection is not None:
         saved = profiles.save_injection(character.camera, moves.injection)
     if starts is not None and starts.by_restart:
-        period_ns = character.period_ns
-        shares_ns = tuple(round(latency % period_ns) for latency in starts.latencies_ns)
+        shares_ns = tuple(round(latency % character.period_ns) for latency in starts.latencies_ns)
         saved = profiles.save_start_latencies(character.camera, shares_ns)
     return replace(character, saved=saved)

@@ -6,7 +6,10 @@ import platform
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal
 
@@ -37,7 +40,6 @@ from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
-VIDEO_DEVICES = Path("/sys/class/video4linux")
 USB2_MBIT_S = 480
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
@@ -45,8 +47,6 @@ SAMPLE_BYTES = 16 << 20
 SLOW_MB_S = 20.0
 """A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
 LITTLE_BYTES = 1 << 30
-CLOCK_WATCHED_S = 2.2
-LISTEN_S = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,27 +60,24 @@ class UsbCamera:
     """Negotiated speed of its bus."""
 
 
-def usb_cameras(devices: Path = VIDEO_DEVICES) -> list[UsbCamera]:
+def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[UsbCamera]:
     """Return the USB cameras of this machine, each once, in the order of their device nodes."""
     found: dict[Path, UsbCamera] = {}
     for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
         interface = (entry / "device").resolve()
         # A camera has several device nodes; the first one delivers the images.
         device = next((path for path in (interface, *interface.parents) if (path / "busnum").is_file()), None)
-        if device is None or device in found:
-            continue
-        try:
-            bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
-        except (OSError, ValueError):
-            continue
-        found[device] = UsbCamera(f"/dev/{entry.name}", bus, round(speed))
+        if device is not None and device not in found:
+            with suppress(OSError, ValueError):
+                bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
+                found[device] = UsbCamera(f"/dev/{entry.name}", bus, round(speed))
     return list(found.values())
 
 
 def crowded_buses(cameras: list[UsbCamera]) -> list[list[UsbCamera]]:
     """Return the cameras of each USB 2 bus with several: it is too slow for their uncompressed images."""
-    slow = [camera for camera in cameras if camera.speed_mbit_s <= USB2_MBIT_S]
-    by_bus = ([camera for camera in slow if camera.bus == bus] for bus in sorted({c.bus for c in slow}))
+    slow = sorted((one for one in cameras if one.speed_mbit_s <= USB2_MBIT_S), key=attrgetter("bus"))
+    by_bus = (list(sharing) for _, sharing in groupby(slow, attrgetter("bus")))
     return [sharing for sharing in by_bus if len(sharing) > 1]
 
 
@@ -103,7 +100,7 @@ def version() -> Finding:
     )
 
 
-async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
+async def clock(rate: HostRate, watched_s: float = 2.2) -> Finding:
     """Watch this host's clock for `watched_s`, as an NTP daemon may be slewing it."""
     rate.slewing_ppm(0)
     await asyncio.sleep(watched_s)
@@ -126,12 +123,11 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
     except (OSError, DiskError) as error:
         failure = error if isinstance(error, DiskError) else disk_error(error, folder)
         return Finding("disk", "problem", f"{holds}: {failure.what}", other)
-    what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
-    if free < LITTLE_BYTES:
-        return Finding("disk", "warning", what, f"free some space, or {other}")
+    remedy = f"free some space, or {other}" if free < LITTLE_BYTES else ""
     if mb_s < SLOW_MB_S:
-        return Finding("disk", "warning", what, f"{other} on a faster disk")
-    return Finding("disk", "good", what)
+        remedy = remedy or f"{other} on a faster disk"
+    what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
+    return Finding("disk", "warning" if remedy else "good", what, remedy)
 
 
 def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
@@ -178,8 +174,7 @@ def _write_speed(folder: Path, size: int) -> float:
 async def leader(address: Address) -> Finding:
     """Test the connection to a leader."""
     began_s = time.monotonic()
-    found = await find_obstacle(address)
-    if found is not None:
+    if (found := await find_obstacle(address)) is not None:
         return Finding("leader", "problem", found.what, found.remedy)
     took_ms = (time.monotonic() - began_s) * 1e3
     return Finding("leader", "good", f"the leader at {address} answers within {took_ms:.0f} ms")
@@ -204,7 +199,7 @@ async def own_rig(address: Address) -> Finding:
     return Finding("rig", "good", f"a rig with {nodes} runs here; others join it at {where}")
 
 
-async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
+async def announced_leaders(listen_s: float = 1.5) -> list[Finding]:
     """Report the leaders announced on this network, whether they answer, and their version."""
     async with LeaderBrowser() as browser:
         await asyncio.sleep(listen_s)
@@ -226,11 +221,9 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     obstacles = await asyncio.gather(*map(find_obstacle, found.addresses))
     reached = [address for address, obstacle in zip(found.addresses, obstacles, strict=True) if not obstacle]
     if not reached:
-        why = next((obstacle for obstacle in obstacles if obstacle is not None), None)
-        text = (
-            f"{kind} {found.name} is announced but not reachable: {why.what if why else 'it has no address'}"
-        )
-        return Finding("discovery", "warning", text, why.remedy if why else "")
+        what, remedy = next(((one.what, one.remedy) for one in obstacles if one), ("it has no address", ""))
+        text = f"{kind} {found.name} is announced but not reachable: {what}"
+        return Finding("discovery", "warning", text, remedy)
     text = f"{kind} {found.name} is announced and answers at {reached[0]}"
     if found.version != __version__:
         what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
@@ -254,8 +247,7 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
     """Report firewalls of this machine that may block connections; cameras connect to `ports`."""
     for firewall in active:
         for port in ports:
-            opened = firewall.opens(port)
-            if not opened:
+            if not (opened := firewall.opens(port)):
                 text = f"{firewall.name} is active here, and must allow incoming cameras on port {port}"
                 unseen = " (only root can see whether it does)" if opened is None else ""
                 yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
@@ -287,8 +279,9 @@ def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
             case False:
                 yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
             case None:
-                what = f"the driver of {interface} does not report whether it saves power"
-                yield Finding("wifi", "note", what)
+                yield Finding(
+                    "wifi", "note", f"the driver of {interface} does not report whether it saves power"
+                )
 
 
 async def examine(

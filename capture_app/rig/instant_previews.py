@@ -34,9 +34,8 @@ class InstantPreviews(Struct, frozen=True):
 
     def age_ns(self) -> int | None:
         """Return the time since the instant in ns, too short by a message's time from the leader; or None."""
-        if self.leader_ahead_ns is None:
-            return None
-        return time.monotonic_ns() + self.leader_ahead_ns - self.instant_ns
+        ahead_ns = self.leader_ahead_ns
+        return None if ahead_ns is None else time.monotonic_ns() + ahead_ns - self.instant_ns
 
     def bgr(self) -> "dict[str, NDArray[np.uint8]]":
         """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
@@ -69,8 +68,8 @@ async def instant_previews(
             if isinstance(update, LinkLost):
                 raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
             if isinstance(update, RigStatus):
+                now_ahead_ns = update.now_ns - time.monotonic_ns()
                 # The status that took least time is the newest one by this clock.
-                now_ns = update.now_ns - time.monotonic_ns()
-                ahead_ns = now_ns if ahead_ns is None else max(ahead_ns, now_ns)
+                ahead_ns = now_ahead_ns if ahead_ns is None else max(ahead_ns, now_ahead_ns)
             if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
                 yield replace(found, leader_ahead_ns=ahead_ns)

@@ -5,6 +5,7 @@ import csv
 import random
 import time
 from collections.abc import AsyncIterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -28,8 +29,6 @@ from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS, SteadyS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 TRIALS, REPLAYED_TRIALS = 10, 100
-PAUSE_S = 0.25
-"""Idle time of the link between two trials, as a link may be slower at first."""
 REPLAYED_SKEW_PPM = 20.0
 """Standard deviation of the simulated clocks' skew on a recorded link; offsets are hours."""
 
@@ -98,15 +97,11 @@ async def serve(host: str, port: int) -> None:
     leader = Leader(LeaderConfig(random.getrandbits(32), 0), random.Random())
 
     def drain() -> None:
-        while leader.next_event() is not None:
-            pass
+        list(iter(leader.next_event, None))
 
-    pump = Pump(leader, HostClock(), drain)
-    pump.start(datagrams)
-    try:
+    with closing(Pump(leader, HostClock(), drain)) as pump:
+        pump.start(datagrams)
         await asyncio.Event().wait()
-    finally:
-        pump.close()
 
 
 class LinkClient:
@@ -119,11 +114,13 @@ class LinkClient:
         self.problem = ""
         self.samples: list[ClockSample] = []
         self.result: Synchronization | None = None
-        schedule = SteadySchedule()
-        if poll_interval_ns is not None:
-            schedule = SteadySchedule(
+        schedule = (
+            SteadySchedule()
+            if poll_interval_ns is None
+            else SteadySchedule(
                 first_interval_ns=poll_interval_ns, easing_intervals_ns=(), poll_interval_ns=poll_interval_ns
             )
+        )
         instance = rng.getrandbits(32)
         self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, samples=self.samples)
         self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
@@ -141,14 +138,11 @@ class LinkClient:
                     self.problem = event.text
                     if event.what == "lost":
                         self.done.set()
-                case _:
-                    pass
-        time_map = self.timekeeper.time_map
-        if len(self.samples) < self._messages or not self.timekeeper.synced or time_map is None:
-            return
-        if self.result is None:
-            requests, seconds = self.timekeeper.requests, now_s - self._joined_s
-            self.result = Synchronization(list(self.samples), time_map, seconds, requests)
+        keeper, time_map = self.timekeeper, self.timekeeper.time_map
+        enough = len(self.samples) >= self._messages and keeper.synced
+        if enough and time_map is not None and self.result is None:
+            seconds = now_s - self._joined_s
+            self.result = Synchronization(list(self.samples), time_map, seconds, keeper.requests)
             self.done.set()
 
 
@@ -168,19 +162,14 @@ async def synchronize(
         await asyncio.wait_for(link.done.wait(), timeout_s)
     except TimeoutError:
         if link.joined.is_set():
-            raise NetworkError(
-                f"only {len(link.samples)} replies from {address} in {timeout_s:g} s",
-                hint="the link loses most messages: check its signal with capture-app doctor",
-            ) from None
-        if link.problem:
-            raise NetworkError(
-                f"{address} refused this client: {link.problem}",
-                hint=f"see capture-app doctor --leader {address}",
-            ) from None
-        raise NetworkError(
-            f"no answer from {address}",
-            hint="start the other end with `capture-app link --serve`",
-        ) from None
+            what = f"only {len(link.samples)} replies from {address} in {timeout_s:g} s"
+            hint = "the link loses most messages: check its signal with capture-app doctor"
+        elif link.problem:
+            what = f"{address} refused this client: {link.problem}"
+            hint = f"see capture-app doctor --leader {address}"
+        else:
+            what, hint = f"no answer from {address}", "start the other end with `capture-app link --serve`"
+        raise NetworkError(what, hint=hint) from None
     finally:
         link.client.leave()
         pump.turn()
@@ -214,7 +203,8 @@ async def measure(
     for _ in range(trials):
         link = LinkClient(rng, messages, poll_interval_ns)
         yield await synchronize(address, clock, link, timeout_s=timeout_s)
-        await asyncio.sleep(PAUSE_S)
+        # A link may be slower at first, so it idles between two trials.
+        await asyncio.sleep(0.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,12 +261,10 @@ def read_trace(path: Path, rng: random.Random) -> RecordedLink:
             f"{path} has times that do not ascend, or round trips that are not positive",
             hint="sort the rows by t_s, and leave lost messages out",
         )
-    there_ns, back_ns = [], []
-    for round_trip_ms in round_trips_ms:
-        part_ms = rng.random() * (round_trip_ms - min_ms)
-        there_ns.append(round((min_ms / 2.0 + part_ms) * 1e6))
-        back_ns.append(round((round_trip_ms - min_ms / 2.0 - part_ms) * 1e6))
-    return RecordedLink(tuple(there_ns), tuple(back_ns), every_ns)
+    there_ms = [min_ms / 2.0 + rng.random() * (round_trip_ms - min_ms) for round_trip_ms in round_trips_ms]
+    there_ns = tuple(round(way_ms * 1e6) for way_ms in there_ms)
+    back_ns = tuple(round((both - way) * 1e6) for both, way in zip(round_trips_ms, there_ms, strict=True))
+    return RecordedLink(there_ns, back_ns, every_ns)
 
 
 def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, seed: int) -> list[LinkTrial]:
@@ -291,15 +279,14 @@ def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, see
         rng = random.Random(f"{seed} recorded {number}")
         start = rng.randrange(len(link.there_ns))
         clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, REPLAYED_SKEW_PPM), 10**12)
-        received = link.exchanges(clock, start, messages)
+        arrivals_true_ns, samples = zip(*link.exchanges(clock, start, messages), strict=True)
         engine = ClockFilter()
-        for _, sample in received:
+        for sample in samples:
             engine.add(sample)
-        arrived_true_ns, last = received[-1]
-        time_map = engine.time_map(last.t3_ns)
+        time_map = engine.time_map(samples[-1].t3_ns)
         assert time_map is not None
-        seconds, samples = (arrived_true_ns - START_TRUE_NS) / 1e9, [sample for _, sample in received]
-        done.append(judge(Synchronization(samples, time_map, seconds, messages), clock))
+        seconds = (arrivals_true_ns[-1] - START_TRUE_NS) / 1e9
+        done.append(judge(Synchronization(list(samples), time_map, seconds, messages), clock))
     return done
 
 

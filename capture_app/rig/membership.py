@@ -1,11 +1,11 @@
 """Membership of this machine in a rig: finding leaders, and pairing with them."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
+from capture_app.common.text import Talk
 from capture_app.net.discovery import search_leaders
 from capture_app.net.reachability import find_obstacle
 from capture_app.node import enrolment
@@ -37,7 +37,7 @@ def own_machine() -> Trust:
     return trust
 
 
-async def find_leaders(report: Callable[[str], None]) -> list[FoundLeader]:
+async def find_leaders(report: Talk) -> list[FoundLeader]:
     """Wait until leaders of this machine or its network answer, and return them.
 
     If any of them is known, only known leaders are returned. `report` gets a sentence whenever something new
@@ -56,9 +56,7 @@ async def needs_pairing(leader: Address) -> bool:
     Raises NetworkError, and UnknownMachineError where pairing is skipped.
     """
     trust = own_machine()
-    if await find_obstacle(leader, trust=Trust.open()) is not None:
-        return False
-    if await enrolment.is_known(leader, trust):
+    if await find_obstacle(leader, trust=Trust.open()) or await enrolment.is_known(leader, trust):
         return False
     try:
         # This machine's pin may have been added at the leader.

@@ -11,8 +11,6 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.decoding import decode_preview
 
 WIDTH_PX, FPS = 160, 10.0
-BASELINE_RATE = 0.1
-"""Minimum weight of a new image in the background model, which absorbs a lasting change after some images."""
 LEARN = 8
 """Number of images of a camera before motion is reported."""
 MIN_LEVELS, CLEAR = 10.0, 6.0
@@ -54,7 +52,8 @@ class MotionWatch:
         brighter = np.median((picture + 1) / (view.mean + 1))
         difference = np.abs(picture - brighter * view.mean)
         changed = float((difference > np.maximum(MIN_LEVELS, CLEAR * view.deviation)).mean())
-        weight = max(BASELINE_RATE, 1 / (view.seen + 1))
+        # At least a tenth, so that a lasting change becomes background after some images.
+        weight = max(0.1, 1 / (view.seen + 1))
         view.mean += weight * (picture - view.mean)
         view.deviation += weight * (np.minimum(difference, MIN_LEVELS) - view.deviation)
         view.seen += 1
@@ -69,8 +68,9 @@ async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Prev
     """Yield each preview that shows motion, forever; no previews arrive while a burst is sent."""
     await link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS)
     async for update in link.updates():
-        if not isinstance(update, Preview):
-            continue
-        pixels = decode_preview(update.jpeg)
-        if pixels is not None and watch.moved(update.camera, pixels.mean(2).astype(np.uint8)):
+        if (
+            isinstance(update, Preview)
+            and (pixels := decode_preview(update.jpeg)) is not None
+            and watch.moved(update.camera, pixels.mean(2).astype(np.uint8))
+        ):
             yield update

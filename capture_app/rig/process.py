@@ -94,28 +94,27 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
             path.unlink()
 
 
-def list_rigs() -> list[RunningRig]:
-    """Return the rigs of this machine whose processes run, newest first; remove stale records."""
+def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[RunningRig]:
+    """Return the rigs of this machine whose processes run, newest first; remove stale records.
+
+    Only those with that folder and port, if they are given.
+    """
     rigs = []
     for path in rigs_folder().glob("*.json"):
-        try:
+        with contextlib.suppress(OSError, ValueError, RecursionError):
             rig = msgspec.json.decode(path.read_bytes(), type=RunningRig)
-            parse_address(rig.leader)
-        except (OSError, ValueError, RecursionError):
-            continue
-        if _runs(rig.pid):
-            rigs.append(rig)
-        else:
-            with contextlib.suppress(OSError):
+            if not _runs(rig.pid):
                 path.unlink()
+            elif port in (None, 0, rig.address.port) and (
+                sessions is None or Path(rig.sessions).resolve() == sessions.resolve()
+            ):
+                rigs.append(rig)
     return sorted(rigs, key=lambda rig: -rig.started_unix_ns)
 
 
 async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> RunningRig | None:
     """Return the newest rig of this machine that answers, with that folder and port if they are given."""
-    for rig in list_rigs():
-        if not _is_asked_for(rig, sessions, port):
-            continue
+    for rig in list_rigs(sessions=sessions, port=port):
         with contextlib.suppress(SimulshotError):
             await ask_status(rig.address)
             return rig
@@ -133,15 +132,16 @@ async def start_rig(
     """
     log = _new_log()
     process = _spawn(sessions, host, port, cameras, log, is_owned)
-    for _ in range(round(RIG_START_TIMEOUT_S / CHECK_EVERY_S)):
-        for rig in list_rigs():
-            if rig.pid == process.pid:
-                with contextlib.suppress(NetworkError):
-                    await ask_status(rig.address)
-                    return rig
-        if process.poll() is not None:
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(RIG_START_TIMEOUT_S):
+            while process.poll() is None:
+                for rig in list_rigs():
+                    if rig.pid == process.pid:
+                        with contextlib.suppress(NetworkError):
+                            await ask_status(rig.address)
+                            return rig
+                await asyncio.sleep(CHECK_EVERY_S)
             raise _failure(process.returncode, log)
-        await asyncio.sleep(CHECK_EVERY_S)
     process.terminate()
     raise NetworkError(f"the rig did not answer within {RIG_START_TIMEOUT_S:g} s", hint=f"its log is {log}")
 
@@ -159,8 +159,7 @@ async def attach(
     Raises the errors of `start_rig`.
     """
     if leader is not None:
-        own = (*own_hosts(socket.AF_INET), *own_hosts(socket.AF_INET6))
-        local = leader.host in (*LOOPBACK_HOSTS, *own)
+        local = leader.host in (*LOOPBACK_HOSTS, *own_hosts(socket.AF_INET), *own_hosts(socket.AF_INET6))
         folder = sessions or Path("sessions")
         if local and sessions is None:
             with contextlib.suppress(SimulshotError):
@@ -175,11 +174,6 @@ async def attach(
     return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)
 
 
-def _is_asked_for(rig: RunningRig, sessions: Path | None, port: int | None) -> bool:
-    same_folder = sessions is None or Path(rig.sessions).resolve() == sessions.resolve()
-    return same_folder and (not port or rig.address.port == port)
-
-
 def _new_log() -> Path:
     folder = rigs_folder()
     folder.mkdir(parents=True, exist_ok=True)
@@ -192,15 +186,16 @@ def _new_log() -> Path:
 def _spawn(
     sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path, is_owned: bool
 ) -> subprocess.Popen[bytes]:
-    arguments = ["leader", "--host", host, "--sessions", str(sessions.absolute())]
-    arguments += Trust.of_user().options
-    arguments += ["--or-free-port"] if port is None else ["--port", str(port)]
-    arguments += ["--until-eof"] if is_owned else []
-    for camera in cameras:
-        arguments += ["--camera", camera]
+    arguments = (
+        *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
+        *Trust.of_user().options,
+        *(["--or-free-port"] if port is None else ["--port", str(port)]),
+        *(["--until-eof"] if is_owned else []),
+        *(f"--camera={camera}" for camera in cameras),
+    )
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program
-            [sys.executable, "-m", "capture_app.cli", *arguments, "--log", str(log)],
+            [sys.executable, "-m", "capture_app.cli", "leader", *arguments],
             # The pipe closes with this process, however it ends.
             stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=output,
@@ -221,10 +216,8 @@ def _reap(process: subprocess.Popen[bytes]) -> None:
 def _runs(pid: int) -> bool:
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
+    except OSError as error:
+        return isinstance(error, PermissionError)
     return True
 
 
@@ -232,5 +225,6 @@ def _failure(code: int, log: Path) -> SimulshotError:
     """Return the error of a rig that ended at once, from the end of its log."""
     lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
     said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
-    last = lines[-1] if lines else "it said nothing"
-    return error_of_exit(code, said or f"the rig ended with code {code}: {last}")
+    return error_of_exit(
+        code, said or f"the rig ended with code {code}: {(lines or ['it said nothing'])[-1]}"
+    )

@@ -18,8 +18,6 @@ from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.reading.verify import verify
 
-NOT_BROUGHT = "it was not on the leader's disk when the session was repaired, and no node sent it"
-
 
 class RepairResult(Struct, frozen=True, kw_only=True):
     """Result of repairing one session."""
@@ -49,7 +47,9 @@ async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> li
             try:
                 with closing(DiskThreads()) as disk:
                     session = BurstSession.resume(folder, 0, disk)
-                    await session.finish_now(NOT_BROUGHT)
+                    await session.finish_now(
+                        "it was not on the leader's disk when the session was repaired, and no node sent it"
+                    )
                 if session.failure is not None:
                     raise session.failure
             except BadInputError as error:
@@ -80,18 +80,13 @@ async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, lo
 def _sessions(path: Path) -> list[Path]:
     if not path.is_dir():
         raise BadInputError(f"no folder {path}", hint="capture-app sessions list shows what is there")
-    if _is_session(path):
-        return [path]
-    found = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_session(folder)]
-    if not found:
-        raise BadInputError(
-            f"no session in {path}", hint="give a session, or the folder that contains the sessions"
-        )
-    return found
-
-
-def _is_session(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN))
+    for pattern in ("", "*/"):
+        files = (file for name in (MANIFEST, JOURNAL, PLAN) for file in path.glob(pattern + name))
+        if found := sorted({file.parent for file in files if file.is_file()}):
+            return found
+    raise BadInputError(
+        f"no session in {path}", hint="give a session, or the folder that contains the sessions"
+    )
 
 
 def _problem(folder: Path) -> str:
@@ -108,11 +103,9 @@ def _problem(folder: Path) -> str:
 
 
 def _result(folder: Path, before: str, tried: bool) -> RepairResult:
-    problem = _problem(folder) if before else ""
-    if problem:
+    if before and (problem := _problem(folder)):
         # The error that prevented the repair is more informative than the remaining problem.
-        what = before if tried and before != problem else problem
-        return RepairResult(session=str(folder), ok=False, changed=False, what=what)
+        return RepairResult(session=str(folder), ok=False, changed=False, what=before if tried else problem)
     manifest = Session.open(folder).manifest
     return RepairResult(
         session=str(folder),

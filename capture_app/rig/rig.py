@@ -125,8 +125,7 @@ class AsyncRig:
 
     async def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
         """Record a video with every camera and return its session when saved. Raises as `burst` does."""
-        plan = TakePlan(seconds=seconds, video=True, name=name, note=note)
-        return (await self.take(plan).result()).open()
+        return (await self.take(TakePlan(seconds=seconds, video=True, name=name, note=note)).result()).open()
 
     def previews(
         self, width: int = 640, fps: float = 10.0, cameras: Sequence[str] | None = None
@@ -136,16 +135,16 @@ class AsyncRig:
         They are about `width` px wide, and of these `cameras` only, if given. A slow reader skips instants;
         a burst interrupts them. Raises NetworkError.
         """
-        wanted = None if cameras is None else tuple(cameras)
-        return instant_previews(RigLink(self.address), cameras=wanted, width=width, fps=fps)
+        return instant_previews(
+            RigLink(self.address), cameras=None if cameras is None else tuple(cameras), width=width, fps=fps
+        )
 
     async def preview(self, width: int = 640, wait_s: float = 10.0) -> InstantPreviews:
         """Return small images of all cameras at one instant, now; of fewer if some give none within `wait_s`.
 
         Raises NetworkError, and IncompleteError if no synchronized camera gives one.
         """
-        status = await self.status()
-        ready = {node.name for node in status.nodes if node.state is NodeState.READY}
+        ready = {node.name for node in (await self.status()).nodes if node.state is NodeState.READY}
         found: InstantPreviews | None = None
         try:
             async with asyncio.timeout(wait_s), contextlib.aclosing(self.previews(width)) as previews:

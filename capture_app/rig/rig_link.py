@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from capture_app.common.address import Address, parse_address
 from capture_app.common.bounds import Message
-from capture_app.common.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue
+from capture_app.common.camera_facts import TIMES, CameraControls, Control, ControlValue
 from capture_app.common.errors import (
     BadInputError,
     IncompleteError,
@@ -56,22 +56,6 @@ async def give_order(leader: Address, order: orders.Order) -> tuple[str, ...]:
     return (await ask_leader(leader, order, orders.Done)).names
 
 
-async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
-    """Order a burst and yield its progress until it is done.
-
-    Raises NetworkError, and the leader's own errors.
-    """
-    async with await connect(leader, messages.FromLeader) as channel:
-        await channel.send(request)
-        while True:
-            # The leader reports progress at least once a second, so silence means that it is lost.
-            answer = await receive_answer(channel)
-            if isinstance(answer, messages.BurstAnswer):
-                yield answer.burst
-                if answer.burst.done:
-                    return
-
-
 CamerasControls = dict[str, CameraControls]
 """Current controls of each camera of the rig, with the requests that failed."""
 
@@ -105,8 +89,11 @@ async def match_cameras(
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
     rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
-    states = {source: first, **dict(zip(others, rest, strict=True))}
-    return states | await _set_app_phones(leader, rig, first)
+    return {
+        source: first,
+        **dict(zip(others, rest, strict=True)),
+        **await _set_app_phones(leader, rig, first),
+    }
 
 
 def present_cameras(rig: RigStatus) -> list[str]:
@@ -132,9 +119,9 @@ async def _set_like(
     own = await _ask_camera(leader, name, {})
     values: dict[Control, ControlValue] = {}
     problems: dict[Control, str] = {}
-    for control in controls:
-        measured, mine = like.state(control), own.state(control)
-        if measured is None or measured.value is None:
+    for measured in like.controls:
+        control, mine = measured.control, own.state(measured.control)
+        if control not in controls or measured.value is None:
             continue
         if mine is None:
             problems[control] = f"its {control} cannot be controlled"
@@ -152,15 +139,11 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
     if not phones:
         return {}
     exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
-    values = (None if exposure is None else exposure.value, None if gain is None else gain.value)
-    unconfirmed = "the value was sent; the phone does not confirm it"
-    if exposure is not None and gain is not None and None not in values and gain.unit == TIMES:
-        assert exposure.unit == MICROSECONDS, "the unit of every exposure"
-        order = ExposeAppPhones(
-            exposure_ns=round((exposure.value or 0) * 1000), iso=round((gain.value or 0) * ISO_OF_GAIN_1)
-        )
-        await give_order(leader, order)
-        problems = {Control.EXPOSURE: unconfirmed, Control.GAIN: unconfirmed}
+    if exposure and gain and exposure.value is not None and gain.value is not None and gain.unit == TIMES:
+        iso = round(gain.value * ISO_OF_GAIN_1)
+        await give_order(leader, ExposeAppPhones(exposure_ns=round(exposure.value * 1000), iso=iso))
+        problem = "the value was sent; the phone does not confirm it"
+        problems = {Control.EXPOSURE: problem, Control.GAIN: problem}
     else:
         problems = {Control.EXPOSURE: "it accepts an exposure only with a gain, which was not measured in ×"}
     return {name: CameraControls(problems=problems) for name in phones}
@@ -243,9 +226,17 @@ class RigLink:
             except NetworkError:
                 self._channel.abort()  # the reader of updates reconnects, and sends this request
 
-    def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
+    async def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
         """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
-        return ask_burst(self.leader, request)
+        async with await connect(self.leader, messages.FromLeader) as channel:
+            await channel.send(request)
+            while True:
+                # The leader reports progress at least once a second, so silence means that it is lost.
+                answer = await receive_answer(channel)
+                if isinstance(answer, messages.BurstAnswer):
+                    yield answer.burst
+                    if answer.burst.done:
+                        return
 
     async def order(self, order: orders.Order) -> None:
         """Give an order, and return once it is carried out."""

@@ -5,8 +5,9 @@ The command line, the screen and Python all use this, and differ only in their d
 
 import asyncio
 import math
+from collections import defaultdict
 from collections.abc import AsyncGenerator, Coroutine
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -88,13 +89,12 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
                 "a take at a given time cannot be repeated or wait for motion",
                 hint="leave out the time, or take one burst without motion",
             )
-        if self.on_motion is not None:
-            left, top, right, bottom = self.on_motion
-            if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
-                what = f"{self.on_motion} is not a region of the image"
-                raise BadInputError(
-                    what, hint="give LEFT TOP RIGHT BOTTOM, for example 0.5 0 1 1 for the right half"
-                )
+        left, top, right, bottom = self.on_motion or (0, 0, 1, 1)
+        if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+            raise BadInputError(
+                f"{self.on_motion} is not a region of the image",
+                hint="give LEFT TOP RIGHT BOTTOM, for example 0.5 0 1 1 for the right half",
+            )
 
     def request(self) -> BurstRequest:
         """Return the leader's order of one take; a take by its duration skips no instants."""
@@ -155,13 +155,14 @@ class Saved(TakeEvent, frozen=True):
 
         session = local_session(self.status)
         if session is None:
-            on_phones = self.session is None
-            what = f"the images are on {'the phones' if on_phones else f'the leader: {self.session}'}"
+            if self.session is None:
+                raise NotAvailableError(
+                    "the images are on the phones",
+                    hint="copy each phone's folder here and run capture-app sessions import",
+                )
             raise NotAvailableError(
-                what,
-                hint="copy each phone's folder here and run capture-app sessions import"
-                if on_phones
-                else "copy that folder to this machine, and open the copy",
+                f"the images are on the leader: {self.session}",
+                hint="copy that folder to this machine, and open the copy",
             )
         return OpenSession.open(session.folder)
 
@@ -198,14 +199,15 @@ class Taking:
         self._events: asyncio.Queue[TakeEvent | BaseException | None] = asyncio.Queue()
         self._tasks: set[asyncio.Task[None]] = set()
         self._series: asyncio.Task[None] | None = None
-        self._orders: dict[int, tuple[asyncio.Task[None], BurstRequest, asyncio.Event]] = {}
+        self._orders: dict[int, tuple[asyncio.Task[None], BurstRequest]] = {}
         self._waiting: set[int] = set()
         """Numbers of the takes for which the leader waits until the rig is ready."""
         self._active: dict[int, BurstStatus] = {}
         """Status of the takes that have begun and are not saved, by number."""
-        self._newest = 0
-        self._last_begun = asyncio.Event()
-        """Set when the last ordered take has begun or failed."""
+        self._begun = defaultdict[int, asyncio.Event](asyncio.Event)
+        """By number, set when the take has begun or failed."""
+        self._over = defaultdict[int, asyncio.Event](asyncio.Event)
+        """By number, set when the take is saved or has failed."""
 
     async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
         """Take, and yield each event, until all takes are saved or have failed."""
@@ -244,9 +246,9 @@ class Taking:
         """Stop waiting for the rig to become ready, both now and later in the series."""
         self.plan = replace(self.plan, wait_ready_s=0.0)
         for number in self._waiting:
-            task, request, over = self._orders[number]
+            task, request = self._orders[number]
             task.cancel()
-            self._order(number, replace(request, wait_ready_s=0.0), over)
+            self._order(number, replace(request, wait_ready_s=0.0))
         self._waiting.clear()
 
     def stop(self) -> None:
@@ -298,15 +300,14 @@ class Taking:
                 seen = await self._next_motion(plan.on_motion)
                 self._events.put_nowait(Moved(number, seen.camera))
                 request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
-            begun_s, over = now(), asyncio.Event()
-            self._last_begun.clear()
-            self._order(number, request, over)
+            begun_s = now()
+            self._order(number, request)
             if plan.every_s is not None and plan.on_motion is None:
                 # Two takes that wait for the rig would begin in any order.
-                await self._last_begun.wait()
+                await self._begun[number].wait()
                 due_s = (due_s if now() < due_s + plan.every_s else now()) + plan.every_s
             elif number < plan.repeat:
-                await over.wait()
+                await self._over[number].wait()
                 due_s = now() + plan.countdown_s
                 if plan.on_motion is not None:
                     due_s = max(now(), begun_s + (plan.every_s or 0.0))
@@ -317,13 +318,10 @@ class Taking:
         async with aclosing(watch_motion(self._link.another(), MotionWatch(region))) as moving:
             return await anext(moving)
 
-    def _order(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
-        """Order a take; `over` is set when it is saved or has failed."""
-        # Before the task: an eager one (Python 3.12, Textual) begins within the call.
-        self._newest = max(number, self._newest)
-        self._orders[number] = (self._start(self._follow(number, request, over)), request, over)
+    def _order(self, number: int, request: BurstRequest) -> None:
+        self._orders[number] = (self._start(self._follow(number, request)), request)
 
-    async def _follow(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
+    async def _follow(self, number: int, request: BurstRequest) -> None:
         event: TakeEvent
         try:
             event = await _judge(number, await self._wait_until_over(number, request))
@@ -335,8 +333,8 @@ class Taking:
         self._waiting.discard(number)
         self._active.pop(number, None)
         self._events.put_nowait(event)
-        self._note_begun(number)
-        over.set()
+        self._begun[number].set()
+        self._over[number].set()
 
     async def _wait_until_over(self, number: int, request: BurstRequest) -> BurstStatus:
         """Order a take, report its progress, and return its last status. Raises the leader's errors."""
@@ -363,14 +361,10 @@ class Taking:
         """Report the progress of a take that has begun."""
         self._waiting.discard(number)
         if number not in self._active:
-            self._note_begun(number)
+            self._begun[number].set()
             self._events.put_nowait(Begun(number))
         self._active[number] = status
         self._events.put_nowait(Progress(number, status))
-
-    def _note_begun(self, number: int) -> None:
-        if number == self._newest:
-            self._last_begun.set()
 
     async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:
         """Follow a take after the connection to its leader was lost, in the rig's status once that is back.
@@ -381,7 +375,7 @@ class Taking:
         """
         self._note(number, replace(last, message=f"{error.what}; the take may go on there"))
         now, wait_s = asyncio.get_running_loop().time, self.plan.wait_leader_s
-        try:
+        with suppress(TimeoutError):
             async with asyncio.timeout(wait_s) as limit, aclosing(self._link.another().updates()) as updates:
                 async for update in updates:
                     if isinstance(update, RigStatus) and (found := _find(update, last)) is not None:
@@ -389,8 +383,6 @@ class Taking:
                         if found.done:
                             return found
                         limit.reschedule(now() + wait_s)
-        except TimeoutError:
-            pass
         raise NetworkError(
             f"the leader was lost after {last.received} of {last.expected} images of {last.name} had arrived",
             hint="it may have saved the take: check with capture-app sessions list on its machine",
@@ -402,9 +394,8 @@ def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
     if rig.burst is not None and rig.burst.name == lost.name:
         return rig.burst
     path = next((path for path in rig.sessions if PurePath(path).name == lost.name), None)
-    if path is None:
-        return None
-    return replace(lost, done=True, session=path, message="saved after its leader was lost")
+    message = "saved after its leader was lost"
+    return None if path is None else replace(lost, done=True, session=path, message=message)
 
 
 async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
@@ -415,12 +406,9 @@ async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
             hint="see which cameras are connected: capture-app status",
         )
         return Failed(number, error, status)
-    try:
-        session = await asyncio.to_thread(local_session, status)
-    except SimulshotError:
-        session = None
-    if session is None:
-        return Saved(number, status)
-    # The session of a lost take may have received more images since.
-    whole = replace(status, received=len(session.manifest.images))
-    return Saved(number, whole, judge(session.manifest))
+    with suppress(SimulshotError):
+        if (session := await asyncio.to_thread(local_session, status)) is not None:
+            # The session of a lost take may have received more images since.
+            whole = replace(status, received=len(session.manifest.images))
+            return Saved(number, whole, judge(session.manifest))
+    return Saved(number, status)

@@ -16,8 +16,8 @@ START_OF_EXPOSURE = v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC | v4l2.BUF_FLAG_SOURCE_STA
 JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
 
 
-def rates(*fps: int) -> tuple[v4l2.FrameInterval, ...]:
-    return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
+def rates(*fps: int) -> tuple[tuple[Fraction, Fraction], ...]:
+    return tuple((Fraction(1, rate), Fraction(1, rate)) for rate in fps)
 
 
 class FakeDevice(VideoDevice):
@@ -115,10 +115,10 @@ class FickleDevice(FakeDevice):
     def formats(self) -> tuple[str, ...]:
         return ("MJPG", "H264")
 
-    def sizes(self, fourcc: str) -> tuple[v4l2.FrameSize, ...]:
-        return (v4l2.FrameSize(range(640, 641), range(480, 481)),)
+    def sizes(self, fourcc: str) -> tuple[tuple[range, range], ...]:
+        return ((range(640, 641), range(480, 481)),)
 
-    def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
+    def intervals(self, fourcc: str, width: int, height: int) -> tuple[tuple[Fraction, Fraction], ...]:
         return rates(30, 15)
 
     def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:

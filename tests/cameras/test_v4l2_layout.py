@@ -1,13 +1,13 @@
 """The structs against the C compiler's rules for the kernel's own declarations, here in ctypes."""
 
 import ctypes as c
-import re
 import struct
 
 import pytest
 
 from capture_app.cameras.v4l2 import kernel
 from capture_app.cameras.v4l2.kernel import check_layout
+from capture_app.cameras.v4l2.modes import nearest_side
 from capture_app.common.errors import NotAvailableError
 
 U32, S32 = c.c_uint32, c.c_int32
@@ -114,20 +114,31 @@ class QueryControl(c.Structure):
     ]
 
 
-STRUCTS = (
-    *(Capability, FormatDescription, FrameSize, FrameInterval, Format),
-    *(StreamParameters, RequestBuffers, Buffer, QueryControl),
-)
+STRUCTS = {
+    "QUERYCAP": Capability,
+    "ENUM_FMT": FormatDescription,
+    "ENUM_FRAMESIZES": FrameSize,
+    "ENUM_FRAMEINTERVALS": FrameInterval,
+    "S_FMT": Format,
+    "G_PARM": StreamParameters,
+    "S_PARM": StreamParameters,
+    "REQBUFS": RequestBuffers,
+    "QUERYBUF": Buffer,
+    "QUERYCTRL": QueryControl,
+}
 
 
-@pytest.mark.parametrize("kernels", STRUCTS)
-def test_sizes_are_the_kernels(kernels: type[c.Structure]) -> None:
-    ours = getattr(kernel, re.sub("(?<!^)(?=[A-Z])", "_", kernels.__name__).upper())
-    assert ours.size == c.sizeof(kernels)
+@pytest.mark.parametrize("ioctl", STRUCTS)
+def test_sizes_are_the_kernels(ioctl: str) -> None:
+    assert ours(ioctl).size == c.sizeof(STRUCTS[ioctl])
+
+
+def ours(ioctl: str) -> struct.Struct:
+    return kernel.IOCTLS[ioctl][2]
 
 
 def test_buffer_fields_lie_where_the_kernel_puts_them() -> None:
-    packed = kernel.BUFFER.pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
+    packed = ours("QBUF").pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
     buffer = Buffer.from_buffer_copy(packed)
     assert (buffer.index, buffer.type, buffer.bytesused, buffer.flags, buffer.field) == (1, 2, 3, 4, 5)
     assert (buffer.timestamp.tv_sec, buffer.timestamp.tv_usec) == (6, 7)
@@ -135,7 +146,7 @@ def test_buffer_fields_lie_where_the_kernel_puts_them() -> None:
 
 
 def test_format_fields_lie_where_the_kernel_puts_them() -> None:
-    packed = Format.from_buffer_copy(kernel.FORMAT.pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
+    packed = Format.from_buffer_copy(ours("S_FMT").pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
     mjpg = struct.unpack("<I", b"MJPG")[0]
     assert packed.type == 1
     assert list(packed.fmt.pix)[:6] == [640, 480, mjpg, 2, 1280, 614400]
@@ -143,7 +154,7 @@ def test_format_fields_lie_where_the_kernel_puts_them() -> None:
 
 
 def test_stream_parameters_lie_where_the_kernel_puts_them() -> None:
-    packed = StreamParameters.from_buffer_copy(kernel.STREAM_PARAMETERS.pack(1, 0x1000, 0, 1, 30))
+    packed = StreamParameters.from_buffer_copy(ours("S_PARM").pack(1, 0x1000, 0, 1, 30))
     capture = packed.parm.capture
     assert (packed.type, capture.capability, capture.capturemode) == (1, 0x1000, 0)
     assert (capture.timeperframe.numerator, capture.timeperframe.denominator) == (1, 30)
@@ -154,7 +165,7 @@ def test_enumerated_ranges_lie_where_the_kernel_puts_them() -> None:
     interval.pixel_format = b"YUYV"
     interval.stepwise[0] = Fract(1, 60)
     interval.stepwise[1] = Fract(1, 5)
-    index, fourcc, width, height, kind, *numbers = kernel.FRAME_INTERVAL.unpack(bytes(interval))
+    index, fourcc, width, height, kind, *numbers = ours("ENUM_FRAMEINTERVALS").unpack(bytes(interval))
     assert (index, fourcc, width, height, kind) == (3, b"YUYV", 640, 480, 3)
     assert numbers[:4] == [1, 60, 1, 5]
 
@@ -191,6 +202,6 @@ def test_a_32_bit_system_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_sizes_in_steps_are_rounded_to_the_nearest_one() -> None:
-    size = kernel.FrameSize(range(16, 1921, 16), range(16, 1081, 8))
-    assert size.nearest(641, 477) == (640, 480)
-    assert size.nearest(9999, 1) == (1920, 16)
+    widths, heights = range(16, 1921, 16), range(16, 1081, 8)
+    assert (nearest_side(641, widths), nearest_side(477, heights)) == (640, 480)
+    assert (nearest_side(9999, widths), nearest_side(1, heights)) == (1920, 16)

@@ -52,7 +52,7 @@ def test_the_best_mode_with_all_wishes_is_chosen(
 
 
 def test_a_range_of_rates_is_clamped_only_without_a_wish() -> None:
-    modes = (Mode("YUYV", 640, 480, (v4l2.FrameInterval(Fraction(1, 25), Fraction(1, 5)),)),)
+    modes = (Mode("YUYV", 640, 480, ((Fraction(1, 25), Fraction(1, 5)),)),)
     assert chosen(modes) == ("YUYV", 640, 480, 25)
     assert chosen(modes, fps="12") == ("YUYV", 640, 480, 12)
     with pytest.raises(CameraError, match=r"no mode at 30 fps \(it offers YUYV 640x480 at 5 to 25 fps\)"):

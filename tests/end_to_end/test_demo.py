@@ -4,10 +4,12 @@ import asyncio
 import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from capture_app.commands.demo import capture, compare, measure_sync_errors
+from capture_app.commands.demo import capture, measure_sync_errors
+from capture_app.common.child import ask_reconstruct
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
@@ -62,7 +64,7 @@ async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_pat
 
 async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -> None:
     with pytest.raises(SimulshotError, match="nowhere") as caught:
-        await compare(tmp_path / "nowhere", tmp_path / "out", lambda _: None)
+        await ask_reconstruct(["compare", str(tmp_path / "nowhere")], dict[str, Any])
     assert caught.value.exit_code == ExitCode.BAD_INPUT
 
 

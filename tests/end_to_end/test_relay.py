@@ -10,7 +10,7 @@ from capture_app.common.address import parse_address
 from capture_app.common.errors import ExitCode
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import BurstStatus, NodeStatus
-from capture_app.rig.rig_link import ask_burst, ask_status
+from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -31,7 +31,7 @@ async def ask(address: str, **wanted: Any) -> BurstStatus:
     request = BurstRequest(wait_ready_s=TIMEOUT_S, **wanted)
     async with asyncio.timeout(TIMEOUT_S):
         while True:
-            done = [status async for status in ask_burst(parse_address(address), request)][-1]
+            done = [status async for status in RigLink(parse_address(address)).burst(request)][-1]
             if done.received == done.expected:
                 return done
 

@@ -12,7 +12,7 @@ from capture_app.common.address import parse_address
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import BurstStatus
-from capture_app.rig.rig_link import ask_burst
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import join
@@ -47,7 +47,7 @@ async def take(leaders: list[str]) -> BurstStatus:
         while True:
             for leader in leaders:
                 with suppress(SimulshotError):
-                    done = [status async for status in ask_burst(parse_address(leader), request)][-1]
+                    done = [status async for status in RigLink(parse_address(leader)).burst(request)][-1]
                     if done.received == done.expected == 3 * CAMERAS:
                         return done
             await asyncio.sleep(0.2)

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.rig_link import ask_burst
+from capture_app.rig.rig_link import RigLink
 
 ROOT = Path(__file__).resolve().parents[2]
 BURSTS = 200
@@ -20,7 +20,7 @@ CAMERA = "sim:phone-a,scene=bars,drops=0,outliers=0"
 
 async def burst(leader: Address, wait_s: float = 0.0) -> int:
     """Take a burst of one frame, and return how many have come of it."""
-    said = [status async for status in ask_burst(leader, BurstRequest(frames=1, wait_ready_s=wait_s))]
+    said = [status async for status in RigLink(leader).burst(BurstRequest(frames=1, wait_ready_s=wait_s))]
     return said[-1].received
 
 

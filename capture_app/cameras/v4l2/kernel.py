@@ -11,44 +11,35 @@ import os
 import struct
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from struct import Struct
 from typing import Any
 
 from capture_app.cameras.frames import PixelFormat
 from capture_app.common.errors import CameraError, NotAvailableError
 
-CAPABILITY = struct.Struct("<16s32s32sIII12x")
-FORMAT_DESCRIPTION = struct.Struct("<III32s4s16x")
-FRAME_SIZE = struct.Struct("<I4sI6I8x")
-FRAME_INTERVAL = struct.Struct("<I4sIII6I8x")
-FORMAT = struct.Struct("<I4xII4sIII176x")
-STREAM_PARAMETERS = struct.Struct("<IIIII184x")
-REQUEST_BUFFERS = struct.Struct("<III8x")
-BUFFER = struct.Struct("<5I4xqq16xIII4xI12x")
-QUERY_CONTROL = struct.Struct("<II32siiiiI8x")
-CONTROL = struct.Struct("<Ii")
-STREAM_TYPE = struct.Struct("<i")
-
+_BUFFER = Struct("<5I4xqq16xIII4xI12x")
 _READ, _WRITE = 2, 1
 _BOTH = _READ | _WRITE
 IOCTLS = {
-    "QUERYCAP": (_READ, 0, CAPABILITY),
-    "ENUM_FMT": (_BOTH, 2, FORMAT_DESCRIPTION),
-    "S_FMT": (_BOTH, 5, FORMAT),
-    "REQBUFS": (_BOTH, 8, REQUEST_BUFFERS),
-    "QUERYBUF": (_BOTH, 9, BUFFER),
-    "QBUF": (_BOTH, 15, BUFFER),
-    "DQBUF": (_BOTH, 17, BUFFER),
-    "STREAMON": (_WRITE, 18, STREAM_TYPE),
-    "STREAMOFF": (_WRITE, 19, STREAM_TYPE),
-    "G_PARM": (_BOTH, 21, STREAM_PARAMETERS),
-    "S_PARM": (_BOTH, 22, STREAM_PARAMETERS),
-    "G_CTRL": (_BOTH, 27, CONTROL),
-    "S_CTRL": (_BOTH, 28, CONTROL),
-    "QUERYCTRL": (_BOTH, 36, QUERY_CONTROL),
-    "ENUM_FRAMESIZES": (_BOTH, 74, FRAME_SIZE),
-    "ENUM_FRAMEINTERVALS": (_BOTH, 75, FRAME_INTERVAL),
+    "QUERYCAP": (_READ, 0, Struct("<16s32s32sIII12x")),
+    "ENUM_FMT": (_BOTH, 2, Struct("<III32s4s16x")),
+    "S_FMT": (_BOTH, 5, Struct("<I4xII4sIII176x")),
+    "REQBUFS": (_BOTH, 8, Struct("<III8x")),
+    "QUERYBUF": (_BOTH, 9, _BUFFER),
+    "QBUF": (_BOTH, 15, _BUFFER),
+    "DQBUF": (_BOTH, 17, _BUFFER),
+    "STREAMON": (_WRITE, 18, Struct("<i")),
+    "STREAMOFF": (_WRITE, 19, Struct("<i")),
+    "G_PARM": (_BOTH, 21, Struct("<IIIII184x")),
+    "S_PARM": (_BOTH, 22, Struct("<IIIII184x")),
+    "G_CTRL": (_BOTH, 27, Struct("<Ii")),
+    "S_CTRL": (_BOTH, 28, Struct("<Ii")),
+    "QUERYCTRL": (_BOTH, 36, Struct("<II32siiiiI8x")),
+    "ENUM_FRAMESIZES": (_BOTH, 74, Struct("<I4sI6I8x")),
+    "ENUM_FRAMEINTERVALS": (_BOTH, 75, Struct("<I4sIII6I8x")),
 }
 """VIDIOC_ name to transfer direction, number and struct."""
 CAP_VIDEO_CAPTURE = 0x00000001
@@ -81,8 +72,6 @@ MEMORY_MMAP = 1
 FIELD_ANY = 0
 DISCRETE = 1
 CTRL_FLAG_DISABLED = 0x1
-_MAX_ENTRIES = 512
-_NOT_OFFERED = {errno.EINVAL, errno.ENOTTY}
 _LIST = "`capture-app cameras` lists the cameras"
 _NO_CAMERA = "{path} is not a camera", _LIST
 _NOT_PERMITTED = (
@@ -117,35 +106,6 @@ class Capability:
     driver: str
     card: str
     flags: int
-
-
-@dataclass(frozen=True, slots=True)
-class FrameSize:
-    """Image sizes in pixels of a format: one size, or ranges with their steps."""
-
-    widths: range
-    heights: range
-
-    def nearest(self, width: int, height: int) -> tuple[int, int]:
-        """Return the offered (width, height) nearest to the requested one."""
-        return _nearest(width, self.widths), _nearest(height, self.heights)
-
-
-def _nearest(target: int, offered: range) -> int:
-    beyond = min(max(target, offered.start), offered.stop - 1) - offered.start
-    return offered.start + (beyond + offered.step // 2) // offered.step * offered.step
-
-
-@dataclass(frozen=True, slots=True)
-class FrameInterval:
-    """Frame periods in seconds of a size: one period, or a range."""
-
-    shortest: Fraction
-    longest: Fraction
-
-    def nearest(self, period: Fraction) -> Fraction:
-        """Return the offered period in seconds nearest to the requested one."""
-        return min(max(period, self.shortest), self.longest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,61 +157,62 @@ class VideoDevice:
         answers = self._enumerate("ENUM_FMT", BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
         return tuple(fields[4].decode("latin-1") for fields in answers)
 
-    def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
-        """Return the sizes of a pixel format; empty if the driver does not report them."""
+    def sizes(self, fourcc: str) -> tuple[tuple[range, range], ...]:
+        """Return the widths and heights in pixels of a format: single sizes, or one pair of ranges.
+
+        Empty if the driver does not report them.
+        """
         asked = fourcc.encode("latin-1"), 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate("ENUM_FRAMESIZES", *asked):
-            kind, numbers = fields[2], fields[3:]
+        for _index, _fourcc, kind, *numbers in self._enumerate("ENUM_FRAMESIZES", *asked):
             if kind != DISCRETE:
-                return (FrameSize(_steps(*numbers[:3]), _steps(*numbers[3:])),)
+                return ((_steps(*numbers[:3]), _steps(*numbers[3:])),)
             width, height = numbers[:2]
-            found.append(FrameSize(_steps(width, width), _steps(height, height)))
+            found.append((_steps(width, width), _steps(height, height)))
         return tuple(found)
 
-    def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
-        """Return the frame periods of a format and size; empty if the driver does not report them."""
+    def intervals(self, fourcc: str, width: int, height: int) -> tuple[tuple[Fraction, Fraction], ...]:
+        """Return the frame periods (shortest, longest) in seconds: single ones are equal, or one range.
+
+        Empty if the driver does not report them.
+        """
         asked = fourcc.encode("latin-1"), width, height, 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate("ENUM_FRAMEINTERVALS", *asked):
-            kind, numbers = fields[4], fields[5:]
+        for _index, _fourcc, _width, _height, kind, *numbers in self._enumerate(
+            "ENUM_FRAMEINTERVALS", *asked
+        ):
             shortest = Fraction(numbers[0], numbers[1] or 1)
             if kind != DISCRETE:
-                return (FrameInterval(shortest, Fraction(numbers[2], numbers[3] or 1)),)
-            found.append(FrameInterval(shortest, shortest))
+                return ((shortest, Fraction(numbers[2], numbers[3] or 1)),)
+            found.append((shortest, shortest))
         return tuple(found)
 
     def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
         """Request a format; return the one that the driver set, which may differ."""
-        code = fourcc.encode("latin-1")
-        asked = BUF_TYPE_VIDEO_CAPTURE, width, height, code, FIELD_ANY, 0, 0
-        answer = self._exchange("S_FMT", *asked)
-        _type, width, height, code, _field, bytes_per_line, buffer_bytes = answer
+        asked = BUF_TYPE_VIDEO_CAPTURE, width, height, fourcc.encode("latin-1"), FIELD_ANY, 0, 0
+        _type, width, height, code, _field, bytes_per_line, buffer_bytes = self._exchange("S_FMT", *asked)
         return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
 
     def period(self) -> Fraction | None:
         """Return the frame period in seconds; None if the driver does not report it."""
         answer = self._if_offered("G_PARM", BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0)
-        if answer is None:
-            return None
-        _type, _capability, _mode, numerator, denominator = answer
+        numerator, denominator = (0, 0) if answer is None else answer[3:]
         return Fraction(numerator, denominator) if numerator and denominator else None
 
     def set_period(self, period: Fraction) -> Fraction | None:
         """Request a frame period in seconds; return the one that the driver set, None if unreported."""
-        rate = period.numerator, period.denominator
-        self._if_offered("S_PARM", BUF_TYPE_VIDEO_CAPTURE, CAP_TIME_PER_FRAME, 0, *rate)
+        self._if_offered(
+            "S_PARM", BUF_TYPE_VIDEO_CAPTURE, CAP_TIME_PER_FRAME, 0, period.numerator, period.denominator
+        )
         return self.period()
 
     def control_range(self, control: str) -> tuple[int, int] | None:
         """Return min and max of a control, in the control's unit; None if it does not exist."""
-        asked = CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
-        try:
-            answer = self._exchange("QUERYCTRL", *asked)
-        except OSError:
-            return None
-        _id, _type, _name, low, high, _step, _default, flags = answer
-        return None if flags & CTRL_FLAG_DISABLED else (low, high)
+        with suppress(OSError):
+            asked = CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
+            _id, _type, _name, low, high, _step, _default, flags = self._exchange("QUERYCTRL", *asked)
+            return None if flags & CTRL_FLAG_DISABLED else (low, high)
+        return None
 
     def control(self, control: str) -> int | None:
         """Return one of `CONTROL_IDS` in its own unit; None if it does not exist or cannot be read."""
@@ -294,9 +255,8 @@ class VideoDevice:
 
     def _enumerate(self, ioctl: str, *fields: Any) -> Iterator[tuple[Any, ...]]:
         """Yield the answers for index 0, 1 and so on, the first field; `fields` are the ones after it."""
-        for index in range(_MAX_ENTRIES):
-            answer = self._if_offered(ioctl, index, *fields)
-            if answer is None:
+        for index in range(512):
+            if (answer := self._if_offered(ioctl, index, *fields)) is None:
                 return
             yield answer
 
@@ -305,7 +265,7 @@ class VideoDevice:
         try:
             return self._exchange(ioctl, *fields)
         except OSError as error:
-            if error.errno not in _NOT_OFFERED:
+            if error.errno not in (errno.EINVAL, errno.ENOTTY):
                 raise
             return None
 
@@ -314,15 +274,12 @@ class VideoDevice:
         layout = IOCTLS[ioctl][2]
         argument = bytearray(layout.pack(*fields))
         while True:
-            try:
+            with suppress(InterruptedError):
                 fcntl.ioctl(self.fd, request_number(ioctl), argument)
-            except InterruptedError:
-                continue
-            return layout.unpack(argument)
+                return layout.unpack(argument)
 
     def _exchange_buffer(self, ioctl: str, index: int) -> Buffer:
-        asked = index, BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, MEMORY_MMAP, 0, 0
-        answer = self._exchange(ioctl, *asked)
+        answer = self._exchange(ioctl, index, BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, MEMORY_MMAP, 0, 0)
         index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, *where = answer
         timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
         return Buffer(index, bytes_used, flags, timestamp_ns, sequence, *where)
@@ -338,9 +295,7 @@ def _text(field: bytes) -> str:
 
 def driver_error(path: str, error: OSError) -> CameraError:
     """Convert a driver's error to a message with a remedy."""
-    words = _WORDS.get(error.errno or 0)
-    if words is None:
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        return CameraError(f"{path} failed: {reason}", hint="the kernel log (`dmesg`) may say more")
-    what, hint = words
-    return CameraError(what.format(path=path), hint=hint.format(path=path))
+    reason = os.strerror(error.errno) if error.errno else str(error)
+    unknown = "{path} failed: {reason}", "the kernel log (`dmesg`) may say more"
+    what, hint = _WORDS.get(error.errno or 0, unknown)
+    return CameraError(what.format(path=path, reason=reason), hint=hint.format(path=path))

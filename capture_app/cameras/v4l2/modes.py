@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import starmap
 
 from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.specs import DEFAULT_SIZE, CameraRequest, read_request
@@ -26,15 +27,16 @@ class Mode:
     fourcc: str
     width: int
     height: int
-    intervals: tuple[v4l2.FrameInterval, ...] = ()
+    intervals: tuple[tuple[Fraction, Fraction], ...] = ()
+    """Shortest and longest period in seconds of each range; equal for a single period."""
 
     def nearest_period(self, request: Fraction) -> Fraction:
         """Return the offered frame period in seconds nearest to the requested one."""
-        offered = (interval.nearest(request) for interval in self.intervals)
+        offered = (min(max(request, shortest), longest) for shortest, longest in self.intervals)
         return min(offered, key=lambda period: abs(period - request), default=request)
 
     def __str__(self) -> str:
-        rates = ", ".join(_rates(interval) for interval in self.intervals)
+        rates = ", ".join(starmap(_rates, self.intervals))
         return f"{self.fourcc} {self.width}x{self.height}" + (f" at {rates} fps" if rates else "")
 
 
@@ -46,28 +48,31 @@ def parse_options(options: Mapping[str, str]) -> CameraRequest:
 
 def check_capture(path: str, capability: v4l2.Capability) -> None:
     """Raise CameraError if a device node does not deliver usable images."""
-    flags = capability.flags
-    if flags & v4l2.CAP_VIDEO_CAPTURE and flags & v4l2.CAP_STREAMING:
-        return
-    if flags & v4l2.CAP_META_CAPTURE:
-        why = "carries metadata, not pictures"
-    elif flags & v4l2.CAP_VIDEO_CAPTURE_MPLANE:
-        why = "delivers pictures in several planes, which is not supported"
-    else:
-        why = "is not a capture device"
-    raise CameraError(f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras")
+    flags, needed = capability.flags, v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
+    if flags & needed != needed:
+        reasons = (
+            (v4l2.CAP_META_CAPTURE, "carries metadata, not pictures"),
+            (v4l2.CAP_VIDEO_CAPTURE_MPLANE, "delivers pictures in several planes, which is not supported"),
+        )
+        why = next((text for flag, text in reasons if flags & flag), "is not a capture device")
+        raise CameraError(f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras")
 
 
 def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE) -> tuple[Mode, ...]:
     """Return the usable modes of a camera; for a range of sizes the one nearest to `near_size` (pixels)."""
-    modes: dict[Mode, None] = {}
-    for fourcc in device.formats():
-        if fourcc not in USABLE_FORMATS:
-            continue
-        for size in device.sizes(fourcc):
-            width, height = size.nearest(*near_size)
-            modes[Mode(fourcc, width, height, device.intervals(fourcc, width, height))] = None
-    return tuple(modes)
+    sizes = dict.fromkeys(
+        (fourcc, nearest_side(near_size[0], widths), nearest_side(near_size[1], heights))
+        for fourcc in device.formats()
+        if fourcc in USABLE_FORMATS
+        for widths, heights in device.sizes(fourcc)
+    )
+    return tuple(Mode(*size, device.intervals(*size)) for size in sizes)
+
+
+def nearest_side(target: int, offered: range) -> int:
+    """Return the offered width or height (pixels) nearest to the requested one."""
+    beyond = min(max(target, offered.start), offered.stop - 1) - offered.start
+    return offered.start + (beyond + offered.step // 2) // offered.step * offered.step
 
 
 def choose_mode(path: str, offered: tuple[Mode, ...], request: CameraRequest) -> tuple[Mode, Fraction]:
@@ -131,25 +136,20 @@ def same_period(one: Fraction, other: Fraction) -> bool:
 
 def no_such_mode(path: str, request: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
     """Return the error for a missing mode, which lists the camera's modes."""
-    asked = [request.format or ""]
-    if request.width is not None and request.height is not None:
-        asked.append(f"{request.width}x{request.height}")
-    elif request.width is not None or request.height is not None:
-        asked.append(f"of width {request.width}" if request.width else f"of height {request.height}")
-    if request.period_s is not None:
-        asked.append(f"at {_fps(request.period_s)} fps")
+    sides = {"width": request.width, "height": request.height}
+    size = " ".join(f"of {side} {px}" for side, px in sides.items() if px is not None)
+    if None not in sides.values():
+        size = f"{request.width}x{request.height}"
+    rate = "" if request.period_s is None else f"at {_fps(request.period_s)} fps"
     like = [mode for mode in offered if mode.fourcc == request.format] or list(offered)
     listed = "; ".join(str(mode) for mode in like[:_LISTED_MODES])
     more = f"; and {len(like) - _LISTED_MODES} more" if len(like) > _LISTED_MODES else ""
-    return CameraError(
-        f"{path} has no mode {' '.join(filter(None, asked))}".rstrip(), hint=f"it offers {listed}{more}"
-    )
+    asked = " ".join(filter(None, (request.format, size, rate)))
+    return CameraError(f"{path} has no mode {asked}".rstrip(), hint=f"it offers {listed}{more}")
 
 
-def _rates(interval: v4l2.FrameInterval) -> str:
-    if interval.shortest == interval.longest:
-        return _fps(interval.shortest)
-    return f"{_fps(interval.longest)} to {_fps(interval.shortest)}"
+def _rates(shortest: Fraction, longest: Fraction) -> str:
+    return _fps(shortest) if shortest == longest else f"{_fps(longest)} to {_fps(shortest)}"
 
 
 def _fps(period: Fraction) -> str:

@@ -106,17 +106,20 @@ class Camera(ABC):
         """Stop streaming and release the device. Calling it twice is harmless."""
 
 
-def wait_for_start(
-    start_ns: int, period_ns: int, closing: threading.Event, now_ns: Callable[[], int]
-) -> bool:
-    """Block until `start_ns` of the clock `now_ns`; if it has passed, until whole periods after it.
+def wait_for_start(early_ns: int, period_ns: int, closing: threading.Event) -> bool:
+    """Block until a start that is due in `early_ns`; if it has passed, until whole periods after it.
 
     Return False if `closing` was set first.
     """
-    late_ns = now_ns() - start_ns
-    if late_ns > 0:
-        start_ns += -(-late_ns // period_ns) * period_ns
-    return not closing.wait((start_ns - now_ns()) / 1e9)
+    return not closing.wait((early_ns if early_ns > 0 else early_ns % period_ns) / 1e9)
+
+
+def buffer_count(frame_bytes: int, period_ns: int, *, max_count: int, max_bytes: int) -> int:
+    """Return how many buffers a stream needs, 4 to `max_count`, so that a process may be delayed by 0.5 s.
+
+    Fewer if they would take more than `max_bytes`.
+    """
+    return max(4, min(max_count, max_bytes // max(1, frame_bytes), -(-500_000_000 // period_ns)))
 
 
 class CameraDriver(Protocol):
@@ -149,7 +152,9 @@ class ThreadedCamera(Camera):
     """A camera with its own worker, so that a busy default executor never delays its calls."""
 
     _loop: asyncio.AbstractEventLoop
-    _was_started = False
+    _begun: asyncio.Future[None]
+    """Done when the camera streams; has an exception if its start has failed."""
+    _was_started = _has_failed = False
 
     def __init__(self, name: str, worker: Executor | None = None) -> None:
         """Create the worker; its threads are named `name`."""
@@ -161,6 +166,7 @@ class ThreadedCamera(Camera):
         if self._closing.is_set() or self._was_started:
             raise CameraError("the camera was started already", hint="open it again")
         self._loop, self._was_started = asyncio.get_running_loop(), True
+        self._begun = self._loop.create_future()
         super().listen(on_frame, on_failure)
 
     async def stop(self) -> None:
@@ -185,3 +191,11 @@ class ThreadedCamera(Camera):
     def _deliver(self, frame: CapturedFrame) -> None:
         if not self._closing.is_set():
             self._on_frame(frame)
+
+    def _fail(self, error: CameraError) -> None:
+        """End a start with this error, or report the failure of a stream, once and not after its stop."""
+        if not self._begun.done():
+            self._begun.set_exception(error)
+        elif not (self._has_failed or self._closing.is_set()):
+            self._on_failure(error)
+        self._has_failed = True

@@ -1,6 +1,7 @@
 """Webcams through OpenCV: a thread waits for frames and stamps them as they arrive."""
 
 import asyncio
+import contextlib
 import functools
 import platform
 import threading
@@ -31,10 +32,8 @@ OPTIONS = {
     "fps": "frames a second; a webcam may choose another rate",
 }
 MAX_FPS = 1000.0
-MAX_LISTED = 8
-MAX_MISSES = 10
-"""Consecutive missing frames after which the webcam counts as disconnected."""
-MISS_PAUSE_S = 0.05
+MAX_MISSES, MISS_PAUSE_S = 10, 0.05
+"""Consecutive missing frames after which the webcam counts as disconnected, and the pause after each."""
 
 
 def _pixels(image: "NDArray[np.uint8]", width: int | None) -> "NDArray[np.uint8]":
@@ -88,15 +87,12 @@ class WebcamCamera(ThreadedCamera):
         super().__init__(KIND)
         self._open_webcam = open_webcam
         self._thread: threading.Thread | None = None
-        self._has_failed = False
         self._restart_ns: int | None = None
         self._restarted: asyncio.Future[None] | None = None
-        self._begun: asyncio.Future[None]
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Open the webcam and stream. Raises CameraError if it is missing or delivers no frames."""
         self.listen(on_frame, on_failure)
-        self._begun = self._loop.create_future()
         self._thread = threading.Thread(target=self._run, name="webcam", daemon=True)
         self._thread.start()
         await self._begun
@@ -109,8 +105,8 @@ class WebcamCamera(ThreadedCamera):
         asked_ns = time.monotonic_ns()
         if not isinstance(command, RestartStream):
             raise CameraError("a webcam cannot change single frames", hint="restart its stream instead")
-        is_over = self._closing.is_set() or self._has_failed
-        if self._thread is None or is_over or not self._thread.is_alive():
+        is_alive = self._thread is not None and self._thread.is_alive()
+        if not is_alive or self._closing.is_set() or self._has_failed:
             raise CameraError("the webcam does not stream")
         self._restarted = self._loop.create_future()
         self._restart_ns = asked_ns + command.delay_ns
@@ -126,14 +122,14 @@ class WebcamCamera(ThreadedCamera):
         webcam: Webcam | None = None
         try:
             webcam = self._open_webcam()
-            first = self._next(webcam)
-            self._facts = _facts(webcam, first[1])
+            self._facts = _facts(webcam, self._next(webcam)[1])
             self._call_in_loop(_complete, self._begun)
             stream, sequence = 0, -1
             while not self._closing.is_set():
                 if self._restart_ns is not None:
                     webcam.close()
-                    wait_for_start(self._restart_ns, self.facts.period_ns, self._closing, time.monotonic_ns)
+                    early_ns = self._restart_ns - time.monotonic_ns()
+                    wait_for_start(early_ns, self.facts.period_ns, self._closing)
                     webcam = self._open_webcam()
                     self._restart_ns = None
                     self._call_in_loop(_complete, self._restarted)
@@ -141,10 +137,7 @@ class WebcamCamera(ThreadedCamera):
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
                 picture = PixelPicture(pixels.nbytes, functools.partial(_pixels, pixels))
-                frame = CapturedFrame(
-                    sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=picture
-                )
-                self._call_in_loop(self._deliver, frame)
+                self._call_in_loop(self._deliver, CapturedFrame(sequence, stream, arrived_ns, picture))
         except CameraError as error:
             self._call_in_loop(self._fail, error)
         finally:
@@ -153,8 +146,7 @@ class WebcamCamera(ThreadedCamera):
 
     def _next(self, webcam: Webcam) -> "tuple[int, NDArray[np.uint8]]":
         for _ in range(MAX_MISSES):
-            found = webcam.next_frame()
-            if found is not None:
+            if (found := webcam.next_frame()) is not None:
                 return found
             if self._closing.wait(MISS_PAUSE_S):
                 break
@@ -164,12 +156,8 @@ class WebcamCamera(ThreadedCamera):
 
     def _fail(self, error: CameraError) -> None:
         # The thread still closes the webcam, but restarts nothing any more.
-        self._has_failed = True
         _complete(self._restarted)
-        if not self._begun.done():
-            self._begun.set_exception(error)
-        elif not self._closing.is_set():
-            self._on_failure(error)
+        super()._fail(error)
 
 
 def _complete(awaited: asyncio.Future[None] | None) -> None:
@@ -198,8 +186,8 @@ def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, na
     """
     if not (number.isascii() and number.isdecimal() and int(number) < 256):
         raise BadInputError(f"webcam:{number} is not a webcam", hint="they have numbers: webcam:0")
-    request = read_request(options, "a webcam")
-    return WebcamCamera(functools.partial(Webcam, int(number), request)).in_clock(clock)
+    open_webcam = functools.partial(Webcam, int(number), read_request(options, "a webcam"))
+    return WebcamCamera(open_webcam).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:
@@ -207,12 +195,9 @@ def list_cameras() -> list[CameraListing]:
     if platform.system() == "Linux":
         return []
     found = []
-    for index in range(MAX_LISTED):
-        try:
-            webcam = Webcam(index, CameraRequest())
-        except CameraError:
-            break
-        webcam.close()
-        detail = "by OpenCV: stamped on arrival, accurate to tens of milliseconds"
-        found.append(CameraListing(f"{KIND}:{index}", KIND, f"Webcam {index}", detail))
+    with contextlib.suppress(CameraError):
+        for index in range(8):
+            Webcam(index, CameraRequest()).close()
+            detail = "by OpenCV: stamped on arrival, accurate to tens of milliseconds"
+            found.append(CameraListing(f"{KIND}:{index}", KIND, f"Webcam {index}", detail))
     return found

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from capture_app.cameras.base import buffer_count
 from capture_app.cameras.frames import PixelPicture, step_to
 from capture_app.cameras.specs import CameraRequest
 from capture_app.cameras.system_packages import load_system_module
@@ -40,16 +41,16 @@ _CONVERSIONS = {
     "BayerGR": "COLOR_BayerGRBG2BGR",
     "BayerGB": "COLOR_BayerGBRG2BGR",
     "BayerBG": "COLOR_BayerBGGR2BGR",
+    "RGB": "COLOR_RGB2BGR",
 }
-"""OpenCV's conversions by GenICam's Bayer patterns, which name the first two pixels of the first row."""
+"""OpenCV's conversions by GenICam's layouts; a Bayer pattern names the first two pixels of the first row."""
 USABLE_FORMATS = (
-    *(f"{layout}8" for layout in (*_CONVERSIONS, "RGB", "BGR", "Mono")),
-    *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10)),
+    *(f"{layout}8" for layout in (*_CONVERSIONS, "BGR", "Mono")),
+    *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10) if layout != "RGB"),
 )
 """Pixel formats that can be saved, best first; values of more than 8 bits take 16 bits each."""
 PACKAGE = "gir1.2-aravis-0.8"
 PURPOSE = "a GigE Vision or USB3 Vision camera"
-_VERSION = "0.8"
 _ERRORS = {
     5: ("{} does not answer any more", "check its power and cable, then start it again"),
     6: (
@@ -67,7 +68,6 @@ _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatc
 """Features that read the counter: SFNC 2 in ns, GigE Vision 1 in ticks."""
 _CONTROL, _HIGH, _LOW, _LATCH = 0x0944, 0x0948, 0x094C, 2
 """Registers in the bootstrap memory of every GigE Vision device that read the counter."""
-_BUFFERED_NS, _BUFFER_BYTES, _BUFFER_COUNTS = 500_000_000, 256 << 20, (4, 64)
 _SOCKET_BYTES = 8 << 20
 _MARGIN_NS = 100
 """Added to a duration so that it is not rounded down to the step below."""
@@ -99,16 +99,12 @@ def _pixels(
     import cv2
     import numpy as np
 
-    (width, height), (layout, bits) = size, split_format(pixel_format)
+    (width, height), (layout, bits), step = size, split_format(pixel_format), step_to(size[0], min_width)
     shape = (height, width, 3) if layout in ("RGB", "BGR") else (height, width)
-    kind = np.dtype("u1" if bits == 8 else "<u2")
-    pixels = np.frombuffer(data, kind, prod(shape)).reshape(shape)
+    pixels = np.frombuffer(data, "u1" if bits == 8 else "<u2", prod(shape)).reshape(shape)
     picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
-    if layout == "RGB":
-        picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    elif layout in _CONVERSIONS:
+    if layout in _CONVERSIONS:
         picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
-    step = step_to(width, min_width)
     return np.asarray(picture, np.uint8)[::step, ::step]
 
 
@@ -123,7 +119,7 @@ def load_aravis() -> Any:
     """Return the library's module. Raises NotAvailableError if it is not installed or does not load."""
     gi = load_system_module("gi", PACKAGE, PURPOSE)
     try:
-        gi.require_version("Aravis", _VERSION)
+        gi.require_version("Aravis", "0.8")
         with warnings.catch_warnings():
             # PyGObject's importer uses an older import API than the newest Python.
             warnings.simplefilter("ignore", ImportWarning)
@@ -143,10 +139,9 @@ def camera_errors(device: str) -> Iterator[None]:
     try:
         yield
     except library_error as error:
-        if error.domain != "arv-device-error-quark" or error.code not in _ERRORS:
-            hint = "another program, such as arv-viewer, may say more"
-            raise CameraError(f"{device} failed: {error.message}", hint=hint) from error
-        what, hint = _ERRORS[error.code]
+        unknown = f"{{}} failed: {error.message}", "another program, such as arv-viewer, may say more"
+        is_known = error.domain == "arv-device-error-quark"
+        what, hint = _ERRORS.get(error.code, unknown) if is_known else unknown
         raise CameraError(what.format(device), hint=hint) from error
 
 
@@ -192,8 +187,7 @@ class DeviceControl:
                 hint=f"give a value: capture-app cameras set {self.control}=VALUE",
             )
         if self.can_be_automatic:
-            chooser = self._auto.CONTINUOUS if value is None else self._auto.OFF
-            self._call(f"set_{self._value}_auto", chooser)
+            self._call(f"set_{self._value}_auto", self._auto.CONTINUOUS if value is None else self._auto.OFF)
         if value is not None:
             self._call(f"set_{self._value}", value)
 
@@ -232,20 +226,24 @@ class AravisDevice:
         """Return host time before, counter, host time after, in ns; None without a readable counter."""
         camera = self._camera
         with camera_errors(self.address):
-            for latch, value in _LATCHES:
-                if camera.is_feature_available(latch) and camera.is_feature_available(value):
-                    sent_ns = time.monotonic_ns()
-                    camera.execute_command(latch)
-                    answered_ns = time.monotonic_ns()
-                    ticks = camera.get_integer(value)
-                    return sent_ns, self._from_ticks(ticks, value), answered_ns
-            if not camera.is_gv_device():
+            has = camera.is_feature_available
+            latch, value = next((pair for pair in _LATCHES if all(map(has, pair))), ("", ""))
+            if not latch and not camera.is_gv_device():
                 return None
             sent_ns = time.monotonic_ns()
-            self._device.write_register(_CONTROL, _LATCH)
+            if latch:
+                camera.execute_command(latch)
+            else:
+                self._device.write_register(_CONTROL, _LATCH)
             answered_ns = time.monotonic_ns()
-            ticks = self._device.read_register(_HIGH) << 32 | self._device.read_register(_LOW)
-            return sent_ns, self._from_ticks(ticks, ""), answered_ns
+            if latch:
+                counter_ns = camera.get_integer(value)
+            else:
+                counter_ns = self._device.read_register(_HIGH) << 32 | self._device.read_register(_LOW)
+            if latch != _LATCHES[0][0]:
+                frequency = self._device.get_timestamp_tick_frequency() or 1_000_000_000
+                counter_ns = counter_ns * 1_000_000_000 // frequency
+        return sent_ns, counter_ns, answered_ns
 
     def controls(self) -> tuple[ControlState, ...]:
         """Return the current exposure and gain. Raises CameraError."""
@@ -256,10 +254,7 @@ class AravisDevice:
         """Set a control to a fixed value; None lets the camera choose. Updates the exposure in `facts`."""
         with camera_errors(self.address):
             DeviceControl(self._camera, self._aravis.Auto, control).set(value)
-            exposure_ns, min_ns, max_ns = self._exposure()
-            self.facts = replace(
-                self.facts, exposure_ns=exposure_ns, min_exposure_ns=min_ns, max_exposure_ns=max_ns
-            )
+            self.facts = replace(self.facts, **self._exposure())
 
     def set_period(self, period_ns: int) -> None:
         """Set the frame duration (ns) of all following frames. Raises CameraError."""
@@ -277,12 +272,12 @@ class AravisDevice:
         buffer = self._stream.timeout_pop_buffer(max(1, round(timeout_s * 1e6)))
         if buffer is None:
             return None
-        whole = buffer.get_status() == self._aravis.BufferStatus.SUCCESS
+        is_whole = buffer.get_status() == self._aravis.BufferStatus.SUCCESS
         frame = DeviceFrame(
             number=buffer.get_frame_id(),
             counter_ns=buffer.get_timestamp(),
             arrival_ns=buffer.get_system_timestamp() - time.time_ns() + time.monotonic_ns(),
-            data=bytes(buffer.get_data()) if whole else None,
+            data=bytes(buffer.get_data()) if is_whole else None,
         )
         self._stream.push_buffer(buffer)
         return frame
@@ -308,12 +303,12 @@ class AravisDevice:
         camera.set_pixel_format_from_string(pixel_format)
         self._set_region(request)
         _x, _y, width, height = camera.get_region()
-        model = f"{camera.get_vendor_name()} {camera.get_model_name()}"
-        exposure_ns, min_ns, max_ns = self._set_exposure(request.exposure_us)
+        # A shorter frame may limit the exposure, so that is set first.
+        self._set_exposure(request.exposure_us)
         period_ns, shortest_ns, longest_ns = self._set_rate(request.fps)
-        return CameraFacts(
+        facts = CameraFacts(
             kind=KIND,
-            model=model[:200],
+            model=f"{camera.get_vendor_name()} {camera.get_model_name()}"[:200],
             width=width,
             height=height,
             pixel_format=pixel_format,
@@ -321,12 +316,10 @@ class AravisDevice:
             timestamp_source=TimestampSource.UNKNOWN,
             phase_control=PhaseControl.FRAME_DURATION,
             row_time_ns=None if request.row_us is None else round(request.row_us * 1000),
-            exposure_ns=exposure_ns,
-            min_exposure_ns=min_ns,
-            max_exposure_ns=max_ns,
             min_frame_duration_ns=shortest_ns,
             max_frame_duration_ns=longest_ns,
         )
+        return replace(facts, **self._exposure())
 
     def _set_region(self, request: CameraRequest) -> None:
         camera = self._camera
@@ -349,30 +342,31 @@ class AravisDevice:
                 hint="its sizes come in steps; ask for one of them",
             )
 
-    def _set_exposure(self, exposure_us: float | None) -> tuple[int | None, int | None, int | None]:
-        if exposure_us is not None:
-            exposure = self._control(Control.EXPOSURE)
-            if exposure is None:
-                raise CameraError(
-                    f"{self.address} has no control of its exposure", hint="leave out exposure_us"
-                )
-            min_us, max_us = exposure.bounds
-            if not min_us <= exposure_us <= max_us:
-                raise CameraError(
-                    f"{self.address} cannot expose for {exposure_us:g} us",
-                    hint=f"give exposure_us= from {min_us:g} to {max_us:g}",
-                )
-            exposure.set(exposure_us)
-        return self._exposure()
-
-    def _exposure(self) -> tuple[int | None, int | None, int | None]:
-        """Return exposure, min and max in ns; the exposure is None if the camera chooses it."""
+    def _set_exposure(self, exposure_us: float | None) -> None:
+        if exposure_us is None:
+            return
         exposure = self._control(Control.EXPOSURE)
         if exposure is None:
-            return None, None, None
+            raise CameraError(f"{self.address} has no control of its exposure", hint="leave out exposure_us")
         min_us, max_us = exposure.bounds
-        exposure_ns = None if exposure.is_automatic else round(exposure.value * 1000)
-        return exposure_ns, round(min_us * 1000), round(max_us * 1000)
+        if not min_us <= exposure_us <= max_us:
+            raise CameraError(
+                f"{self.address} cannot expose for {exposure_us:g} us",
+                hint=f"give exposure_us= from {min_us:g} to {max_us:g}",
+            )
+        exposure.set(exposure_us)
+
+    def _exposure(self) -> dict[str, int | None]:
+        """Return the facts of the exposure in ns; the exposure itself is None if the camera chooses it."""
+        exposure = self._control(Control.EXPOSURE)
+        if exposure is None:
+            return {}
+        min_us, max_us = exposure.bounds
+        return {
+            "exposure_ns": None if exposure.is_automatic else round(exposure.value * 1000),
+            "min_exposure_ns": round(min_us * 1000),
+            "max_exposure_ns": round(max_us * 1000),
+        }
 
     def _control(self, control: Control) -> DeviceControl | None:
         try:
@@ -408,16 +402,6 @@ class AravisDevice:
             stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
             stream.set_property("socket-buffer-size", _SOCKET_BYTES)
         payload = camera.get_payload()
-        min_count, max_count = _BUFFER_COUNTS
-        count = max(
-            min_count, min(max_count, _BUFFER_BYTES // payload, -(-_BUFFERED_NS // self.facts.period_ns))
-        )
-        for _ in range(count):
+        for _ in range(buffer_count(payload, self.facts.period_ns, max_count=64, max_bytes=256 << 20)):
             stream.push_buffer(self._aravis.Buffer.new_allocate(payload))
         return stream
-
-    def _from_ticks(self, ticks: int, feature: str) -> int:
-        if feature == _LATCHES[0][1]:
-            return ticks  # SFNC 2 is in ns
-        frequency = self._device.get_timestamp_tick_frequency() or 1_000_000_000
-        return ticks * 1_000_000_000 // frequency

@@ -146,9 +146,8 @@ class AravisCamera(ThreadedCamera):
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set exposure (µs) or gain to a fixed value; None lets the camera choose. Raises CameraError."""
-        device = self._connected
-        await self._in_worker(device.set_control, control, value)
-        self._facts = self._facts_of(device.facts)
+        await self._in_worker(self._connected.set_control, control, value)
+        self._facts = self._facts_of(self._device.facts)
 
     @property
     def _connected(self) -> AravisDevice:
@@ -183,17 +182,16 @@ class AravisCamera(ThreadedCamera):
         await self._in_worker(self._release)
 
     def _open(self) -> None:
-        device = self._device = self._connect()
-        latched = LatchedClock()
-        readings = [device.read_counter() for _ in range(FIRST_READINGS)]
+        device, latched = self._connect(), LatchedClock()
+        self._device = device
+        readings = [reading for _ in range(FIRST_READINGS) if (reading := device.read_counter()) is not None]
         for reading in readings:
-            if reading is not None:
-                latched.add_reading(*reading)
-        device.start(lambda: self._call_in_loop(self._fail, f"{device.address} is not controlled any more"))
+            latched.add_reading(*reading)
+        device.start(lambda: self._call_in_loop(self._lose, f"{device.address} is not controlled any more"))
         first, second = self._first_frame(device), self._first_frame(device)
-        reads = len({None if reading is None else reading[1] for reading in readings}) > 1
+        counts = len({counter_ns for _, counter_ns, _ in readings}) > 1
         # The first stamp may not be valid yet.
-        by_latch_ns = latched.host_ns(second.counter_ns) if reads else None
+        by_latch_ns = latched.host_ns(second.counter_ns) if counts else None
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
             self._readings = latched
         elif second.counter_ns != first.counter_ns:
@@ -234,12 +232,11 @@ class AravisCamera(ThreadedCamera):
                 heard_ns = now_ns
                 self._take(frame)
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
-                self._call_in_loop(self._fail, f"{self._device.address} sends no pictures any more")
+                self._call_in_loop(self._lose, f"{self._device.address} sends no pictures any more")
                 return
             # Only fresh frames time a change. An incomplete frame is delivered only when the next one begins.
             # Of frames that queued up while this thread was delayed, only the first counts.
-            whole = frame is not None and frame.data is not None
-            fresh = whole and now_ns - fresh_ns > period_ns // 2
+            fresh = frame is not None and frame.data is not None and now_ns - fresh_ns > period_ns // 2
             fresh_ns = now_ns if fresh else fresh_ns
             self._change_duration(now_ns, fresh=fresh)
             poll_interval_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
@@ -256,12 +253,11 @@ class AravisCamera(ThreadedCamera):
             _log.debug("frame %d has a stamp of another time", frame.number)
             return
         facts, readings = self.facts, self._readings
-        picture = machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format)
         captured = CapturedFrame(
             sequence=sequence,
             stream=0,
             timestamp_ns=stamp_ns,
-            picture=picture,
+            picture=machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format),
             exposure_ns=facts.exposure_ns,
             clock_uncertainty_ns=0 if readings is None else readings.accuracy(stamp_ns).uncertainty_ns,
         )
@@ -298,16 +294,12 @@ class AravisCamera(ThreadedCamera):
                 return
             except CameraError as error:
                 failure = error
-        self._call_in_loop(self._fail, str(failure))
+        self._call_in_loop(self._lose, str(failure))
 
     def _read_counter(self, clock: LatchedClock) -> None:
-        try:
-            reading = self._device.read_counter()
-        except CameraError as error:
-            _log.debug("the counter was not read: %s", error)  # the heartbeat detects a lost camera
-            return
-        if reading is not None:
-            clock.add_reading(*reading)
+        with contextlib.suppress(CameraError):  # the heartbeat detects a lost camera
+            if (reading := self._device.read_counter()) is not None:
+                clock.add_reading(*reading)
 
     def _say(self, command: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the worker was shut down
@@ -317,7 +309,7 @@ class AravisCamera(ThreadedCamera):
         if hasattr(self, "_device"):
             self._device.close()
 
-    def _fail(self, what: str) -> None:
+    def _lose(self, what: str) -> None:
         if not self._closing.is_set():
             self._on_failure(CameraError(what, hint="it is tried again; check its power and cable"))
 
@@ -343,11 +335,9 @@ def list_cameras() -> list[CameraListing]:
     listed = []
     for index in range(library.get_n_devices()):
         protocol, address = library.get_device_protocol(index), library.get_device_address(index)
-        name = library.get_device_id(index)
-        by_address = protocol == "GigEVision" and address
-        detail = (
-            f"{protocol.replace('Vision', ' Vision')}, serial number {library.get_device_serial_nbr(index)}"
-        )
+        name = address if protocol == "GigEVision" and address else library.get_device_id(index)
+        serial = library.get_device_serial_nbr(index)
+        detail = f"{protocol.replace('Vision', ' Vision')}, serial number {serial}"
         model = f"{library.get_device_vendor(index)} {library.get_device_model(index)}"
-        listed.append(CameraListing(f"{KIND}:{address if by_address else name}", KIND, model, detail))
+        listed.append(CameraListing(f"{KIND}:{name}", KIND, model, detail))
     return listed

@@ -25,8 +25,6 @@ BUFFERS = 6
 """A process can be delayed by this many frames without a loss; a command takes effect after as many."""
 KIND = "libcamera"
 CHARACTER_DEVICES = Path("/sys/dev/char")
-_RASPBERRY_PI = "rpi"
-"""Vendor of controls that only the Raspberry Pi's pipelines have."""
 READOUT_UNCERTAINTY_ROWS, READOUT_UNCERTAINTY_NS = 16, 100_000
 """Assumed: rows that a sensor sends before the image's first, and the delay from stamp to kernel."""
 _TYPICAL_RATE, _ROUND_NS = 3e-4, 10_000
@@ -58,8 +56,10 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
     offered = [str(one) for one in stream.formats.pixel_formats]
     formats = [one for one in FOURCC if one in offered and wishes.format in (None, FOURCC[one])]
     if not formats:
-        asked = wishes.format or "a format that can be saved"
-        raise CameraError(f"{name} does not offer {asked}", hint=f"it offers {', '.join(offered)}")
+        raise CameraError(
+            f"{name} does not offer {wishes.format or 'a format that can be saved'}",
+            hint=f"it offers {', '.join(offered)}",
+        )
     stream.pixel_format = module.PixelFormat(formats[0])
     stream.size = module.Size(*wishes.size)
     stream.buffer_count = max(stream.buffer_count, BUFFERS)
@@ -79,8 +79,8 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
             hint="leave out width and height",
         )
     camera.configure(configuration)
-    fourcc = FOURCC[str(stream.pixel_format)]
-    return stream, PixelFormat(fourcc, width, height, stream.stride, stream.frame_size)
+    layout = (FOURCC[str(stream.pixel_format)], width, height, stream.stride, stream.frame_size)
+    return stream, PixelFormat(*layout)
 
 
 def _text(size: tuple[int, int]) -> str:
@@ -93,23 +93,27 @@ Origin = Literal["raspberry-pi", "webcam", "other"]
 
 def origin_of(camera: Any) -> Origin:
     """Return the kind of pipeline that drives a camera of the library."""
-    if any(control.vendor == _RASPBERRY_PI for control in camera.controls):
+    # Only the Raspberry Pi's pipelines have controls of this vendor.
+    if any(control.vendor == "rpi" for control in camera.controls):
         return "raspberry-pi"
-    properties = {control.name: value for control, value in camera.properties.items()}
-    devices = properties.get("SystemDevices", ())
+    devices = properties_of(camera).get("SystemDevices", ())
     nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
     drivers = {(node / "device" / "driver").resolve().name for node in nodes}
     return "webcam" if "uvcvideo" in drivers else "other"
+
+
+def properties_of(camera: Any) -> dict[str, Any]:
+    """Return a camera's properties by name."""
+    return {control.name: value for control, value in camera.properties.items()}
 
 
 def facts_as_configured(
     camera: Any, layout: PixelFormat, wishes: CameraRequest, limits_us: tuple[int, int] | None
 ) -> CameraFacts:
     """Return the facts known before the first frame; `limits_us` are the min and max frame duration."""
-    properties = {control.name: value for control, value in camera.properties.items()}
     return CameraFacts(
         kind=KIND,
-        model=str(properties.get("Model", camera.id)),
+        model=str(properties_of(camera).get("Model", camera.id)),
         width=layout.width,
         height=layout.height,
         pixel_format=layout.fourcc,

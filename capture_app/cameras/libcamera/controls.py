@@ -8,10 +8,6 @@ from capture_app.cameras.specs import CameraRequest
 from capture_app.common.camera_facts import DIOPTRES, KELVIN, MICROSECONDS, TIMES, Control, ControlState
 from capture_app.common.errors import CameraError
 
-_MANUAL_FOCUS, _CONTINUOUS_FOCUS = 0, 2
-_WITH = "AeEnable"
-"""Switch shared by exposure and gain: setting one fixes the other at its current value."""
-
 
 class KnownControls:
     """Controls that a camera accepts in requests; libraries differ in which they have."""
@@ -71,7 +67,7 @@ _CONTROLS = {
     Control.EXPOSURE: _Control("ExposureTime", MICROSECONDS, "AeEnable", together=("AnalogueGain",)),
     Control.GAIN: _Control("AnalogueGain", TIMES, "AeEnable", together=("ExposureTime",)),
     Control.WHITE_BALANCE: _Control("ColourTemperature", KELVIN, "AwbEnable", together=("ColourGains",)),
-    Control.FOCUS: _Control("LensPosition", DIOPTRES, "AfMode", _MANUAL_FOCUS, _CONTINUOUS_FOCUS),
+    Control.FOCUS: _Control("LensPosition", DIOPTRES, "AfMode", manual=0, automatic=2),
 }
 
 
@@ -116,6 +112,7 @@ def new_settings(
         return {of.switch: of.automatic}, (of.value, *of.together)
     number = round(value) if control in (Control.EXPOSURE, Control.WHITE_BALANCE) else float(value)
     settings = {of.switch: of.manual, of.value: number}
-    if of.switch != _WITH:
+    if of.switch != "AeEnable":
         return settings, of.together
+    # Exposure and gain share their switch: setting one fixes the other at its current value.
     return {**{name: metadata[name] for name in of.together if name in metadata}, **settings}, ()

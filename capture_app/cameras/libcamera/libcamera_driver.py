@@ -27,6 +27,7 @@ from capture_app.cameras.libcamera.configuration import (
     facts_as_configured,
     origin_of,
     parse_options,
+    properties_of,
     typical_period_ns,
     with_exposure,
     with_rows,
@@ -55,8 +56,6 @@ SPAN = 0.5
 """Max extension of the requested durations beyond the frame period, as a fraction of it."""
 LONGEST_ROW_US = 250.0
 SHORTEST_ROW_US = 5.0
-_SEED = 1
-"""Seed of the random durations: evenly spaced ones could all be multiples of two rows."""
 _BELOW_US, _ABOVE_US = 0.5, 1.0
 """Rounding error of reports: up to 0.5 us too long if rounded, up to 1 us too short if truncated."""
 SILENT_S = 5.0
@@ -84,7 +83,8 @@ OPTIONS = {
 
 def durations_to_ask_us(period_us: int, longest_us: int) -> list[int]:
     """Return frame durations in us from whose reported values the row time can be found."""
-    span_us, rng = min(SPAN * period_us, longest_us - period_us), random.Random(_SEED)
+    # Random, because evenly spaced durations could all be multiples of two rows.
+    span_us, rng = min(SPAN * period_us, longest_us - period_us), random.Random(1)
     return [period_us + round(span_us * rng.random()) for _ in range(ASKED)]
 
 
@@ -122,8 +122,7 @@ class LibcameraCamera(ThreadedCamera):
     ) -> None:
         """Acquire and configure a camera. Raises CameraError if it is missing, busy, or has no such mode."""
         super().__init__(KIND, executor)
-        self._library, self._wishes = library, wishes
-        self._clock = clock or StampClock()
+        self._library, self._wishes, self._clock = library, wishes, clock or StampClock()
         camera = library.camera(device)
         self.id: str = camera.id
         self._command_lock = asyncio.Lock()
@@ -213,10 +212,8 @@ class LibcameraCamera(ThreadedCamera):
             try:
                 await self._in_worker(self._stream.stop)
                 self._library.dispatch()
-                start_ns = asked_ns + command.delay_ns
-                await self._in_worker(
-                    self._stream.start_again_at, start_ns, self.facts.period_ns, self._closing
-                )
+                again = (asked_ns + command.delay_ns, self.facts.period_ns, self._closing)
+                await self._in_worker(self._stream.start_again_at, *again)
             except RuntimeError as error:
                 self._on_failure(
                     CameraError(
@@ -235,8 +232,7 @@ class LibcameraCamera(ThreadedCamera):
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
         settings, forget = new_settings(self._controls, control, value, self._metadata)
         self._stream.keep(settings, forget=forget)
-        exposure_us = self._stream.settings.get("ExposureTime")
-        self._facts = with_exposure(self.facts, exposure_us, self._origin)
+        self._facts = with_exposure(self.facts, self._stream.settings.get("ExposureTime"), self._origin)
 
     async def _let_go(self) -> None:
         self._stream.running = False
@@ -254,8 +250,9 @@ class LibcameraCamera(ThreadedCamera):
         self._stream.asked_us.extend(durations_to_ask_us(period_us, max_us))
         in_effect = self._stream.queued + IN_EFFECT_FRAMES
         seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
-        durations = [frame.metadata.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]
-        row_us = await self._in_worker(find_row_time_us, [us for us in durations if us is not None])
+        settled = (frame.metadata for frame in seen[UNSETTLED_FRAMES:])
+        durations_us = [metadata["FrameDuration"] for metadata in settled if "FrameDuration" in metadata]
+        row_us = await self._in_worker(find_row_time_us, durations_us)
         if row_us is not None:
             rows = round(period_us / row_us)
             rows += rows * row_us < min_us
@@ -263,18 +260,18 @@ class LibcameraCamera(ThreadedCamera):
             self._facts = with_rows(self.facts, rows, row_us)
         self._stream.period_us = period_us
         self._stream.keep(held_exposure(seen[-1].metadata, self._wishes))
-        last = (await self._next_frames(in_effect))[-1]
-        exposure_us = last.metadata.get("ExposureTime")
-        if exposure_us is not None:
-            self._facts = with_exposure(self.facts, exposure_us, self._origin)
+        *_, last = await self._next_frames(in_effect)
+        if "ExposureTime" in last.metadata:
+            self._facts = with_exposure(self.facts, last.metadata["ExposureTime"], self._origin)
 
     async def _learn_period(self) -> None:
         """Measure the frame period of a camera whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
         period_ns = typical_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
-        facts = structs.replace(self.facts, period_ns=period_ns)
-        self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
+        self._facts = with_exposure(
+            structs.replace(self.facts, period_ns=period_ns), self._wishes.exposure_us, self._origin
+        )
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
         """Return the next `count` frames without passing them on. Raises CameraError if they never arrive."""
@@ -290,22 +287,14 @@ class LibcameraCamera(ThreadedCamera):
 
     def _receive(self, frame: FinishedFrame | RuntimeError) -> None:
         if isinstance(frame, RuntimeError):
-            self._fail(
-                CameraError(
-                    f"{self.id} does not answer any more: {frame}", hint="it is tried again; check its cable"
-                )
-            )
-            return
-        if frame.stamp_ns is None:
-            self._fail(
-                CameraError(
-                    f"the timestamps of {self.id} come from no clock of this machine",
-                    hint="use another camera: this one cannot be synchronized",
-                )
-            )
+            what, hint = f"{self.id} does not answer any more: {frame}", "it is tried again; check its cable"
+            self._fail(CameraError(what, hint=hint))
             return
         self._last_frame_ns, self._metadata = self._clock.now_ns(), frame.metadata
-        if self._first_frames_requested is not None:
+        if frame.stamp_ns is None:
+            what = f"the timestamps of {self.id} come from no clock of this machine"
+            self._fail(CameraError(what, hint="use another camera: this one cannot be synchronized"))
+        elif self._first_frames_requested is not None:
             count, arrived = self._first_frames_requested
             self._first_frames.append(frame)
             if len(self._first_frames) >= count and not arrived.done():
@@ -334,10 +323,10 @@ class LibcameraCamera(ThreadedCamera):
         """Detect a stream without frames: the library does not report a disconnected camera."""
         if self._closing.is_set():
             return
-        silent_s = (self._clock.now_ns() - self._last_frame_ns) / 1e9
-        if silent_s > max(SILENT_S, SILENT_PERIODS * self.facts.period_ns / 1e9):
-            why = f"{self.id} delivers no frames any more"
-            self._fail(CameraError(why, hint="check its cable, then start it again"))
+        silent_ns = self._clock.now_ns() - self._last_frame_ns
+        if silent_ns > max(SILENT_S * 1e9, SILENT_PERIODS * self.facts.period_ns):
+            what = f"{self.id} delivers no frames any more"
+            self._fail(CameraError(what, hint="check its cable, then start it again"))
         asyncio.get_running_loop().call_later(1.0, self._watch)
 
     def _fail(self, error: CameraError) -> None:
@@ -356,8 +345,7 @@ def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, na
     See OPTIONS. Raises BadInputError for an option that cannot be read, CameraError if the camera is
     missing, busy or has no such mode, NotAvailableError if the library is missing or too old.
     """
-    wishes = parse_options(options)
-    return LibcameraCamera(load_library(), device, wishes).in_clock(clock)
+    return LibcameraCamera(load_library(), device, parse_options(options)).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:
@@ -374,13 +362,11 @@ def list_cameras() -> list[CameraListing]:
 def listings(library: Library) -> Iterator[CameraListing]:
     """Yield the cameras of a library except webcams, which V4L2 lists and drives better."""
     for camera in library.cameras:
-        properties = {control.name: value for control, value in camera.properties.items()}
-        if origin_of(camera) == "webcam":
-            continue
-        size = properties.get("PixelArraySize")
-        moved = any(control.name == "FrameDurationLimits" for control in camera.controls)
-        detail = "moved by frame durations" if moved else "moved by restarts"
-        sensor = f"sensor of {size.width}x{size.height}, " if size is not None else ""
-        yield CameraListing(
-            f"{KIND}:{camera.id}", KIND, str(properties.get("Model", camera.id)), sensor + detail
-        )
+        if origin_of(camera) != "webcam":
+            properties = properties_of(camera)
+            size = properties.get("PixelArraySize")
+            sensor = f"sensor of {size.width}x{size.height}, " if size is not None else ""
+            moved = any(control.name == "FrameDurationLimits" for control in camera.controls)
+            detail = f"{sensor}moved by {'frame durations' if moved else 'restarts'}"
+            model = str(properties.get("Model", camera.id))
+            yield CameraListing(f"{KIND}:{camera.id}", KIND, model, detail)

@@ -28,9 +28,8 @@ class Library:
         version = str(self._manager.version)
         found = re.match(r"v?(\d+)\.(\d+)", version)
         if found is None or (int(found[1]), int(found[2])) < MIN_VERSION:
-            oldest = ".".join(map(str, MIN_VERSION))
             raise NotAvailableError(
-                f"libcamera {version} is too old: {oldest} or newer is needed",
+                f"libcamera {version} is too old: {'.'.join(map(str, MIN_VERSION))} or newer is needed",
                 hint="install Debian 13 or an up-to-date Raspberry Pi OS",
             )
         self._handlers: dict[int, OnRequest] = {}
@@ -75,8 +74,7 @@ class Library:
     def dispatch(self) -> None:
         """Call the handlers of all finished requests."""
         for request in self._manager.get_ready_requests():
-            handler = self._handlers.get(request.cookie)
-            if handler is not None:
+            if handler := self._handlers.get(request.cookie):
                 handler(request)
 
 

@@ -17,10 +17,6 @@ from capture_app.cameras.frames import JpegPicture, PixelFormat, PixelPicture, p
 from capture_app.cameras.libcamera.controls import KnownControls
 from capture_app.cameras.libcamera.libcamera_library import Library
 
-_NOISE_NS = 1_000_000
-"""Two consecutive clock readings differ by less than this; a sleep lasts longer."""
-_FOREIGN_NS = 60_000_000_000
-"""A stamp this far from now is in neither clock."""
 _METADATA = (
     "SensorTimestamp",
     "FrameDuration",
@@ -49,11 +45,12 @@ class StampClock:
         """Return the monotonic time in ns of a stamp that just arrived; None if it is in another clock."""
         now_ns = self.now_ns()
         asleep_ns = self.boot_ns() - now_ns
-        if abs(asleep_ns - self._asleep_ns) > _NOISE_NS:
+        # Two consecutive clock readings differ by less than a millisecond; a sleep lasts longer.
+        if abs(asleep_ns - self._asleep_ns) > 1_000_000:
             self._asleep_ns = asleep_ns
-        by_boot_ns = stamp_ns - self._asleep_ns
-        nearest_ns = min(stamp_ns, by_boot_ns, key=lambda ns: abs(now_ns - ns))
-        return nearest_ns if abs(now_ns - nearest_ns) < _FOREIGN_NS else None
+        nearest_ns = min(stamp_ns, stamp_ns - self._asleep_ns, key=lambda ns: abs(now_ns - ns))
+        # A stamp a minute from now is in neither clock.
+        return nearest_ns if abs(now_ns - nearest_ns) < 60_000_000_000 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,8 +87,7 @@ class RequestStream:
 
         Raises RuntimeError from the library, OSError.
         """
-        self._library, self._camera, self._clock = library, camera, clock
-        self._on_event = on_event
+        self._library, self._camera, self._clock, self._on_event = library, camera, clock, on_event
         self._controls, self._layout = controls, layout
         self._allocator = library.module.FrameBufferAllocator(camera)
         self._allocator.allocate(stream)
@@ -142,7 +138,7 @@ class RequestStream:
         """Start at `start_ns` (monotonic clock), or whole periods later; do nothing once `closing` is set."""
         for request in self._requests:
             request.reuse()
-        if wait_for_start(start_ns, period_ns, closing, self._clock.now_ns):
+        if wait_for_start(start_ns - self._clock.now_ns(), period_ns, closing):
             self.start()
 
     def stop(self) -> None:
@@ -179,17 +175,17 @@ class RequestStream:
         settings, self._new_settings = self._new_settings, {}
         for control, value in self._controls.of(settings | self._duration()).items():
             request.set_control(control, value)
+        event: FinishedFrame | RuntimeError = frame
         try:
             self._camera.queue_request(request)
         except RuntimeError as error:
-            self._on_event(error)
-            return
-        self._on_event(frame)
+            event = error
+        self._on_event(event)
 
     def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
         """Return the image in a finished buffer; None if it is damaged."""
-        filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
         data = b"".join(
-            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled
+            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used]
+            for plane, used in zip(buffer.planes, buffer.metadata.planes, strict=True)
         )
         return picture_from_buffer(data, self._layout)

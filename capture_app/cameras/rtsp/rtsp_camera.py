@@ -93,22 +93,19 @@ class RtspCamera(ThreadedCamera):
         self._begun_with: list[int] = []
         """Media times of the first frames, which are not delivered."""
         self._last_ns = self._sequence = 0
-        self._has_failed = False
         self._begun_s = 0.0
-        self._ready: asyncio.Future[None]
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError if it is missing, refuses or sends no frames."""
         self.listen(on_frame, on_failure)
-        self._ready, self._begun_s = self._loop.create_future(), time.monotonic()
+        self._begun_s = time.monotonic()
         try:
             await self._connection.open()
-            ticks_per_s = self._connection.stream.ticks_per_s
-            self._clock = SenderClock(ticks_per_s, self._connection.round_trips_ns)
-            for work in (self._receive, self._decode, self._ask):
-                self._tasks.append(asyncio.create_task(self._watched(work())))
+            self._clock = SenderClock(self._connection.stream.ticks_per_s, self._connection.round_trips_ns)
+            works = (self._receive(), self._decode(), self._ask())
+            self._tasks = [asyncio.create_task(self._watched(work)) for work in works]
             async with asyncio.timeout(PICTURE_S):
-                await self._ready
+                await self._begun
         except TimeoutError as error:
             await self.stop()
             raise CameraError(
@@ -124,25 +121,18 @@ class RtspCamera(ThreadedCamera):
         raise CameraError("an IP camera's stream cannot be moved")
 
     async def _let_go(self) -> None:
-        tasks, self._tasks = self._tasks, []
-        await end(*tasks)
+        await end(*self._tasks)
         await self._connection.close()
 
     async def _watched(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
-        except DISCONNECTED as error:
-            self._fail(f"{self._connection.host} is gone: {error or 'it hung up'}")
-        except CameraError as error:
-            self._fail(f"{self._connection.host} {error.what}", error.hint)
-
-    def _fail(self, what: str, hint: str = "") -> None:
-        error = CameraError(what, hint=hint or "it is tried again; check its power and cable")
-        if not self._ready.done():
-            self._ready.set_exception(error)
-        elif self._tasks and not self._has_failed:
-            self._has_failed = True
-            self._on_failure(error)
+        except (*DISCONNECTED, CameraError) as error:
+            what, hint = f"is gone: {error or 'it hung up'}", ""
+            if isinstance(error, CameraError):
+                what, hint = error.what, error.hint
+            hint = hint or "it is tried again; check its power and cable"
+            self._fail(CameraError(f"{self._connection.host} {what}", hint=hint))
 
     async def _ask(self) -> None:
         for number in itertools.count():
@@ -174,7 +164,7 @@ class RtspCamera(ThreadedCamera):
         while True:
             media_ns, unit = await self._waiting.get()
             for picture_ns, picture in await self._in_worker(decoder.decode, media_ns, unit):
-                if not self._ready.done():
+                if not self._begun.done():
                     self._begin(picture_ns, picture)
                 else:
                     self._hand_on(picture_ns, picture)
@@ -206,7 +196,7 @@ class RtspCamera(ThreadedCamera):
             stamp=None if follows else by_arrival,
         )
         self._last_ns = media_ns
-        self._ready.set_result(None)
+        self._begun.set_result(None)
 
     def _rate(self) -> float:
         """Return frames per second: requested or stated if the stream confirms it, else measured."""
@@ -217,10 +207,8 @@ class RtspCamera(ThreadedCamera):
                 hint="choose another stream of this camera, or a fixed frame rate in its settings",
             )
         seen = 1e9 / step_ns
-        nominal_fps = self._asked_fps or self._connection.stream.fps
-        if nominal_fps and abs(seen / nominal_fps - 1) <= RATE_FRACTION:
-            return nominal_fps
-        return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_FRACTION else seen
+        nominal = (self._asked_fps or self._connection.stream.fps, round(seen))
+        return next((fps for fps in nominal if fps and abs(seen / fps - 1) <= RATE_FRACTION), seen)
 
     def _hand_on(self, media_ns: int, picture: Any) -> None:
         self._sequence += max(1, round((media_ns - self._last_ns) / self.facts.period_ns))
@@ -242,9 +230,8 @@ class _Decoder:
     """Decodes frames in order; after a lost packet it drops all frames up to the next key frame."""
 
     def __init__(self, stream: VideoStream) -> None:
-        av = load_av()
-        self._av, self._is_damaged = av, True
-        self._codec = av.CodecContext.create(stream.codec, "r")
+        self._av, self._is_damaged = load_av(), True
+        self._codec = self._av.CodecContext.create(stream.codec, "r")
         self._codec.extradata = stream.parameter_sets or None
         self._codec.options = {"max_pixels": str(MAX_PIXELS)}
 
@@ -276,11 +263,9 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
 
     Raises BadInputError for an address or an option that cannot be read, NotAvailableError without PyAV.
     """
-    request = {key: text for key, text in options.items() if key != "basic"}
-    fps, allows_basic = read_request(request, "an IP camera").fps, options.get("basic") == "yes"
+    fps, allows_basic = read_request(options, "an IP camera").fps, options.get("basic") == "yes"
     load_av().logging.set_level(None)
-    url = reveal_password(f"{KIND}:{address}")
-    return RtspCamera(url, fps, allows_basic=allows_basic).in_clock(clock)
+    return RtspCamera(reveal_password(f"{KIND}:{address}"), fps, allows_basic=allows_basic).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:

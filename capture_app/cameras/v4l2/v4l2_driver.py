@@ -20,7 +20,14 @@ from pathlib import Path
 
 from msgspec import structs
 
-from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera, wait_for_start
+from capture_app.cameras.base import (
+    Camera,
+    OnFailure,
+    OnFrame,
+    ThreadedCamera,
+    buffer_count,
+    wait_for_start,
+)
 from capture_app.cameras.frames import CapturedFrame, PixelFormat, picture_from_buffer
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice, driver_error
@@ -43,13 +50,8 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
 """Step of the exposure control."""
-_BUFFERED_NS = 500_000_000
-"""A process can be delayed this long without losing a frame, as long as memory allows."""
-_BUFFER_BYTES = 64 << 20
-_BUFFER_COUNTS = 4, 24
 _FOREIGN_CLOCK_NS = 60_000_000_000
 """A stamp this far from its frame's arrival is not in this process's monotonic clock."""
-_UVC = "uvcvideo"
 _SOURCES = {
     v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
     v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
@@ -71,8 +73,7 @@ WAKING_PAUSE_S = 0.1
 
 def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
     """Return exposure in ns and gain in the device's unit; None if the camera chooses them frame by frame."""
-    automatic = device.control("EXPOSURE_AUTO")
-    if automatic not in (None, v4l2.EXPOSURE_MANUAL):
+    if device.control("EXPOSURE_AUTO") not in (None, v4l2.EXPOSURE_MANUAL):
         return None, None
     exposure, gain = device.control("EXPOSURE_ABSOLUTE"), device.control("GAIN")
     return (
@@ -178,18 +179,17 @@ class V4L2Camera(ThreadedCamera):
     def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
         """Take over a configured device. Raises OSError, CameraError for an unusable clock."""
         super().__init__("v4l2")
-        self._device = device
-        self._layout = layout
+        self._device, self._layout = device, layout
         self._command_lock = asyncio.Lock()
         self._streaming = False
         self._stream = 0
         self._clock_checked = False
-        count = device.request_buffers(_buffer_count(layout, period_ns))
-        buffers = [device.query_buffer(index) for index in range(count)]
+        wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=24, max_bytes=64 << 20)
+        buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits = device.control_range("EXPOSURE_ABSOLUTE")
         capability = device.capability()
-        self._is_uvc = capability.driver == _UVC
+        self._is_uvc = capability.driver == "uvcvideo"
         self._facts = CameraFacts(
             kind="v4l2",
             model=capability.card,
@@ -237,7 +237,7 @@ class V4L2Camera(ThreadedCamera):
                 raise CameraError(f"{self._device.path} does not stream")
             asyncio.get_running_loop().remove_reader(self._device.fd)
             try:
-                await self._in_worker(self._restart, asked_ns + command.delay_ns)
+                await self._in_worker(self._begin_stream, asked_ns + command.delay_ns)
             except OSError as error:
                 self._fail(driver_error(self._device.path, error))
             if self._streaming:
@@ -251,9 +251,8 @@ class V4L2Camera(ThreadedCamera):
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the device's controls with their current values; empty after it was stopped."""
-        if self._closing.is_set():
-            return ()
-        return await self._in_worker(read_controls, self._device, self.facts.model)
+        is_open = not self._closing.is_set()
+        return await self._in_worker(read_controls, self._device, self.facts.model) if is_open else ()
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
@@ -291,21 +290,18 @@ class V4L2Camera(ThreadedCamera):
             with suppress(OSError):
                 self._device.set_control("EXPOSURE_AUTO_PRIORITY", value)
 
-    def _prepare(self) -> None:
+    def _begin_stream(self, start_ns: int | None = None) -> None:
+        """Start in the worker; with `start_ns` of the monotonic clock, stop first, and start then.
+
+        It is one call, so that a concurrent stop releases the device after all steps, not between them.
+        """
+        if start_ns is not None:
+            self._device.stream_off()
         self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
-
-    def _begin_stream(self) -> None:
-        # In one call: a concurrent stop releases the device after both steps, not between them.
-        self._prepare()
-        self._device.stream_on()
-
-    def _restart(self, start_ns: int) -> None:
-        """Stop, wait until `start_ns` of the monotonic clock, and start; runs in the worker."""
-        self._device.stream_off()
-        self._prepare()
-        if wait_for_start(start_ns, self.facts.period_ns, self._closing, time.monotonic_ns):
+        early_ns = 0 if start_ns is None else start_ns - time.monotonic_ns()
+        if wait_for_start(early_ns, self.facts.period_ns, self._closing):
             self._device.stream_on()
 
     def _listen(self) -> None:
@@ -357,12 +353,6 @@ class V4L2Camera(ThreadedCamera):
         self._streaming = False
         asyncio.get_running_loop().remove_reader(self._device.fd)
         self._on_failure(error)
-
-
-def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
-    affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
-    min_count, max_count = _BUFFER_COUNTS
-    return max(min_count, min(max_count, affordable, -(-_BUFFERED_NS // period_ns)))
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:
@@ -422,8 +412,8 @@ def open_video_node(path: str) -> VideoDevice:
 def list_cameras(folder: Path = Path("/dev")) -> list[CameraListing]:
     """Return the V4L2 cameras of this machine in the order of their numbers, including unusable ones."""
     nodes = [node for node in folder.glob("video*") if node.name[5:].isdecimal()]
-    ordered = sorted(nodes, key=lambda node: int(node.name[5:]))
-    return [listing for node in ordered for listing in _listings(node)]
+    nodes.sort(key=lambda node: int(node.name[5:]))
+    return [listing for node in nodes for listing in _listings(node)]
 
 
 def _listings(node: Path) -> Iterator[CameraListing]:
@@ -433,8 +423,7 @@ def _listings(node: Path) -> Iterator[CameraListing]:
         with closing(open_video_node(str(node))) as device:
             capability = device.capability()
             check_capture(str(node), capability)
-            detail = ", ".join(map(str, offered_modes(device)))
-            yield CameraListing(spec, "v4l2", capability.card, detail)
+            yield CameraListing(spec, "v4l2", capability.card, ", ".join(map(str, offered_modes(device))))
     except CameraError:
         return
     except OSError as error:

@@ -129,8 +129,9 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
         rendered.pictures[camera] = develop(light, EXPOSURE_NS, np.random.default_rng(number))
         rendered.depth[camera] = depth
         rendered.object_mask[camera] = things[thing] == OBJECT
+        matrix = view.calibration().matrix(view.width, view.height)
         rendered.views[camera] = View(
-            view.width, view.height, view.matrix, np.zeros(5), view.rotation, view.translation
+            view.width, view.height, matrix, np.zeros(5), view.rotation, view.translation
         )
     return rendered
 

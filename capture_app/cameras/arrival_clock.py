@@ -5,10 +5,7 @@ from math import hypot, log, sqrt
 from capture_app.sync.clock.likely_line import DRIFT, MAX_SKEW, ODD_HOSTS, SKEW, LikelyLine
 
 _BLOCK_NS, _BLOCKS = 1_000_000_000, 20
-_SET_NS = 1_000_000_000
-"""A larger change of the delay between two arrivals means that the counter was set."""
 _STEP = 1e-6
-_SIGMAS = 1.96
 
 
 class ArrivalClock:
@@ -32,16 +29,14 @@ class ArrivalClock:
     def add_arrival(self, counter_ns: int, arrival_ns: int) -> None:
         """Add an arrival: the counter's stamp, and the host's time at which it arrived."""
         block, delay_ns = counter_ns // _BLOCK_NS, arrival_ns - counter_ns
-        if abs(delay_ns - self._last_delay_ns) > _SET_NS:
+        if abs(delay_ns - self._last_delay_ns) > 1_000_000_000:
             self._quickest.clear()  # the counter was set
         self._last_delay_ns = delay_ns
-        known = self._quickest.get(block)
-        if known is not None and known[1] <= delay_ns:
-            return
-        self._quickest[block] = counter_ns, delay_ns
-        for old in sorted(self._quickest)[:-_BLOCKS]:
-            del self._quickest[old]
-        self._line = None
+        if block not in self._quickest or delay_ns < self._quickest[block][1]:
+            self._quickest[block] = counter_ns, delay_ns
+            for old in sorted(self._quickest)[:-_BLOCKS]:
+                del self._quickest[old]
+            self._line = None
 
     def host_ns(self, counter_ns: int) -> int | None:
         """Return the host's time of a counter reading; None before the first arrival."""
@@ -54,8 +49,7 @@ class ArrivalClock:
         """Return the 95 % error of `host_ns`, without the unknown minimum delay."""
         elapsed_ns = float(counter_ns - self._origin_ns)
         span_ns = float(self._origin_ns - min(self._quickest) * _BLOCK_NS) + abs(elapsed_ns)
-        bend_ns = DRIFT * span_ns**2 / 4.0
-        return round(_SIGMAS * hypot(sqrt(self._fitted().variance_at(elapsed_ns)), bend_ns))
+        return round(1.96 * hypot(sqrt(self._fitted().variance_at(elapsed_ns)), DRIFT * span_ns**2 / 4.0))
 
     def _fitted(self) -> LikelyLine:
         if self._line is None:

@@ -110,9 +110,8 @@ class PixelPicture:
         import numpy as np
 
         picture = self.pixels(width)
-        if picture.ndim == 2:
-            return np.asarray(cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_GRAY2BGR), np.uint8)
-        return picture
+        is_grey = picture.ndim == 2
+        return np.asarray(cv2.merge([picture] * 3), np.uint8) if is_grey else picture
 
 
 def step_to(full: int, width: int | None) -> int:

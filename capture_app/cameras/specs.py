@@ -47,8 +47,7 @@ def load_driver(kind: str) -> CameraDriver:
 
 def load_drivers() -> dict[str, CameraDriver]:
     """Import all drivers, by kind, simulated cameras last; a broken one is reported on stderr and skipped."""
-    loaded = load_plugins(GROUP, *ATTRIBUTES)
-    return dict(sorted(loaded.items(), key=lambda item: item[0] == SIMULATED))
+    return dict(sorted(load_plugins(GROUP, *ATTRIBUTES).items(), key=lambda item: item[0] == SIMULATED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,10 +167,8 @@ def read_request(options: Mapping[str, str], camera: str) -> CameraRequest:
     asked: dict[str, Any] = {"format": options.get("format")}
     for key, (low, high) in (_WHOLE | _NUMBERS).items():
         number = read_number(options, key, camera, low=low, high=high)
-        if number is not None and key in _WHOLE:
-            if number != round(number):
-                raise BadInputError(f"{key}={options[key]} of {camera}", hint="a whole number is needed")
-            number = round(number)
+        if number is not None and key in _WHOLE and number != round(number):
+            raise BadInputError(f"{key}={options[key]} of {camera}", hint="a whole number is needed")
         if number is not None:
-            asked[key.replace("-", "_")] = number
+            asked[key.replace("-", "_")] = round(number) if key in _WHOLE else number
     return CameraRequest(**asked)

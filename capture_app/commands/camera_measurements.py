@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capture_app.commands.take import TakeEnd
     from capture_app.protocol.orders import SaveStamp
     from capture_app.rig.camera_times import MeasuredTimes
-    from capture_app.rig.characterize import Character, Moves, Starts
+    from capture_app.rig.characterize import Character, Moves
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
@@ -86,8 +86,7 @@ def calibrate_time(
 
     if folder is None:
         seconds = seconds or (LIGHT_S if light else MOTION_S)
-        todo = TODO["panel" if panel else "light" if light else "motion"]
-        folder = _take(leader, seconds, todo, ready)
+        folder = _take(leader, seconds, TODO["panel" if panel else "light" if light else "motion"], ready)
     session = Session.open(folder)
     talk("measuring")
     found, orders, saved = asyncio.run(calibrate(leader, session, times_by_panel(session) if panel else None))
@@ -116,8 +115,7 @@ def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) 
     from capture_app.rig.taking import TakePlan
 
     talk(f"taking pictures for {seconds:g} s: {todo}")
-    note = "taken to measure timestamp delays"
-    plan = TakePlan(seconds=seconds, name=NAME, note=note, **ready)
+    plan = TakePlan(seconds=seconds, name=NAME, note="taken to measure timestamp delays", **ready)
     taken: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, taken, silent=True))
     require_whole(taken[0], 100.0)
@@ -153,13 +151,13 @@ def times_by_panel(session: "Session", reference: str | None = None) -> "Measure
     for pair in errors.pairs:
         of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
         unsure_ns = max(one.session_uncertainty_ns or 0.0 for one in of_pair)
-        if reference not in pair.cameras or unsure_ns > times.panel.cycle_ns / 2.0:
-            continue
-        sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
-        sd_ms = pair.reading_uncertainty_ns / SIGMAS_95 / 1e6
-        found[name] = MeasuredTime(
-            offset_ms=sign * pair.clock.bias_ns / 1e6, sd_ms=sd_ms, source=StampSource.LIGHT
-        )
+        if reference in pair.cameras and unsure_ns <= times.panel.cycle_ns / 2.0:
+            sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
+            found[name] = MeasuredTime(
+                offset_ms=sign * pair.clock.bias_ns / 1e6,
+                sd_ms=pair.reading_uncertainty_ns / SIGMAS_95 / 1e6,
+                source=StampSource.LIGHT,
+            )
     return MeasuredTimes(reference=reference, cameras=found)
 
 
@@ -169,21 +167,20 @@ def _rows_of(
     from capture_app.common.camera_facts import describe_stamp
 
     for name, time in found.cameras.items():
-        if name not in orders:
-            if name == found.reference:
-                yield name, "unchanged: the reference of all others"
-            elif time.offset_ms is None or time.sd_ms is None:
-                yield name, f"not measured: {time.reason}"
-            else:
-                off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
-                yield name, f"unchanged: better known than the measured {off} ±{unsure}"
-            continue
-        stamp, path = orders[name].stamp, orders[name].asymmetry
-        words = describe_stamp(stamp) if stamp else "unchanged"
-        if path:
-            off = "behind" if path.late_ns > 0 else "ahead"
-            words += f"; its clock was {duration(abs(path.late_ns))} ±{duration(path.uncertainty_ns)} {off}"
-        yield name, words + ("" if saved[name] else "; could not be saved")
+        if name in orders:
+            stamp, path = orders[name].stamp, orders[name].asymmetry
+            words = describe_stamp(stamp) if stamp else "unchanged"
+            if path:
+                off, unsure = duration(abs(path.late_ns)), duration(path.uncertainty_ns)
+                words += f"; its clock was {off} ±{unsure} {'behind' if path.late_ns > 0 else 'ahead'}"
+            yield name, words + ("" if saved[name] else "; could not be saved")
+        elif name == found.reference:
+            yield name, "unchanged: the reference of all others"
+        elif time.offset_ms is None or time.sd_ms is None:
+            yield name, f"not measured: {time.reason}"
+        else:
+            off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
+            yield name, f"unchanged: better known than the measured {off} ±{unsure}"
 
 
 @click.command(
@@ -248,17 +245,13 @@ def _rows(found: "Character") -> list[tuple[str, str]]:
         ("phase control", str(facts.phase_control)),
     ]
     if found.starts is not None:
-        rows.append(("starts", _starts(found.starts)))
+        in_order = sorted(found.starts.latencies_ns)
+        starts = (
+            f"{duration(in_order[len(in_order) // 2])} to the first frame, median of {len(in_order)}; "
+            f"{duration(in_order[-1] - in_order[0])} between fastest and slowest, by "
+        )
+        rows.append(("starts", starts + ("restarts" if found.starts.by_restart else "opening it")))
     return [*(row for row in rows if row[1]), *(_moves(found.moves) if found.moves else ())]
-
-
-def _starts(starts: "Starts") -> str:
-    how = "restarts" if starts.by_restart else "opening it"
-    in_order = sorted(starts.latencies_ns)
-    return (
-        f"{duration(in_order[len(in_order) // 2])} to the first frame, median of {len(in_order)}; "
-        f"{duration(in_order[-1] - in_order[0])} between fastest and slowest, by {how}"
-    )
 
 
 def _moves(moves: "Moves") -> Iterator[tuple[str, str]]:
@@ -278,7 +271,4 @@ def _moves(moves: "Moves") -> Iterator[tuple[str, str]]:
 
 
 def _range(exposures_ns: tuple[int, int] | None) -> str:
-    if exposures_ns is None:
-        return "not reported"
-    shortest, longest = (duration(exposure_ns) for exposure_ns in exposures_ns)
-    return shortest if shortest == longest else f"{shortest} to {longest}"
+    return " to ".join(dict.fromkeys(map(duration, exposures_ns or ()))) or "not reported"

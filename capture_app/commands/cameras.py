@@ -12,7 +12,7 @@ from capture_app.commands.camera_measurements import calibrate_time, characteriz
 from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, reading
 from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
@@ -39,11 +39,14 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
 
     found = asyncio.run(set_cameras(leader, {}))
     if save is not None:
-        profile: Profile = {camera: {} for camera in found}
-        for camera, state in found.items():
-            for of in state.controls:
-                if of.automatic or of.value is not None:
-                    profile[camera][of.control] = "auto" if of.automatic else of.value or 0.0
+        profile: Profile = {
+            camera: {
+                of.control: "auto" if of.automatic else of.value or 0.0
+                for of in state.controls
+                if of.automatic or of.value is not None
+            }
+            for camera, state in found.items()
+        }
         write_atomic(save, pretty_json(profile))
     _answer(as_json, found)
 
@@ -106,16 +109,13 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
     """
     from capture_app.rig.rig_link import match_cameras
 
-    chosen = [Control(name) for name in only] or list(Control)
-    found = asyncio.run(match_cameras(leader, camera, chosen))
-    _answer(as_json, found)
+    _answer(as_json, asyncio.run(match_cameras(leader, camera, list(map(Control, only or NAMES)))))
 
 
 def _read_profile(file: Path) -> Profile:
     try:
-        return msgspec.json.decode(file.read_bytes(), type=Profile)
-    except OSError as error:
-        raise BadInputError(f"cannot read {file}: {error.strerror}", hint="check --profile") from error
+        with reading(file):
+            return msgspec.json.decode(file.read_bytes(), type=Profile)
     except UNREADABLE as error:
         raise BadInputError(
             f"{file} is not a profile: {error}", hint=f"make one: capture-app cameras controls --save {file}"
@@ -126,10 +126,8 @@ def _parse_setting(text: str) -> tuple[Control, ControlValue]:
     name, _, value = text.partition("=")
     if name not in NAMES:
         raise BadInputError(f"{text!r} is not CONTROL=VALUE", hint=f"CONTROL is one of {', '.join(NAMES)}")
-    if value == "auto":
-        return Control(name), "auto"
-    if value == "hold":
-        return Control(name), "hold"
+    if value in ("auto", "hold"):
+        return Control(name), "auto" if value == "auto" else "hold"
     try:
         number = float(value)
         round(number)  # neither infinite nor NaN
@@ -166,7 +164,7 @@ class CamerasGroup(click.Group):
         super().format_options(ctx, formatter)
         rows = []
         for driver in kinds_of_cameras().values():
-            needs = f" Needs {driver.NEEDS}." if driver.NEEDS else ""
+            needs = driver.NEEDS and f" Needs {driver.NEEDS}."
             options = f" Options: {', '.join(driver.OPTIONS)}." if driver.OPTIONS else ""
             rows.append((driver.SPEC, driver.HELP + needs + options))
         with formatter.section("Cameras"):
@@ -196,8 +194,8 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
     answer(as_json, {"cameras": found}, [table(("spec", "model", "detail"), rows)])
 
 
-cameras.add_command(characterize)
-cameras.add_command(calibrate_time)
+for _command in (characterize, calibrate_time, controls, set_command, match):
+    cameras.add_command(_command)
 
 
 @cameras.command(
@@ -219,17 +217,17 @@ def add(
     Cameras of other machines join by themselves: capture-app node.
     """
     from capture_app.common.passwords import reveal_password
-    from capture_app.protocol.orders import AddCamera, AddSimulated
+    from capture_app.protocol.orders import AddCamera, AddSimulated, Order
     from capture_app.rig.rig_link import give_order
 
     if (spec is None) == (simulated is None):
         raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
+    if spec is None and name is not None:
+        raise click.UsageError("--name is for one camera, not with --simulated")
+    order: Order = AddSimulated(cameras=simulated or 1, scene=scene)
     if spec is not None:
-        names = asyncio.run(give_order(leader, AddCamera(spec=reveal_password(spec), name=name)))
-    else:
-        if name is not None:
-            raise click.UsageError("--name is for one camera, not with --simulated")
-        names = asyncio.run(give_order(leader, AddSimulated(cameras=simulated or 1, scene=scene)))
+        order = AddCamera(spec=reveal_password(spec), name=name)
+    names = asyncio.run(give_order(leader, order))
     answer(as_json, {"added": names}, names)
 
 
@@ -270,17 +268,10 @@ def _facts(detail: "NodeDetail") -> Iterator[tuple[str, str]]:
     if detail.disk_free_bytes is not None:
         yield "spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"
     if detail.samples:
-        round_trips_ns = sorted(round_trip_ns for _, round_trip_ns in detail.samples)
-        middle = duration(round_trips_ns[len(round_trips_ns) // 2])
-        yield (
-            "round trip",
-            f"{duration(round_trips_ns[0])} minimum, {middle} median of {len(round_trips_ns)}",
-        )
+        all_ns = sorted(round_trip_ns for _, round_trip_ns in detail.samples)
+        middle = duration(all_ns[len(all_ns) // 2])
+        yield "round trip", f"{duration(all_ns[0])} minimum, {middle} median of {len(all_ns)}"
     if detail.phase_errors_ns:
         errors_ns = sorted(map(abs, detail.phase_errors_ns))
         worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
         yield "phase error", f"{duration(errors_ns[len(errors_ns) // 2])} median, {worst}"
-
-
-for _command in (controls, set_command, match):
-    cameras.add_command(_command)

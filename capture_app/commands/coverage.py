@@ -1,6 +1,7 @@
 """`capture-app coverage`: coverage of the images by a calibration board in front of a running rig."""
 
 import asyncio
+import contextlib
 import functools
 import sys
 from collections.abc import Callable
@@ -76,8 +77,8 @@ async def _count(
     from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
     from capture_app.session.reading.decoding import decode_preview
 
-    nodes = (await ask_status(leader)).nodes
-    cameras = {n.name: (n.camera.width, n.camera.height) for n in nodes if n.camera.width}
+    rig = await ask_status(leader)
+    cameras = {node.name: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width}
     if not cameras:
         raise IncompleteError(
             f"no camera has joined {leader}",
@@ -89,28 +90,23 @@ async def _count(
     shown = CoverageCount(board, cameras).coverage()
     show(shown)
     lost = False
-    try:
+    with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(for_s):
             async for update in link.updates():
                 # The link reconnects by itself, and requests the previews again.
                 if isinstance(update, LinkLost):
                     talk(f"{update.reason}; reconnecting, and the count so far is kept")
-                    lost = True
-                    continue
-                if lost:
+                elif lost:
                     talk("the rig is connected again: the count continues")
-                    lost = False
-                if not isinstance(update, Preview) or update.camera not in cameras:
-                    continue
-                preview = await asyncio.to_thread(decode_preview, update.jpeg)
-                now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
-                if now != shown:
-                    show(now)
+                lost = isinstance(update, LinkLost)
+                if isinstance(update, Preview) and update.camera in cameras:
+                    preview = await asyncio.to_thread(decode_preview, update.jpeg)
+                    now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
+                    if now != shown:
+                        show(now)
                     shown = now
-                if now.enough:
-                    break
-    except TimeoutError:
-        pass
+                    if now.enough:
+                        break
     return shown
 
 

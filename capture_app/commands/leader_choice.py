@@ -62,21 +62,19 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
         return
     for leader in leaders:
         try:
-            if not asyncio.run(membership.needs_pairing(leader)):
-                continue
-            if code is not None:
+            needs_pairing = asyncio.run(membership.needs_pairing(leader))
+            if needs_pairing and code is not None:
                 pair_with(leader, code)
                 code = None  # it is good once
-            elif sys.stdin.isatty():
+            elif needs_pairing and sys.stdin.isatty():
                 talk(f"This machine is not paired with the leader at {leader}.")
                 talk(
                     "On the leader's machine, capture-app trust invite or i in the terminal UI shows a code."
                 )
                 ask_and_pair(leader)
-        except UnknownMachineError:
-            raise
-        except NetworkError:
-            continue
+        except NetworkError as error:
+            if isinstance(error, UnknownMachineError):
+                raise
 
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
@@ -100,11 +98,8 @@ def ask_and_pair(leader: Address) -> tuple[Role, ...]:
 
 def joining_command(leader: str, role: Role, code: str) -> str:
     """Return the command to type on the machine that is to join the leader."""
-    if role is Role.CAMERA:
-        return f'capture-app node --leader {leader} --camera SPEC --code "{show_code(code)}"'
-    if role is Role.RELAY:
-        return f'capture-app relay {leader} --code "{show_code(code)}"'
-    return f'capture-app trust pair {leader} --code "{show_code(code)}"'
+    joining = {Role.CAMERA: f"node --leader {leader} --camera SPEC", Role.RELAY: f"relay {leader}"}
+    return f'capture-app {joining.get(role, f"trust pair {leader}")} --code "{show_code(code)}"'
 
 
 @contextlib.asynccontextmanager
@@ -147,8 +142,7 @@ def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
         import segno
 
         segno.make(invited.url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
-    minutes = max(1, invited.good_for_s // 60)
-    talk(f"open this page on one phone within {minutes} minutes: {invited.url}")
+    talk(f"open this page on one phone within {max(1, invited.good_for_s // 60)} minutes: {invited.url}")
     talk("its browser warns once of the certificate; on an untrusted network compare its SHA-256 there:")
     talk(f"  {invited.fingerprint}")
 
@@ -194,5 +188,4 @@ def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLea
     for number, one in enumerate(found, 1):
         talk(f"{number}  {one.addresses[0]}  {one.name}{'' if one.is_known else '  (not paired)'}")
     which = click.IntRange(1, len(found))
-    chosen: int = click.prompt("Several leaders are here. Which", type=which, default=1, err=True)
-    return found[chosen - 1]
+    return found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]

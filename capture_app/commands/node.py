@@ -1,8 +1,7 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
-import sys
+import functools
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -10,6 +9,7 @@ from click.core import ParameterSource
 from capture_app.commands.leader_choice import leaders_to_join, pairing_options
 from capture_app.commands.shared_options import (
     clock_option,
+    confirm,
     leaders_option,
     name_option,
     open_option,
@@ -18,12 +18,8 @@ from capture_app.commands.shared_options import (
 )
 from capture_app.common.address import Address
 from capture_app.common.clock import parse_clock
-from capture_app.common.errors import NotAvailableError
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
-
-if TYPE_CHECKING:
-    from capture_app.protocol.log import Log
 
 
 @click.command(
@@ -118,7 +114,7 @@ def node(
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
             spool=spool,
-            log=_log_of(one),
+            log=Log(functools.partial(_log_line_of, one), name=one),
             **ring,
         )
         for one, spec in named.items()
@@ -126,10 +122,8 @@ def node(
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 
-def _log_of(name: str) -> "Log":
-    from capture_app.protocol.log import Log
-
-    return Log(lambda line: log_line(f"{name}: {line}"), name=name)
+def _log_line_of(name: str, line: str) -> None:
+    log_line(f"{name}: {line}")
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
@@ -142,12 +136,8 @@ def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
         return
     print_line(f"# {service.path}\n{service.text()}")
     if not yes:
-        if not sys.stdin.isatty():
-            raise NotAvailableError(
-                "the service is not installed: there is no terminal to ask at", hint="confirm with --yes"
-            )
         question = "Write this file, and start the node now and whenever the machine starts?"
-        click.confirm(question, abort=True, err=True)
+        confirm(question, "the service is not installed: there is no terminal to ask at")
     left_to_do = service.install()
     talk(f"{name} is running, and starts with this machine; its log: {service.log_command}")
     if left_to_do:

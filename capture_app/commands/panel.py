@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from capture_app.panel.session_times import SessionTimes
 
 RESULT = "panel.json"
-_SEEN = ("read", "refused", "95 % error", "exposure", "row time")
-_APART = ("error", "mean abs", "std", "largest", "mean", "instants")
-_NONE = "No instant has two readable pictures, so no cameras can be compared."
 RATE_LIMIT_PPM = 3_000.0
 """Maximum rate difference of panel and session; beyond it the markers name another panel."""
 
@@ -51,8 +48,7 @@ def read(session: Path, out: Path | None, as_json: bool) -> None:
     from capture_app.session.reading.reader import Session
 
     times = read_session(Session.open(session), show_count("pictures"))
-    errors = rig_errors(times)
-    found = _as_json(times, errors)
+    found = _as_json(times, rig_errors(times))
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
             (output.folder / RESULT).write_bytes(pretty_json(found))
@@ -93,9 +89,17 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
 
 def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
     """Return the verdict, tables and notes of a panel reading, as the terminal and the screen show them."""
-    name = times.panel.name
-    apart = f"{name}: time differences (phase: by timestamps; clock: the rest)"
-    tables = [(apart, _APART, _apart(errors)), (f"{name} in the pictures", _SEEN, _seen(times))]
+    panel = times.panel
+    apart = f"{panel.name}: time differences (phase: by timestamps; clock: the rest)"
+    ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
+    tables = [
+        (apart, ("error", "mean abs", "std", "largest", "mean", "instants"), _apart(errors)),
+        (
+            f"{panel.name} in the pictures",
+            ("read", "refused", "95 % error", "exposure", "row time"),
+            [_camera_row(times, name) for name in times.cameras],
+        ),
+    ]
     return {
         "verdict": _verdict(errors),
         "tables": [
@@ -103,7 +107,11 @@ def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
             for caption, columns, rows in tables
             if rows
         ],
-        "remarks": [_about(times), *_refused(times), *_judgement(times, errors)],
+        "remarks": [
+            f"panel {panel.name}: a tick lasts {ticks}, and the pattern repeats after {cycle}",
+            *(f"{image.camera}, instant {image.instant}, refused: {why}" for image, why in times.refusals),
+            *_judgement(times, errors),
+        ],
     }
 
 
@@ -115,34 +123,18 @@ def _lines(words: Mapping[str, Any]) -> Iterator[str]:
     yield "\n" + "\n".join(words["remarks"])
 
 
-def _about(times: "SessionTimes") -> str:
-    panel = times.panel
-    ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
-    return f"panel {panel.name}: a tick lasts {ticks}, and the pattern repeats after {cycle}"
-
-
-def _refused(times: "SessionTimes") -> list[str]:
-    return [f"{image.camera}, instant {image.instant}, refused: {reason}" for image, reason in times.refusals]
-
-
-def _seen(times: "SessionTimes") -> list[tuple[str, ...]]:
-    return [_camera_row(times, name) for name in times.cameras]
-
-
 def _apart(errors: "RigErrors") -> "list[tuple[str, ...]]":
-    rows = [row for pair in errors.pairs for row in _rows(" - ".join(pair.cameras), pair)]
-    if len(errors.pairs) > 1 and errors.all is not None:
-        rows += _rows("all pairs", errors.all)
-    return rows
+    tables = [(" - ".join(pair.cameras), pair) for pair in errors.pairs]
+    every = [("all pairs", errors.all)] if len(errors.pairs) > 1 and errors.all is not None else []
+    return [row for name, pairs in tables + every for row in _rows(name, pairs)]
 
 
 def _verdict(errors: "RigErrors") -> str:
     """Return the time differences in a sentence."""
-    every = errors.all
+    every, held = errors.all, errors.within_uncertainty
     if every is None:
-        return _NONE
+        return "No instant has two readable pictures, so no cameras can be compared."
     largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
-    held = errors.within_uncertainty
     bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
     result = f"{duration(every.total.mean_abs_ns)} apart{largest}"
     return f"{result}; the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
@@ -183,9 +175,9 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
 def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     if errors.all is None:
         return
-    yield (f"The panel resolves differences of ±{duration(errors.all.reading_uncertainty_ns)} (95 %).")
+    tick_ns = times.panel.tick_ns
+    yield f"The panel resolves differences of ±{duration(errors.all.reading_uncertainty_ns)} (95 %)."
     if times.panel.is_screen:
-        tick_ns = times.panel.tick_ns
         yield (
             f"A screen of {1e9 / tick_ns:.0f} Hz changes every {duration(tick_ns)}, row by row; "
             "a panel of LEDs resolves microseconds."
@@ -326,8 +318,7 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     panel = panel_named(name)
     if panel.is_screen:
         raise BadInputError(f"{name} is a screen, not an LED panel", hint="capture-app panel show draws it")
-    files = write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)
-    paths = [str(file) for file in files]
+    paths = [str(file) for file in write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)]
     result = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
     begin = f"start with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
     answer(as_json, result, paths, said=begin)

@@ -1,7 +1,7 @@
 """`capture-app preview`: a small live image of a camera of a rig."""
 
 import asyncio
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -64,29 +64,29 @@ async def _next_preview(
     status = await ask_status(leader)
     known = [node.name for node in status.nodes]
     if camera not in known:
-        there = f"cameras: {', '.join(known)}" if known else "no camera has joined it"
-        raise IncompleteError(f"{leader} has no camera named {camera}", hint=there)
+        raise IncompleteError(
+            f"{leader} has no camera named {camera}",
+            hint=f"cameras: {', '.join(known)}" if known else "no camera has joined it",
+        )
     link = RigLink(leader)
-    try:
+    with suppress(TimeoutError):
         async with asyncio.timeout(wait_s):
             if depth:
                 from capture_app.rig.live_depth import live_depth
 
                 async with aclosing(live_depth(link, status, lambda: camera)) as depths:
-                    async for found in depths:
-                        if found.problem:
-                            raise IncompleteError(found.problem)
-                        facts = {"camera": camera, "leader_ns": found.instant_ns}
-                        return facts | {"moving_confirmed": found.moving_confirmed}, found.jpeg
+                    found = await anext(depths)
+                if found.problem:
+                    raise IncompleteError(found.problem)
+                facts = {"leader_ns": found.instant_ns, "moving_confirmed": found.moving_confirmed}
+                return {"camera": camera, **facts}, found.jpeg
             await link.want_previews(cameras=(camera,), width=width, fps=5)
             async for update in link.updates():
                 if isinstance(update, Preview):
-                    facts = {"camera": camera, "leader_ns": update.leader_ns}
-                    return facts | {"width": update.width, "height": update.height}, update.jpeg
+                    facts = {"leader_ns": update.leader_ns, "width": update.width, "height": update.height}
+                    return {"camera": camera, **facts}, update.jpeg
                 if isinstance(update, LinkLost):
                     raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
-    except TimeoutError:
-        pass
     raise IncompleteError(
         f"{camera} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
     )

@@ -1,16 +1,15 @@
 """`capture-app sessions` rename, note, trash, restore, empty-trash, repair, sheet and wiggle."""
 
 import asyncio
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.session_text import format_date
-from capture_app.commands.shared_options import ADDRESS, ANY_PATH
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH, confirm
 from capture_app.common.address import DEFAULT_PORT, Address
-from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.console.terminal import (
     FiniteRange,
@@ -90,10 +89,9 @@ def trash(paths: tuple[Path, ...], as_json: bool) -> None:
 @json_option
 def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -> None:
     """Restore SESSION (its earlier path, or its id) from the trash; by default the latest one."""
-    default = Path("sessions")
-    if session is not None and len(session.parts) > 1:
-        default = session.parent
-    folder = restore_session(root or default, "" if session is None else session.name, name=name)
+    session = session or Path()
+    default = session.parent if len(session.parts) > 1 else Path("sessions")
+    folder = restore_session(root or default, session.name, name=name)
     answer(as_json, {"session": str(folder)}, [str(folder)])
 
 
@@ -102,8 +100,8 @@ def list_trash(root: Path, as_json: bool) -> None:
     found = trashed_sessions(root)
     rows = [(one.id, one.name, format_date(one.trashed)) for one in found]
     lines = [table(("id", "name", "trashed (UTC)"), rows)] if rows else []
-    empty = "" if found else f"the trash of {root} is empty"
-    answer(as_json, {"root": str(root), "trash": found}, lines, said=empty)
+    said = "" if found else f"the trash of {root} is empty"
+    answer(as_json, {"root": str(root), "trash": found}, lines, said=said)
 
 
 @click.command(
@@ -116,12 +114,9 @@ def list_trash(root: Path, as_json: bool) -> None:
 def empty(root: Path, yes: bool, as_json: bool) -> None:
     """Permanently delete the trash of the folder ROOT (default: ./sessions)."""
     found = trashed_sessions(root)
+    sessions = count(len(found), "session")
     if found and not yes:
-        if not sys.stdin.isatty():
-            raise NotAvailableError(
-                f"{count(len(found), 'session')} would be deleted permanently", hint="confirm with --yes"
-            )
-        click.confirm(f"Delete {count(len(found), 'session')} in {root} permanently?", abort=True, err=True)
+        confirm(f"Delete {sessions} in {root} permanently?", f"{sessions} would be deleted permanently")
     deleted = empty_trash(root)
     answer(as_json, {"root": str(root), "deleted": deleted}, [f"{root}: {deleted} deleted"])
 
@@ -239,8 +234,7 @@ def wiggle(
     suffix = _check_file(out, (".gif", ".webp"), replace=replace)
     opened = TakeSheet.open(session)
     shown = opened.instants // 2 if instant is None else instant
-    frames = wiggle_frames(opened, shown, width)
-    step_ms = round(1000 / fps)
+    frames, step_ms = wiggle_frames(opened, shown, width), round(1000 / fps)
     _write(out, encode_animation(frames, suffix, step_ms, step_ms))
     result = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
     answer(as_json, result, [str(out)])

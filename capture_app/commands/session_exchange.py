@@ -189,10 +189,8 @@ def _aligned_by_motion(session: Session) -> Session:
     """Align a calibrated session by motion if its times are uncertain; return the session as it is then."""
     from importlib.util import find_spec
 
-    times, calibration = session.manifest.burst.common_times, session.calibration()
-    why_not_synchronized = times is not None and times.why_not_synchronized(session.manifest.burst.period_ns)
-    alone = len(session.manifest.burst.instants_ns) < 2
-    if alone or not why_not_synchronized or calibration is None or find_spec(RECONSTRUCTION) is None:
+    uncertain = _are_times_uncertain(session) and session.calibration() is not None
+    if not uncertain or find_spec(RECONSTRUCTION) is None:
         return session
     talk("aligning by motion, as no other method applies")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
@@ -200,6 +198,13 @@ def _aligned_by_motion(session: Session) -> Session:
     lines = (found.stdout if found.returncode == 0 else found.stderr).strip().splitlines()
     talk(f"by motion: {lines[-1] if lines else 'no answer'}")
     return Session.open(session.folder)
+
+
+def _are_times_uncertain(session: Session) -> bool:
+    """Return whether a session has several instants, and common times too inaccurate to synchronize it."""
+    burst = session.manifest.burst
+    times = None if len(burst.instants_ns) < 2 else burst.common_times
+    return times is not None and bool(times.why_not_synchronized(burst.period_ns))
 
 
 def _say_next(session: Session) -> None:
@@ -210,18 +215,17 @@ def _say_next(session: Session) -> None:
     if problems:
         raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
-    times = session.manifest.burst.common_times
-    alone, calibrated = len(session.manifest.burst.instants_ns) < 2, session.calibration() is not None
+    calibrated = session.calibration() is not None
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
-    elif not alone and times is not None and times.why_not_synchronized(session.manifest.burst.period_ns):
+    elif _are_times_uncertain(session):
         # Alignment of a calibrated session was tried just now.
         step = f"{'capture-app sessions show' if calibrated else 'reconstruct time --apply'} {session.folder}"
     elif not calibrated:
         step = f"reconstruct calibrate {session.folder}"
     else:
         # One instant has no other to compare it with.
-        command = "multiview" if alone else "compare"
+        command = "multiview" if len(session.manifest.burst.instants_ns) < 2 else "compare"
         step = f"reconstruct {command} {session.folder} --out {session.folder.name}-{command}"
     talk(f"next: {step}")
 
@@ -245,9 +249,7 @@ class _ExportCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Load the exporter that is named, and all others only where an option is not one of its own."""
-        words = [
-            argument for arg in args for argument in (arg.split("=", 1) if arg.startswith("--to=") else [arg])
-        ]
+        words = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--to=") else [arg])]
         named = [name for option, name in pairwise(words) if option == "--to"]
         if len(named) != 1 or named[0] not in plugin_names(GROUP) or {"-h", "--help"} & set(args):
             return super().parse_args(ctx, args)

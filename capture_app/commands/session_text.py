@@ -33,10 +33,15 @@ def list_entry(card: SessionCard) -> dict[str, Any]:
 
 def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
     """Yield a table of the sessions, and a line for each unusable one."""
-    rows = []
-    for one in (one for one in found if not one.problem):
-        numbers = map(str, (len(one.cameras), one.instants, one.images, one.missing))
-        rows.append((one.name, format_date(one.created), *numbers, one.origin))
+    rows = [
+        (
+            *(one.name, format_date(one.created)),
+            *map(str, (len(one.cameras), one.instants, one.images, one.missing)),
+            one.origin,
+        )
+        for one in found
+        if not one.problem
+    ]
     if rows:
         yield table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
     yield from (f"unusable: {one.name}: {one.problem} ({one.remedy})" for one in found if one.problem)
@@ -56,11 +61,9 @@ def session_lines(session: Session) -> Iterator[str]:
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing"
     )
-    skipped, verdict = skipped_text(manifest.burst.skipped), judge(manifest)
+    skipped, scatter = skipped_text(manifest.burst.skipped), _describe_scatter(session)
     calibrated = "calibrated" if session.calibration() is not None else "not calibrated"
-    yield from filter(
-        None, (skipped, *_describe_scatter(session), verdict.headline, calibrated, manifest.note)
-    )
+    yield from filter(None, (skipped, *scatter, judge(manifest).headline, calibrated, manifest.note))
     yield ""
     head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
     yield table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
@@ -85,10 +88,8 @@ def _describe_scatter(session: Session) -> Iterator[str]:
     if times is not None and times.unknown:
         yield from (verdict.sentence, times.reason, *describe_common_times(times)[1:])
         return
-    images = session.images_by_instant()
-    differences_ns = [
-        difference_ns for difference_ns, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1
-    ]
+    instants = zip(sync.spread_ns, session.images_by_instant(), strict=True)
+    differences_ns = [difference_ns for difference_ns, images in instants if len(images) > 1]
     if not differences_ns:
         return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
@@ -97,9 +98,9 @@ def _describe_scatter(session: Session) -> Iterator[str]:
         verdict.sentence,
         verdict.stamps,
     )
-    if true_differences_ns := _true_differences_ns(session):
-        cost = pixels(max(true_differences_ns), PX_PER_S)
-        yield f"by the ground truth they are {_describe_differences(true_differences_ns)}: {cost}"
+    if true_ns := _true_differences_ns(session):
+        cost = pixels(max(true_ns), PX_PER_S)
+        yield f"by the ground truth they are {_describe_differences(true_ns)}: {cost}"
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         yield (
             "rolling shutter: rows of the same number are up to "

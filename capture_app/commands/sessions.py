@@ -55,13 +55,8 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         list_trash(root, as_json)
         return
     found = [] if nothing_yet else list_sessions(root)
-    nothing = "" if found else f"no sessions in {root}"
-    answer(
-        as_json,
-        {"root": str(root), "sessions": [list_entry(card) for card in found]},
-        list_lines(found),
-        said=nothing,
-    )
+    result = {"root": str(root), "sessions": [list_entry(card) for card in found]}
+    answer(as_json, result, list_lines(found), said="" if found else f"no sessions in {root}")
     for path in unfinished_outputs(root):
         talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {root}")
 
@@ -96,10 +91,11 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
         results.append({"session": str(path), "ok": not problems, "problems": problems})
         if problems and failure is None:
             more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
-            what = f"{path} is damaged: {problems[0]}{more}"
             lost = all(problem.kind == "missing" for problem in problems)
-            kind = IncompleteError if lost else BadInputError
-            failure = kind(what, hint=f"copy it again, or try capture-app sessions repair {path}")
+            failure = (IncompleteError if lost else BadInputError)(
+                f"{path} is damaged: {problems[0]}{more}",
+                hint=f"copy it again, or try capture-app sessions repair {path}",
+            )
         if not as_json:
             for problem in problems:
                 print_line(f"{path}: {problem}")

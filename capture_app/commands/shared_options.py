@@ -14,7 +14,7 @@ import click
 from platformdirs import user_state_path
 
 from capture_app.common.address import DEFAULT_PORT, Address, parse_address
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import check_name, name_like
 from capture_app.console.output import wait_for_no_reader
 from capture_app.console.terminal import ParsedType
@@ -29,7 +29,6 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 ADDRESS = ParsedType("host:port", parse_address)
-_DEFAULT_LEADER = f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
 
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -60,7 +59,7 @@ _leader_option = click.option(
     "--leader",
     type=ADDRESS,
     default=_default_leader,
-    show_default=_DEFAULT_LEADER,
+    show_default=f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )
@@ -197,13 +196,19 @@ def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamS
     """Make the followers of these options. Raises BadInputError for a host without an IPv4 address."""
     from capture_app.interop.rpicam import RpicamSync
 
-    if not hosts:
-        return []
     try:
         found = [socket.gethostbyname(host) for host in hosts if host != "all"]
     except (OSError, UnicodeError) as error:
         raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="give a host, or all") from None
-    return [RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))]
+    sync = RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))
+    return [sync] if hosts else []
+
+
+def confirm(question: str, refusal: str) -> None:
+    """Ask at the terminal, and end the command without a yes. Raises NotAvailableError without a terminal."""
+    if not sys.stdin.isatty():
+        raise NotAvailableError(refusal, hint="confirm with --yes")
+    click.confirm(question, abort=True, err=True)
 
 
 def restrict_file_access() -> None:

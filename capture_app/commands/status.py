@@ -16,7 +16,7 @@ from capture_app.console.terminal import answer, json_option, print_json_line, p
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.protocol.status import NodeStatus, RigStatus
+    from capture_app.protocol.status import FollowerStatus, NodeStatus, RigStatus
 
 NO_TIME = "-"
 _STAMPS = "stamps µs"
@@ -91,28 +91,24 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
         shown = [one for one in rows[0] if one != _STAMPS or any(row[one] != NO_TIME for row in rows)]
         yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:
-        yield table(
-            ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"), _phone_rows(rig)
-        )
+        head = ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address")
+        yield table(head, map(_phone_row, rig.app_phones))
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
-        cancel = f"capture-app burst --cancel {ahead.burst}"
-        yield f"burst {ahead.burst} ({ahead.name}) begins in {begins}; cancel it: {cancel}"
+        burst = f"burst {ahead.burst} ({ahead.name}) begins in {begins}"
+        yield f"{burst}; cancel it: capture-app burst --cancel {ahead.burst}"
     yield from (f"saved {path}" for path in rig.sessions)
 
 
-def _phone_rows(rig: "RigStatus") -> list[tuple[str, ...]]:
-    return [
-        (
-            phone.name,
-            phone.state,
-            _microseconds(phone.uncertainty_ns),
-            _microseconds(phone.hard_bound_ns),
-            "-" if phone.skew_ppm is None else f"{phone.skew_ppm:+.1f}",
-            phone.address,
-        )
-        for phone in rig.app_phones
-    ]
+def _phone_row(phone: "FollowerStatus") -> tuple[str, ...]:
+    return (
+        phone.name,
+        phone.state,
+        _microseconds(phone.uncertainty_ns),
+        _microseconds(phone.hard_bound_ns),
+        "-" if phone.skew_ppm is None else f"{phone.skew_ppm:+.1f}",
+        phone.address,
+    )
 
 
 def _node_row(node: "NodeStatus") -> dict[str, str]:

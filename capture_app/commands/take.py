@@ -283,8 +283,7 @@ def burst(
         return
     if consecutive and chosen["spare"]:
         raise click.UsageError("--consecutive and --spare exclude each other")
-    if consecutive:
-        chosen["spare"] = 0
+    chosen |= {"spare": 0} if consecutive else {}
     plan = TakePlan(**chosen, on_motion=region if on_motion else None)
     ended: list[TakeEnd] = []
     try:
@@ -373,8 +372,7 @@ def record(
         return
     if fps is not None and every_s is not None:
         raise click.UsageError("give --fps or --every-s, not both")
-    interval_s = every_s if fps is None else 1 / fps
-    plan = TakePlan(interval_s=interval_s, video=True, **chosen)
+    plan = TakePlan(interval_s=every_s if fps is None else 1 / fps, video=True, **chosen)
     ended: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, ended, silent=as_json, detach=detach))
     begun = isinstance(ended[0], Progress)

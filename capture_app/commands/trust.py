@@ -56,7 +56,7 @@ def list_command(as_json: bool) -> None:
             one.name,
             ", ".join(one.roles),
             one.pin,
-            _day(one.added_unix_s),
+            f"{datetime.fromtimestamp(one.added_unix_s, UTC).astimezone():%Y-%m-%d}",
             one.vouched_by and "its leader",
         )
         for one in machines
@@ -127,7 +127,3 @@ def pair(leader: Address, code: str | None, as_json: bool) -> None:
         raise click.UsageError("without a terminal, give --code")
     roles = ask_and_pair(leader) if code is None else pair_with(leader, code)
     answer(as_json, {"leader": str(leader), "roles": roles})
-
-
-def _day(unix_s: int) -> str:
-    return f"{datetime.fromtimestamp(unix_s, UTC).astimezone():%Y-%m-%d}"

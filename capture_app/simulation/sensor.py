@@ -73,9 +73,8 @@ class Sensor:
         self.stream += 1
         self.streaming = True
         self._rows = self._sequence = self._late_ns = 0
-        self._delay_ns.clear()
-        self._exposure_rows.clear()
-        self._length_rows.clear()
+        for changes in (self._delay_ns, self._exposure_rows, self._length_rows):
+            changes.clear()
 
     def stop(self) -> None:
         """End the stream and discard pending commands. Calling it twice is harmless."""
@@ -132,8 +131,7 @@ class Sensor:
         """Return the sequence number of the first frame that a command can change, arriving at `true_ns`."""
         latency = self._command_rng.randint(*self.profile.command_latency_frames)
         after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
-        since_last_ns = true_ns - self._start_of(self._rows)
-        exposed = self._sequence + since_last_ns // self.profile.period_ns
+        exposed = self._sequence + (true_ns - self._start_of(self._rows)) // self.profile.period_ns
         return max(exposed + latency, self._sequence, after_last)
 
     def next_frame(self) -> SensorFrame:
@@ -165,5 +163,5 @@ class Sensor:
     def _start_of(self, rows: int) -> int:
         """Return the true start in ns of the frame `rows` into the stream; integers, so no errors add up."""
         nominal_ns = rows * self.profile.row_time_ns
-        stretched_ns = nominal_ns + nominal_ns * self._error_ppb // 10**9
-        return self._stream_start_true_ns + stretched_ns + self._late_ns
+        stretch_ns = nominal_ns * self._error_ppb // 10**9
+        return self._stream_start_true_ns + nominal_ns + stretch_ns + self._late_ns

@@ -110,22 +110,20 @@ class SimulatedControls:
         """Update an automatic exposure; return whether it has changed."""
         if not self.automatic:
             return False
-        before = self._chosen_ns
-        factor = 1.0 + WANDER * math.sin(2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS)
-        self._chosen_ns = self._whole(factor * self._profile.exposure_ns)
-        return self._chosen_ns != before
+        before_ns, turn = self._chosen_ns, 2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS
+        self._chosen_ns = self._whole((1.0 + WANDER * math.sin(turn)) * self._profile.exposure_ns)
+        return self._chosen_ns != before_ns
 
     def states(self) -> tuple[ControlState, ...]:
         """Return all controls with their current values."""
-        min_ns, max_ns = self._whole(0), self._whole(self._profile.period_ns)
         exposure = ControlState(
             control=Control.EXPOSURE,
             value=self.exposure_ns / 1000,
             unit=MICROSECONDS,
             automatic=self.automatic,
             can_be_automatic=True,
-            minimum=min_ns / 1000,
-            maximum=max_ns / 1000,
+            minimum=self._whole(0) / 1000,
+            maximum=self._whole(self._profile.period_ns) / 1000,
         )
         gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=MAX_GAIN)
         white_balance = ControlState(
@@ -223,14 +221,10 @@ class SimulatedCamera(Camera):
         `automatic`: it chooses its exposure itself, until that is set.
         `calibrated`: it reports the view's true calibration, as no real camera does.
         """
-        self._calibrated = calibrated
-        self._sensor = sensor
-        self._source = source
-        self._clock = clock
-        self._seed = seed
+        self._sensor, self._source, self._calibrated = sensor, source, calibrated
+        self._clock, self._seed, self._delivery_rng = clock, seed, random.Random(seed)
         self._fail_after_ns = fail_after_ns
         self._fail_at_true_ns: int | None = None
-        self._delivery_rng = random.Random(seed)
         self._started = False
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None
@@ -265,16 +259,15 @@ class SimulatedCamera(Camera):
         true_ns = self._true_now_ns()
         if isinstance(command, InjectFrame):
             self._sensor.inject(command.exposure_ns, true_ns)
-            return
-        if isinstance(command, SetFrameDuration):
+        elif isinstance(command, SetFrameDuration):
             self._sensor.set_frame_duration(command.duration_ns, true_ns)
-            return
-        self._sensor.stop()
-        self._cancel()
-        loop = asyncio.get_running_loop()
-        self._restarting = loop.create_future()
-        self._timer = loop.call_later(command.delay_ns / 1e9, self._start_stream, true_ns + command.delay_ns)
-        await self._restarting
+        else:
+            self._sensor.stop()
+            self._cancel()
+            loop, start_ns = asyncio.get_running_loop(), true_ns + command.delay_ns
+            self._restarting = loop.create_future()
+            self._timer = loop.call_later(command.delay_ns / 1e9, self._start_stream, start_ns)
+            await self._restarting
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return exposure, gain and white balance."""
@@ -307,15 +300,15 @@ class SimulatedCamera(Camera):
             self._expose()
         frame = self._sensor.next_frame()
         due_true_ns = frame.readout_end_true_ns + self._delivery_rng.randint(*DELIVERY_NS)
-        delay_ns = max(0, due_true_ns - self._true_now_ns())
-        self._timer = asyncio.get_running_loop().call_later(delay_ns / 1e9, self._deliver, frame, due_true_ns)
+        delay_s = max(0, due_true_ns - self._true_now_ns()) / 1e9
+        self._timer = asyncio.get_running_loop().call_later(delay_s, self._deliver, frame, due_true_ns)
 
     def _deliver(self, frame: SensorFrame, due_true_ns: int) -> None:
         now_true_ns = self._true_now_ns()
         if self._fail_at_true_ns is not None and now_true_ns >= self._fail_at_true_ns:
             self._halt()
-            what = f"the {self.facts.model} went away"
-            self._on_failure(CameraError(what, hint="as its option fail_after_s asks"))
+            error = CameraError(f"the {self.facts.model} went away", hint="as its option fail_after_s asks")
+            self._on_failure(error)
             return
         # Set the next timer first, because the callback may stop the camera.
         self._await_next()
@@ -383,8 +376,9 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     source: PictureSource
     if "replay" in options:
         if not {"scene", "view", "scale"}.isdisjoint(options):
-            hint = "leave scene=, view= and scale= out"
-            raise BadInputError("a camera that replays a file has no scene", hint=hint)
+            raise BadInputError(
+                "a camera that replays a file has no scene", hint="leave scene=, view= and scale= out"
+            )
         source = Replay.open(Path(options["replay"]))
     else:
         source = open_picture_source(

@@ -64,7 +64,9 @@ async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_pat
 
 async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -> None:
     with pytest.raises(SimulshotError, match="nowhere") as caught:
-        await ask_reconstruct(["compare", str(tmp_path / "nowhere")], dict[str, Any])
+        await ask_reconstruct(
+            ["compare", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")], dict[str, Any]
+        )
     assert caught.value.exit_code == ExitCode.BAD_INPUT
 
 

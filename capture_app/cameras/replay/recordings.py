@@ -42,8 +42,9 @@ class RecordedTiming:
     @property
     def loop_slots(self) -> int:
         """Count of frame numbers from the first frame to its repetition in the next loop."""
-        again_ns = self.loop_ns - (self.at_ns[-1] - self.at_ns[0])
-        return self.slots[-1] + max(1, round(again_ns / self.period_ns))
+        return self.slots[-1] + max(
+            1, round((self.loop_ns - self.at_ns[-1] + self.at_ns[0]) / self.period_ns)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,9 +189,8 @@ class SessionRecording(Recording):
         start_ns = image.exposure_start_ns
         if start_ns is None:
             start_ns = image.leader_ns - image.alignment_offset_ns
-        if period_ns is None:
-            return start_ns - instants_ns[0]
-        return image.instant * period_ns + start_ns - instants_ns[image.instant]
+        instant = 0 if period_ns is None else image.instant
+        return instant * (period_ns or 0) + start_ns - instants_ns[instant]
 
 
 class SourceRecording(Recording):
@@ -240,29 +240,25 @@ class SourceRecording(Recording):
 def _images_of(session: Session, camera: str, *, with_others: bool) -> list[ImageRecord]:
     """Return a camera's frames; `with_others` includes frames of its video outside all instants."""
     images = [image for image in session.manifest.images if image.camera == camera]
-    if with_others:
-        images += [
-            replace(frame_of_line(video, frame, frame.leader_ns), instant=0)
-            for video in session.stored_manifest.videos
-            if video.camera == camera
-            for frame in session.video_frames(video)
-            if frame.instant == NO_INSTANT
-        ]
-    return images
+    return images + [
+        replace(frame_of_line(video, frame, frame.leader_ns), instant=0)
+        for video in (session.stored_manifest.videos if with_others else ())
+        if video.camera == camera
+        for frame in session.video_frames(video)
+        if frame.instant == NO_INSTANT
+    ]
 
 
 def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
     """Return each frame's time: embedded in the recording, else computed from its rate."""
     if fps is None:
-        embedded = source.embedded_times()
-        if embedded is not None:
+        if (embedded := source.embedded_times()) is not None:
             return [frame.leader_ns for frame in embedded]
         if isinstance(source, Video):
             if has_video_times() and (times_ns := source.use_embedded_times()):
                 return times_ns
             fps = source.fps
-    rate = fps or TYPICAL_FPS
-    return [round(number * 1e9 / rate) for number in range(len(source.numbers))]
+    return [round(number * 1e9 / (fps or TYPICAL_FPS)) for number in range(len(source.numbers))]
 
 
 def _jpeg(data: bytes) -> JpegPicture | None:
@@ -270,6 +266,4 @@ def _jpeg(data: bytes) -> JpegPicture | None:
     if data.startswith(JPEG_BEGIN):
         return JpegPicture(data)
     image = decode_image(data, colour=True)
-    if image is None:
-        return None
-    return JpegPicture(encode_image(image))
+    return None if image is None else JpegPicture(encode_image(image))

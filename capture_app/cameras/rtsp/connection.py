@@ -19,10 +19,6 @@ PORT, TIMEOUT_S = 554, 5.0
 DISCONNECTED = (OSError, EOFError, ValueError)
 """Errors of reading from a camera that has disconnected or sends something other than RTSP."""
 _MAX_BYTES = 1 << 18
-_MAX_EARLY = 256
-"""Maximum number of packets before the answer to PLAY."""
-_ROUND_TRIPS = 100
-_CODECS = {"H264": "h264", "H265": "hevc"}
 _REFUSALS = {
     401: ("refuses the user name or the password", "write rtsp://USER:PASSWORD@HOST/PATH"),
     403: ("refuses access to that stream", "allow it in the camera's settings"),
@@ -56,12 +52,10 @@ def parse_description(text: str) -> VideoStream:
     payload_type, lines = int(section[1]), section[0]
 
     def attribute(pattern: str) -> str:
-        found = re.search(rf"^a={pattern}", lines, re.MULTILINE)
-        return "" if found is None else found[1].strip()
+        return next(iter(re.findall(rf"^a={pattern}", lines, re.MULTILINE)), "").strip()
 
     name, _, rate = attribute(rf"rtpmap:{payload_type} (\S+)").partition("/")
-    codec = _CODECS.get(name.upper())
-    if codec is None:
+    if (codec := {"H264": "h264", "H265": "hevc"}.get(name.upper())) is None:
         raise CameraError(
             f"sends {printable(name) or 'its pictures'} in a format that is not read",
             hint="set it to H.264 or H.265",
@@ -99,18 +93,17 @@ class Connection:
         """
         parts: SplitResult = urlsplit(url)
         try:
-            host, port = parts.hostname, parts.port or PORT
+            self.host, self._port = parts.hostname or "", parts.port or PORT
         except ValueError:
-            host = None
-        if not host:
+            self.host = ""
+        if not self.host:
             raise BadInputError(
                 "the address of an IP camera cannot be read",
                 hint="write rtsp://USER:PASSWORD@HOST/PATH, with %2F for / in a password and %2C for a comma",
             )
-        self.host = host
-        self.round_trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
+        self.round_trips_ns: deque[int] = deque(maxlen=100)
         """Round-trip times of the last answers to `ask`."""
-        self._port, self._allows_basic = port, allows_basic
+        self._allows_basic = allows_basic
         self._url = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
         self._user, self._password = unquote(parts.username or ""), unquote(parts.password or "")
         self._reader: asyncio.StreamReader
@@ -168,8 +161,8 @@ class Connection:
         self.server = printable(described.get("server", ""))
         self.stream = parse_description(text)
         base = described.get("content-base") or described.get("content-location") or self._url
-        control = self.stream.control
         # Live servers end their base with a slash, others expect the client to append it.
+        control = self.stream.control
         track = base if control in ("", "*") else urljoin(base.rstrip("/") + "/", control)
         setup, _ = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
         self._session = setup.get("session", "").partition(";")[0]
@@ -184,7 +177,7 @@ class Connection:
         for _ in range(2):
             self._send(method, url, *headers)
             while (answer := await self._read()) is None:
-                if len(self._early) > _MAX_EARLY:
+                if len(self._early) > 256:
                     raise EOFError("it sends packets instead of an answer")
             status, fields, body = answer
             if status != 401 or not self._user:
@@ -202,16 +195,15 @@ class Connection:
         return dict(reversed(fields)), body
 
     def _send(self, method: str, url: str, *headers: str) -> None:
-        if self._writer is None:
-            return
-        self._number += 1
-        lines = [f"{method} {url} RTSP/1.0", f"CSeq: {self._number}", "User-Agent: simulshot", *headers]
-        if self._session:
-            lines.append(f"Session: {self._session}")
-        if self._challenge:
-            answer = answer_challenge(self._challenge, method, url, self._user, self._password)
-            lines.append(f"Authorization: {answer}")
-        self._writer.write("\r\n".join([*lines, "", ""]).encode())
+        if self._writer is not None:
+            self._number += 1
+            lines = [f"{method} {url} RTSP/1.0", f"CSeq: {self._number}", "User-Agent: simulshot", *headers]
+            if self._session:
+                lines.append(f"Session: {self._session}")
+            if self._challenge:
+                answer = answer_challenge(self._challenge, method, url, self._user, self._password)
+                lines.append(f"Authorization: {answer}")
+            self._writer.write("\r\n".join([*lines, "", ""]).encode())
 
     async def _read(self) -> tuple[int, list[tuple[str, str]], str] | None:
         """Queue a packet, or return a response's status, headers and body.
@@ -235,15 +227,13 @@ class Connection:
         status, *lines = text.split("\r\n")
         if "RTSP/" not in status:
             raise EOFError("it speaks something else")
-        pairs = [line.partition(":") for line in lines if ":" in line]
+        pairs = (line.partition(":") for line in lines if ":" in line)
         headers = [(key.strip().lower(), value.strip()) for key, _, value in pairs]
         size = min(int(dict(headers).get("content-length", 0)), _MAX_BYTES)
         body = (await self._reader.readexactly(size)).decode("utf-8", "replace").replace("\r", "")
-        status_line = re.match(r"RTSP/1\.\d (\d{3})", status)
-        if status_line is None:
+        if (status_line := re.match(r"RTSP/1\.\d (\d{3})", status)) is None:
             return None
-        asked_ns = self._asked_ns.pop(int(dict(headers).get("cseq") or 0), None)
-        if asked_ns is not None:
+        if asked_ns := self._asked_ns.pop(int(dict(headers).get("cseq") or 0), 0):
             self.round_trips_ns.append(came_ns - asked_ns)
         return int(status_line[1]), headers, body
 
@@ -258,21 +248,20 @@ def answer_challenge(challenge: str, method: str, url: str, user: str, password:
     found = re.findall(r'(\w+)\s*=\s*(?:"([^"]*)"|([^\s,]+))', challenge)
     fields = {key.lower(): quoted or plain for key, quoted, plain in found}
     algorithm = fields.get("algorithm", "MD5")
-    hashes = {"MD5": "md5", "SHA-256": "sha256"}
-    if algorithm.upper() not in hashes:
+    name = {"MD5": "md5", "SHA-256": "sha256"}.get(algorithm.upper())
+    if name is None:
         raise CameraError(f"asks for a password by {printable(algorithm)[:20]}", hint="set it to digest")
 
-    def digest(text: str) -> str:
-        return hashlib.new(hashes[algorithm.upper()], text.encode(), usedforsecurity=False).hexdigest()
+    def digest(*parts: str) -> str:
+        return hashlib.new(name, ":".join(parts).encode(), usedforsecurity=False).hexdigest()
 
-    realm, nonce = fields.get("realm", ""), fields.get("nonce", "")
-    secret, asked = digest(f"{user}:{realm}:{password}"), digest(f"{method}:{url}")
+    realm, nonce, own = fields.get("realm", ""), fields.get("nonce", ""), secrets.token_hex(8)
     said = {"username": user, "realm": realm, "nonce": nonce, "uri": url}
-    text = ", ".join(f'{key}="{value}"' for key, value in said.items()) + f", algorithm={algorithm}"
-    if "opaque" in fields:
-        text += f', opaque="{fields["opaque"]}"'
-    if "auth" not in fields.get("qop", "").split(","):
-        return f'Digest {text}, response="{digest(f"{secret}:{nonce}:{asked}")}"'
-    own = secrets.token_hex(8)
-    answer = digest(f"{secret}:{nonce}:00000001:{own}:auth:{asked}")
-    return f'Digest {text}, qop=auth, nc=00000001, cnonce="{own}", response="{answer}"'
+    said |= {"opaque": fields["opaque"]} if "opaque" in fields else {}
+    once: tuple[str, ...] = ()
+    text = f"algorithm={algorithm}"
+    if "auth" in fields.get("qop", "").split(","):
+        once, text = ("00000001", own, "auth"), f'{text}, qop=auth, nc=00000001, cnonce="{own}"'
+    said["response"] = digest(digest(user, realm, password), nonce, *once, digest(method, url))
+    quoted = ", ".join(f'{key}="{value}"' for key, value in said.items())
+    return f"Digest {quoted}, {text}"

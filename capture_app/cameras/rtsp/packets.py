@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from capture_app.common.errors import CameraError
 
 _START = b"\0\0\0\1"
-_SENDER_REPORT = 200
 MAX_UNIT_BYTES = 1 << 23
 """Largest coded frame; the largest ones of 8K cameras have half of it."""
 
@@ -20,7 +19,7 @@ def reported_ticks(data: bytes) -> list[int]:
     found, at = [], 0
     while at + 4 <= len(data):
         kind, words = struct.unpack_from(">xBH", data, at)
-        if kind == _SENDER_REPORT and at + 20 <= len(data):
+        if kind == 200 and at + 20 <= len(data):  # a sender report
             found.append(struct.unpack_from(">I", data, at + 16)[0])
         at += 4 * (words + 1)
     return found

@@ -45,14 +45,11 @@ OPTIONS = {
 }
 REPORTS_S, FIRST_REPORTS = 8.0, 2
 """Max wait for sender reports, and the number to wait for; RFC 3550 sends one every 2.5 to 7.5 s."""
-PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
-FIRST_QUESTIONS, SOON_S = 25, 0.04
+PICTURE_S, SILENCE_S = 30.0, 5.0
 RATE_FRAMES, RATE_FRACTION = 20, 0.05
 """Number of frames by which a camera's stated rate is checked, and the relative tolerance."""
 DELIVERY_NS = 500_000_000
 """Max delay from a frame's readout to its arrival, encoding included; assumed, as no camera reports it."""
-MAX_WAITING = 30
-"""Max number of frames waiting for the decoder."""
 MAX_PIXELS = 1 << 25
 """Largest picture that is decoded, px: 8K."""
 
@@ -87,8 +84,8 @@ class RtspCamera(ThreadedCamera):
         self._connection = Connection(url, allows_basic=allows_basic)
         self._asked_fps, self._reports_s = fps, reports_s
         self._tasks: list[asyncio.Task[None]] = []
-        self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MAX_WAITING)
-        """Access units with their media times."""
+        self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(30)
+        """Access units with their media times, which wait for the decoder."""
         self._clock: SenderClock
         self._begun_with: list[int] = []
         """Media times of the first frames, which are not delivered."""
@@ -137,7 +134,7 @@ class RtspCamera(ThreadedCamera):
     async def _ask(self) -> None:
         for number in itertools.count():
             self._connection.ask()
-            await asyncio.sleep(SOON_S if number < FIRST_QUESTIONS else ASK_S)
+            await asyncio.sleep(0.04 if number < 25 else 2.0)
 
     async def _receive(self) -> None:
         units = AccessUnits(self._connection.stream.codec, self._connection.stream.payload_type)
@@ -172,14 +169,12 @@ class RtspCamera(ThreadedCamera):
     def _begin(self, media_ns: int, picture: Any) -> None:
         """Start delivery once the rate is known, and sender reports have arrived or timed out."""
         self._begun_with.append(media_ns)
-        waited_s = time.monotonic() - self._begun_s
-        if len(self._begun_with) <= RATE_FRAMES or (
-            self._clock.reports < FIRST_REPORTS and waited_s < self._reports_s
-        ):
+        more_reports = (
+            self._clock.reports < FIRST_REPORTS and time.monotonic() - self._begun_s < self._reports_s
+        )
+        if len(self._begun_with) <= RATE_FRAMES or more_reports:
             return
-        follows = self._clock.follow_reports()
-        codec = self._connection.stream.codec.upper().replace("HEVC", "H265")
-        period_ns = round(1e9 / self._rate())
+        follows, period_ns = self._clock.follow_reports(), round(1e9 / self._rate())
         # A measured stamp accuracy holds for one timing method, so the model's name says which.
         timed_by = "sender reports" if follows else "arrival"
         half_ns = (2 * period_ns + DELIVERY_NS) // 2
@@ -189,7 +184,7 @@ class RtspCamera(ThreadedCamera):
             model=f"{self._connection.server or 'IP camera'}, timed by {timed_by}"[:200],
             width=picture.width,
             height=picture.height,
-            pixel_format=codec,
+            pixel_format=self._connection.stream.codec.upper().replace("HEVC", "H265"),
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
             phase_control=PhaseControl.NONE,

@@ -9,7 +9,6 @@ _LATEST_NS, _CHANGE_NS = 2_000_000_000, 200_000_000
 _EARLIEST_NS = 5_000_000
 """Reports are credible if frames arrive at most 5 ms early or 2 s late by them, changing by at most 0.2 s."""
 _HALF = 1 << 31
-_S = 1_000_000_000
 
 
 class SenderClock:
@@ -39,7 +38,7 @@ class SenderClock:
             self._first = self._newest = ticks
         step = (ticks - self._newest + _HALF) % (2 * _HALF) - _HALF
         self._newest = max(self._newest, self._newest + step)
-        return (self._newest + min(step, 0) - self._first) * _S // self._ticks_per_s
+        return (self._newest + min(step, 0) - self._first) * 1_000_000_000 // self._ticks_per_s
 
     def add_frame(self, ticks: int, arrival_ns: int) -> int:
         """Add the arrival of a frame's first packet; return its media time."""
@@ -67,12 +66,8 @@ class SenderClock:
     @property
     def contradicts_itself(self) -> bool:
         """Whether the reports in use now give the frames a different time than before."""
-        now_ns = self._frames_take_ns()
-        return (
-            self._typical_ns is not None
-            and now_ns is not None
-            and abs(now_ns - self._typical_ns) > _CHANGE_NS
-        )
+        now_ns, typical_ns = self._frames_take_ns(), self._typical_ns
+        return typical_ns is not None and now_ns is not None and abs(now_ns - typical_ns) > _CHANGE_NS
 
     def host_ns(self, media_ns: int) -> int:
         """Return the host's time of a frame that was added."""

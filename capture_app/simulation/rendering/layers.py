@@ -18,9 +18,6 @@ from capture_app.simulation.scenes.moving_bodies import Poses
 
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Offsets of a pixel's four samples from its centre, right and down, in px."""
-_SKY_RAYS = 16
-_SKY_DISTANCE_M = 1.7
-"""Max distance in m at which objects shade each other from the sky: the room is open to the light."""
 _BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
 """Warm light reflected by whatever hides the sky."""
 
@@ -42,12 +39,6 @@ class View:
         return (self.width - 1) / 2, (self.height - 1) / 2
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
-        """Camera matrix (3, 3)."""
-        cx, cy = self.principal_point
-        return np.array([[self.focal_px, 0, cx], [0, self.focal_px, cy], [0, 0, 1.0]])
-
-    @property
     def centre(self) -> Floats:
         """Position of the camera in the world, in m."""
         return (-self.rotation.T @ self.translation).astype(np.float32)
@@ -63,10 +54,8 @@ class View:
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return image points and depth (N, 3: px, px, m) of world points (N, 3) in m."""
         camera = np.asarray(points, np.float64) @ self.rotation.T + self.translation
-        cx, cy = self.principal_point
-        x = self.focal_px * camera[:, 0] / camera[:, 2] + cx
-        y = self.focal_px * camera[:, 1] / camera[:, 2] + cy
-        return np.stack([x, y, camera[:, 2]], axis=1)
+        depth = camera[:, 2:]
+        return np.hstack([self.focal_px * camera[:, :2] / depth + self.principal_point, depth])
 
     def calibration(self) -> CameraCalibration:
         """Return this camera as a session's calibration stores it; the rig's frame is the world's."""
@@ -140,13 +129,14 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     All points of a layer share the directions, which keeps the shade free of noise. The next layer's
     directions fall between them.
     """
-    directions = _sphere(_SKY_RAYS, number / len(SUBPIXELS))
+    directions = _sphere(16, number / len(SUBPIXELS))
     facing = np.maximum(directions @ normals.T, 0)
     total = facing.sum(axis=0)
     for direction, weights in zip(directions, facing, strict=True):
         lit = np.flatnonzero(weights > 0.02)
         rays = bundle_rays(points[lit], direction)
-        weights[lit[room.occludes(rays, near=0.0, far=_SKY_DISTANCE_M)]] = 0
+        # At most this distance in m, because the room is open to the light.
+        weights[lit[room.occludes(rays, near=0.0, far=1.7)]] = 0
     # Radiance of the open directions, and the bounce from all others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
@@ -185,11 +175,6 @@ class MovingPart:
     shadow: tuple[float, float, float]
     """Centre across and along the sun's rays, and radius, in m, of the region it shades at any row."""
 
-    def to_part_frame(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
-        """Transform world points (N, 3), at the times of their rows (N), to the part's frame."""
-        turned = np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])
-        return np.asarray(turned[:, 0], np.float32)
-
 
 def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
     """Return a moving body as a camera sees it, with a pose for each row of the view.
@@ -223,44 +208,39 @@ class VisiblePart:
     rays: Floats
     hits: Hits
 
+    def select(self, chosen: NDArray[np.bool_]) -> "VisiblePart":
+        """Return only the pixels for which `chosen` (N) is true."""
+        at = np.flatnonzero(chosen)
+        return VisiblePart(self.part, self.pixels[at], self.rays[at], self.hits.select(at))
+
 
 def find_visible(
     view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]
 ) -> list[VisiblePart]:
     """Return each part's visible pixels in front of `depth` (H, W), which is updated in place."""
-    found = []
-    width = view.width
+    found, front = [], depth.reshape(-1)
+    numbers = np.arange(front.size).reshape(depth.shape)
     for part in parts:
         rows, columns = part.rectangle
-        count = (rows.stop - rows.start, columns.stop - columns.start)
-        if 0 in count:
+        if not numbers[rows, columns].size:
             continue
         rotation = part.rotation[rows]
         centre = np.matmul((view.centre - part.translation[rows])[:, None], rotation)
         rays = bundle_rays(centre, np.matmul(directions[rows, columns], rotation))
-        hits = part.body.cast(rays)
-        closer = np.flatnonzero(hits.distance < depth[rows, columns].reshape(-1))
-        row, column = np.divmod(closer, count[1])
-        pixels = (row + rows.start) * width + column + columns.start
-        depth.reshape(-1)[pixels] = hits.distance[closer]
-        found.append(VisiblePart(part, pixels, rays[closer], hits.select(closer)))
-    front = depth.reshape(-1)
-    visible = []
-    for seen in found:
-        won = np.flatnonzero(seen.hits.distance == front[seen.pixels])
-        visible.append(VisiblePart(seen.part, seen.pixels[won], seen.rays[won], seen.hits.select(won)))
-    return visible
+        seen = VisiblePart(part, numbers[rows, columns].reshape(-1), rays, part.body.cast(rays))
+        found.append(seen.select(seen.hits.distance < front[seen.pixels]))
+        front[found[-1].pixels] = found[-1].hits.distance
+    return [seen.select(seen.hits.distance == front[seen.pixels]) for seen in found]
 
 
 def light_changes(
     view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, sky: OpenSky, to_sun: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Return the pixels (flat indices, N) that the parts change in a layer, and the light changes (N, 3)."""
-    depth = still.depth.copy()
     changed, change = [], []
     from_sky, from_sun = still.from_sky.reshape(-1, 3), still.from_sun.reshape(-1, 3)
-    covered = np.zeros(depth.size, np.bool_)
-    for seen in find_visible(view, still.directions, depth, parts):
+    covered = np.zeros(still.depth.size, np.bool_)
+    for seen in find_visible(view, still.directions, still.depth.copy(), parts):
         if not len(seen.pixels):
             continue
         rows = seen.pixels // view.width
@@ -308,7 +288,8 @@ def in_shadow(
         middle_across, middle_along, radius_m = part.shadow
         chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < radius_m**2)
         if len(chosen):
-            start = part.to_part_frame(points[chosen], rows[chosen])
-            rays = bundle_rays(start, to_sun @ part.rotation[rows[chosen]])
+            rotation, translation = part.rotation[rows[chosen]], part.translation[rows[chosen]]
+            start = np.matmul((points[chosen] - translation)[:, None], rotation)[:, 0]
+            rays = bundle_rays(start, to_sun @ rotation)
             hidden[chosen] |= part.body.occludes(rays, near=0.008, far=20.0)
     return hidden

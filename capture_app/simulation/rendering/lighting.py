@@ -31,16 +31,12 @@ BARS = (3, 3)
 def sky_radiance(directions: Floats) -> Floats:
     """Return the radiance (N, 3) of the surroundings in unit directions (N, 3)."""
     up = -directions[:, 1:2]
-    window = np.maximum(directions @ TO_WINDOW, 0.0)[:, None] ** 3
-    ceiling = np.maximum(up, 0.0)
-    floor = np.maximum(-up, 0.0)
-    return np.asarray(
-        0.15
-        + window * np.array([1.30, 1.16, 1.06], np.float32)
-        + ceiling * np.array([0.34, 0.34, 0.35], np.float32)
-        + floor * np.array([0.10, 0.15, 0.22], np.float32),
-        np.float32,
+    window, ceiling, floor = np.array(
+        [[1.30, 1.16, 1.06], [0.34, 0.34, 0.35], [0.10, 0.15, 0.22]], np.float32
     )
+    facing_window = np.maximum(directions @ TO_WINDOW, 0.0)[:, None] ** 3
+    light = 0.15 + facing_window * window + np.maximum(up, 0.0) * ceiling + np.maximum(-up, 0.0) * floor
+    return np.asarray(light, np.float32)
 
 
 def window_fraction(points: Floats) -> Floats:

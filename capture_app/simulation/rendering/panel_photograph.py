@@ -89,8 +89,7 @@ def _trace(
 
 def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Floats:
     """Return the light reflected by points of the panel and of the wall around it."""
-    on = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
-    light = np.where(on, _WHITE, _WALL)
+    light = np.where(_is_on(panel, x, y), _WHITE, _WALL)
     for left, top, width, height in panel.dark:
         light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
     for number, marker in enumerate(panel.markers):
@@ -98,16 +97,19 @@ def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Flo
         column = np.floor((x - marker.x) / MARKER_SIZE * MARKER_MODULES).astype(int)
         row = np.floor((y - marker.y) / MARKER_SIZE * MARKER_MODULES).astype(int)
         inside = (column >= 0) & (row >= 0) & (column < MARKER_MODULES) & (row < MARKER_MODULES)
-        white = squares[row[inside], column[inside]] > 0
-        light[inside] = _COVER if number in hidden else np.where(white, _WHITE, _BLACK)
+        surface = np.where(squares[row[inside], column[inside]] > 0, _WHITE, _BLACK)
+        light[inside] = _COVER if number in hidden else surface
     return np.asarray(light)
+
+
+def _is_on(panel: Panel, x: Floats, y: Floats) -> NDArray[np.bool_]:
+    return np.asarray((x > 0) & (y > 0) & (x < panel.width) & (y < panel.height))
 
 
 def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Return the lamp that each ray hits, -1 for none, and its brightness there."""
     which, profile = np.full(x.shape, -1), np.zeros(x.shape)
-    ground = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
-    rows, columns = np.nonzero(ground)
+    rows, columns = np.nonzero(_is_on(panel, x, y))
     x, y = x[rows, columns], y[rows, columns]
     # Lamps are placed on a lattice of half pitches, so that no two share a cell of it.
     lattice = np.full((round(2 * panel.width) + 3, round(2 * panel.height) + 3), -1)
@@ -119,11 +121,9 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
         number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
         across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
         distance_squared = across**2 + down**2
-        if panel.is_screen:
-            inside, bright = np.maximum(np.abs(across), np.abs(down)) < 1, np.ones(len(x))
-        else:
-            inside, bright = distance_squared < 1, 1.3 - 0.6 * distance_squared
-        inside &= number >= 0
+        away = np.maximum(np.abs(across), np.abs(down)) if panel.is_screen else distance_squared
+        bright = np.ones(len(x)) if panel.is_screen else 1.3 - 0.6 * distance_squared
+        inside = (away < 1) & (number >= 0)
         best[inside], shape[inside] = number[inside], bright[inside]
     which[rows, columns], profile[rows, columns] = best, shape
     return which, profile
@@ -174,11 +174,11 @@ class Photograph:
         pairs, inverse = np.unique(np.stack([lamp, row]), axis=1, return_inverse=True)
         shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]
         brightness = np.random.default_rng(len(self.panel.name)).standard_normal(len(self.panel.lamps))
-        gains = 1 + self.uneven * brightness
-        bright = self.lamp_light * gains[lamp] * shares * weight
-        colour = np.array(_SCREEN_LIGHT if self.panel.is_screen else _LED_LIGHT)
+        bright = self.lamp_light * (1 + self.uneven * brightness)[lamp] * shares * weight
         light = np.repeat(self.ambient * still[..., None], 3, axis=2)
-        np.add.at(light, (row, column), bright[:, None] * colour)
+        np.add.at(
+            light, (row, column), np.outer(bright, _SCREEN_LIGHT if self.panel.is_screen else _LED_LIGHT)
+        )
         return light
 
     def _shares(
@@ -210,9 +210,9 @@ class Photograph:
         scene = np.clip(scene, 0, None)
         if self.full_well:
             sigma = np.sqrt(scene / self.full_well + (self.read_noise / self.full_well) ** 2)
-            grain = rng.standard_normal(scene.shape)
             # Demosaicing fills in values from neighbouring pixels, which correlates their noise.
-            scene = scene + sigma * 1.4 * np.asarray(cv2.GaussianBlur(grain, (0, 0), 0.6))
+            grain = cv2.GaussianBlur(rng.standard_normal(scene.shape), (0, 0), 0.6)
+            scene = scene + sigma * 1.4 * np.asarray(grain)
         return np.rint(255 * self._tone(scene)).astype(np.uint8)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
 MAX_BYTES = 1 << 28
-_END, _START = b"\xff\xd9", b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +78,8 @@ class ColourBars(PictureSource):
         import numpy as np
 
         bars = np.array([(b, g, r) for g in (200, 40) for r in (200, 40) for b in (200, 40)], dtype=np.uint8)
-        columns = np.arange(self.width) * len(bars) // self.width
-        image = np.repeat(bars[columns][np.newaxis], self.height, axis=0)
+        row = bars[np.arange(self.width) * len(bars) // self.width]
+        image = np.repeat(row[np.newaxis], self.height, axis=0)
         image[self.height * 2 // 3 :] = np.linspace(16, 235, self.width).astype(np.uint8)[:, np.newaxis]
         grain = np.random.default_rng(seed).integers(0, 4, size=(self.height, self.width, 1), dtype=np.uint8)
         image = np.add(image, grain, dtype=np.uint8)
@@ -87,8 +87,7 @@ class ColourBars(PictureSource):
         unit = self.height / 480
         centre = (self.width // 2, self.height // 3)
         radius = round(110 * unit)
-        middle_ns = frame.start_true_ns + frame.exposure_ns // 2
-        hand_angle = (middle_ns % 10**9) / 1e9 * 2 * np.pi
+        hand_angle = (frame.start_true_ns + frame.exposure_ns // 2) % 10**9 / 1e9 * 2 * np.pi
         tip = (round(centre[0] + radius * np.sin(hand_angle)), round(centre[1] - radius * np.cos(hand_angle)))
         thick = max(1, round(6 * unit))
         cv2.circle(image, centre, round(radius * 1.15), (24, 24, 24), -1, cv2.LINE_AA)
@@ -99,10 +98,8 @@ class ColourBars(PictureSource):
             (f"frame {frame.sequence} of stream {frame.stream}", 0.8),
             (f"true time {frame.start_true_ns / 1e9:.6f} s", 0.8),
         )
-        baseline = self.height * 2 / 3
-        for text, size in lines:
-            baseline += 45 * unit
-            at = (round(24 * unit), round(baseline))
+        for number, (text, size) in enumerate(lines, 1):
+            at = (round(24 * unit), round(self.height * 2 / 3 + 45 * unit * number))
             for colour, width in (((0, 0, 0), thick), ((255, 255, 255), max(1, thick // 3))):
                 cv2.putText(
                     image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size * unit, colour, width, cv2.LINE_AA
@@ -175,13 +172,12 @@ def open_picture_source(
     rays per pixel. An empty `view` selects the one named like the camera. Raises BadInputError for a scene
     or view that does not exist and NotAvailableError if this machine cannot render scenes.
     """
+    kind = {TEST_CARD: "test card", LED_PANEL: "panel"}.get(scene)
+    if kind and view:
+        raise BadInputError(f"the {kind} {scene!r} has no view {view!r}", hint="leave view= out")
     if scene == TEST_CARD:
-        if view:
-            raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(round(width * scale), round(height * scale), camera)
     if scene == LED_PANEL:
-        if view:
-            raise BadInputError(f"the panel {scene!r} has no view {view!r}", hint="leave view= out")
         if scale != 1:
             raise BadInputError(f"the panel {scene!r} is of one size", hint="leave scale= out")
         from capture_app.simulation.rendering.panel_photograph import HEIGHT, WIDTH
@@ -216,10 +212,7 @@ class Replay(PictureSource):
             data = b"" if size > MAX_BYTES else path.read_bytes()
         if size > MAX_BYTES:
             raise BadInputError(f"{path} is larger than {MAX_BYTES >> 20} MB", hint="replay a part of it")
-        parts = data.split(_END + _START)
-        starts = [b"", *[_START] * (len(parts) - 1)]
-        ends = [*[_END] * (len(parts) - 1), b""]
-        jpegs = tuple(start + part + end for start, part, end in zip(starts, parts, ends, strict=True))
+        jpegs = tuple(re.split(b"(?<=\xff\xd9)(?=\xff\xd8)", data))
         sizes = {size_of(jpeg) for jpeg in jpegs}
         known = sizes.pop()
         if known is None or sizes:

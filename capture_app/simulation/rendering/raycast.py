@@ -36,9 +36,8 @@ class Texture:
         out = np.empty((len(uv), 3), np.float32)
         for number in np.unique(low):
             chosen = np.flatnonzero(low == number)
-            blend = (lod[chosen] - number)[:, None]
-            out[chosen] = self._bilinear(number, uv[chosen]) * (1 - blend)
-            out[chosen] += self._bilinear(number + 1, uv[chosen]) * blend
+            blend, at = (lod[chosen] - number)[:, None], uv[chosen]
+            out[chosen] = self._bilinear(number, at) * (1 - blend) + self._bilinear(number + 1, at) * blend
         return out
 
     def _bilinear(self, number: int, uv: Floats) -> Floats:
@@ -135,8 +134,7 @@ class Body:
         weights = np.stack([1 - hits.barycentric.sum(1), *hits.barycentric.T], axis=1)[:, :, None]
         normal = (self._normals[hits.triangle] * weights).sum(1)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-        length = np.linalg.norm(directions, axis=1)
-        facing = (normal * directions).sum(1) / length
+        facing = (normal * directions).sum(1) / np.linalg.norm(directions, axis=1)
         normal = np.where(facing[:, None] > 0, -normal, normal)
         uv = (self._uv[hits.triangle] * weights).sum(1)
         # A slanted surface is compressed along one direction only, so blur by half of that, in octaves.

@@ -3,7 +3,6 @@
 import copy
 import functools
 import threading
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,7 @@ class Scene:
         self._bodies = {name: Body(part.meshes, textures) for name, part in stage.parts.items()}
         self._thing_of = {name: self.things.index(part.thing) for name, part in stage.parts.items()}
         self._sky = OpenSky()
-        self._still: dict[str, list[StillLayer]] = {}
-        self._still_light: dict[str, Floats] = {}
+        self._still: dict[str, tuple[list[StillLayer], Floats]] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
         self._samples = samples
@@ -76,8 +74,8 @@ class Scene:
             if scale not in self._drafts:
                 draft = copy.copy(self)
                 draft.views = draft._views(self._scale * scale)
-                draft._still, draft._still_light, draft._still_depth = {}, {}, {}
-                draft._lock, draft._samples, draft._drafts = threading.Lock(), 1, {}
+                draft._still, draft._still_depth, draft._drafts = {}, {}, {}
+                draft._lock, draft._samples = threading.Lock(), 1
                 self._drafts[scale] = draft
             return self._drafts[scale]
 
@@ -90,18 +88,20 @@ class Scene:
         Raises BadInputError for a view that the scene does not have.
         """
         camera = self._view(view)
-        layers = self._layers(camera)
+        layers, still_light = self._layers(camera)
         repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4)) if self._samples > 1 else 1
-        light = self._still_light[view] * repeats
+        light = still_light * repeats
         flat = light.reshape(-1, 3)
-        for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
-            parts = self._parts(camera, start_ns + offset_ns, row_time_ns)
-            to_sun = sun_direction(number, repeats * len(layers))
-            pixels, change = light_changes(camera, layer, list(parts.values()), self._room, self._sky, to_sun)
+        count = repeats * len(layers)
+        for number, layer in enumerate(layers * repeats):
+            # Each at its own time, evenly distributed over the exposure.
+            offset_ns = exposure_ns * (2 * number + 1) // (2 * count)
+            parts = list(self._parts(camera, start_ns + offset_ns, row_time_ns).values())
+            to_sun = sun_direction(number, count)
+            pixels, change = light_changes(camera, layer, parts, self._room, self._sky, to_sun)
             flat[pixels] += change
-        light /= repeats * len(layers)
-        number = list(self.views).index(view)
-        rng = np.random.default_rng([seed % 2**64, start_ns % 2**64, number])
+        rng = np.random.default_rng([seed % 2**64, start_ns % 2**64, list(self.views).index(view)])
+        light /= count
         return develop(light, exposure_ns, rng)
 
     def ground_truth(
@@ -147,25 +147,18 @@ class Scene:
             )
         return self.views[name]
 
-    def _layers(self, view: View) -> list[StillLayer]:
+    def _layers(self, view: View) -> tuple[list[StillLayer], Floats]:
+        """Return the layers of a view, and their light together."""
         with self._lock:
             if view.name not in self._still:
                 layers = [still_layer(view, self._room, number) for number in range(self._samples)]
-                self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
-                self._still[view.name] = layers
+                self._still[view.name] = layers, np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
             return self._still[view.name]
 
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
         poses = self._definition.poses(moving_bodies.cycle_seconds(times_ns))
         return {name: moving_part(view, self._bodies[name], pose) for name, pose in poses.items()}
-
-
-def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:
-    """Yield every layer `repeats` times, each at its own time, evenly distributed over the exposure."""
-    count = repeats * len(layers)
-    for number in range(count):
-        yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
 
 
 def load(name: str, *, scale: float = 1.0, samples: int = len(SUBPIXELS)) -> Scene:
@@ -206,9 +199,8 @@ def develop(light: Floats, exposure_ns: int, rng: np.random.Generator) -> NDArra
 
     Shorter exposures need more gain and are noisier: photon noise grows with the square root of the light.
     """
-    seen = light * _vignette(light.shape[0], light.shape[1])
+    seen = light * _vignette(*light.shape[:2])
     gain = float(np.clip(np.sqrt(8e6 / max(exposure_ns, 1)), 0.5, 2.5))
     deviation = gain * np.sqrt(0.00012 * np.maximum(seen, 0.0) + 0.000006)
-    seen = seen + deviation * rng.standard_normal(seen.shape, dtype=np.float32)
-    index = np.clip(seen * ((_STEPS - 1) / _WHITE), 0, _STEPS - 1).astype(np.int32)
-    return np.asarray(_curve()[index])
+    seen += deviation * rng.standard_normal(seen.shape, dtype=np.float32)
+    return np.asarray(_curve()[np.clip(seen * ((_STEPS - 1) / _WHITE), 0, _STEPS - 1).astype(np.int32)])

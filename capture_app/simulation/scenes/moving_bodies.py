@@ -76,14 +76,8 @@ def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Po
     return Poses(parent.rotation @ rotation, parent.point(*at))
 
 
-class LimbTurns(NamedTuple):
-    """Rotations (n, 3, 3) of one side's limbs against their parents; the shoe's is against the world."""
-
-    thigh: Series
-    shin: Series
-    shoe: Series
-    arm: Series
-    forearm: Series
+LimbTurns = dict[str, Series]
+"""Rotations (n, 3, 3) of one side's limbs against their parents; that of the shoe is against the world."""
 
 
 def child_poses(
@@ -93,14 +87,16 @@ def child_poses(
     torso = joint(hips, (0.0, 0.02, 0.0), torso_angle)
     parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_angle)}
     for side, name, turns in ((-1.0, "left", left), (1.0, "right", right)):
-        thigh = joint(hips, (side * HIP_HALF_M, HIP_Y, 0.0), turns.thigh)
-        shin = joint(thigh, (0.0, THIGH_M, 0.0), turns.shin)
-        arm = joint(torso, (side * SHOULDER[0], SHOULDER[1], 0.0), turns.arm)
-        parts[f"{name}_thigh"] = thigh
-        parts[f"{name}_shin"] = shin
-        parts[f"{name}_shoe"] = Poses(turns.shoe, shin.point(0.0, SHIN_M, 0.0))
-        parts[f"{name}_arm"] = arm
-        parts[f"{name}_forearm"] = joint(arm, (0.0, UPPER_ARM_M, 0.0), turns.forearm)
+        thigh = joint(hips, (side * HIP_HALF_M, HIP_Y, 0.0), turns["thigh"])
+        shin = joint(thigh, (0.0, THIGH_M, 0.0), turns["shin"])
+        arm = joint(torso, (side * SHOULDER[0], SHOULDER[1], 0.0), turns["arm"])
+        parts |= {
+            f"{name}_thigh": thigh,
+            f"{name}_shin": shin,
+            f"{name}_shoe": Poses(turns["shoe"], shin.point(0.0, SHIN_M, 0.0)),
+            f"{name}_arm": arm,
+            f"{name}_forearm": joint(arm, (0.0, UPPER_ARM_M, 0.0), turns["forearm"]),
+        }
     return parts
 
 
@@ -150,13 +146,13 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
         beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
         raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / YAW_PERIOD_S)
         bent = 0.55 - 0.30 * beat
-        return LimbTurns(
-            thigh=rotation(2, -leg_spread) @ rotation(0, -knee),
-            shin=rotation(0, 2 * knee),
-            shoe=hips.rotation @ level,
-            arm=rotation(2, -side * raised) @ rotation(0, np.full_like(beat, -0.25)),
-            forearm=rotation(2, -side * bent) @ rotation(0, -0.3 * bent),
-        )
+        return {
+            "thigh": rotation(2, -leg_spread) @ rotation(0, -knee),
+            "shin": rotation(0, 2 * knee),
+            "shoe": hips.rotation @ level,
+            "arm": rotation(2, -side * raised) @ rotation(0, np.full_like(beat, -0.25)),
+            "forearm": rotation(2, -side * bent) @ rotation(0, -0.3 * bent),
+        }
 
     head = rotation(1, -0.45 * yaw) @ rotation(0, -0.9 * lean + 0.05)
     return child_poses(hips, rotation(0, lean), head, limbs(-1.0), limbs(1.0))
@@ -179,13 +175,13 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
 
     def limbs(side: float) -> LimbTurns:
         pitch = rotation(0, 0.6 * (knee[side] - swing[side]) - 0.12)
-        return LimbTurns(
-            thigh=rotation(0, -swing[side]),
-            shin=rotation(0, knee[side]),
-            shoe=hips.rotation @ pitch,
-            arm=rotation(2, np.full_like(yaw, -side * 0.16)) @ rotation(0, 0.75 * swing[side]),
-            forearm=rotation(0, -0.45 - 0.3 * swing[side]),
-        )
+        return {
+            "thigh": rotation(0, -swing[side]),
+            "shin": rotation(0, knee[side]),
+            "shoe": hips.rotation @ pitch,
+            "arm": rotation(2, np.full_like(yaw, -side * 0.16)) @ rotation(0, 0.75 * swing[side]),
+            "forearm": rotation(0, -0.45 - 0.3 * swing[side]),
+        }
 
     torso = rotation(1, -0.10 * np.sin(gait)) @ rotation(0, np.full_like(yaw, 0.09))
     head = rotation(0, 0.03 * np.cos(2 * gait) - 0.05)

@@ -14,15 +14,13 @@ from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.console.terminal import run_command_line
 from capture_app.console.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
-from reconstruction.commands.board import board
-from reconstruction.commands.calibrate import calibrate
-from reconstruction.commands.compare import compare
+from reconstruction.commands.calibrate import board, calibrate
+from reconstruction.commands.compare import compare, tolerance
 from reconstruction.commands.depth import multiview, stereo
 from reconstruction.commands.live import live
 from reconstruction.commands.movers import movers
 from reconstruction.commands.panorama import panorama
 from reconstruction.commands.time import time_command
-from reconstruction.commands.tolerance import tolerance
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 
 

@@ -3,7 +3,7 @@
 import hashlib
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
-from reconstruction.batch.summary import Row
+from reconstruction.batch.summary import Row, unit_row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.native_libraries import library_versions
@@ -67,41 +67,32 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
     units: list[Unit] = []
     failures: list[Row] = []
     for condition in dict.fromkeys(options.conditions):
-        refused = None
-        before = len(units)
+        made: list[Unit] = []
+        refused: list[Row] = []
         for instant in range(len(dataset.instants_ns)) if options.instants is None else options.instants:
-            offsets = condition.offsets_ms(dataset.cameras, instant)
+            unit = Unit(
+                session=str(session.resolve()),
+                name=name,
+                instant=instant,
+                condition=condition.name,
+                offsets_ms=condition.offsets_ms(dataset.cameras, instant),
+                matcher=matcher,
+                time_shifts_ms=shifts,
+            )
             try:
                 condition.check(dataset)
-                chosen = dataset.nearest_instants(instant, offsets)
+                chosen = dataset.nearest_instants(instant, unit.offsets_ms)
             except BadInputError as error:
-                refused = Row(
-                    session=name,
-                    instant=instant,
-                    condition=condition.name,
-                    error=str(error),
-                    exit_code=error.exit_code,
-                )
-                if options.instants is not None:
-                    failures.append(refused)
+                refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))
                 continue
             truth = _truth_checksums(dataset, chosen)
-            made_by = str(matcher), offsets, sorted(shifts.items()), options.program
+            made_by = str(matcher), unit.offsets_ms, sorted(shifts.items()), options.program
             inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
-            units.append(
-                Unit(
-                    session=str(session.resolve()),
-                    name=name,
-                    instant=instant,
-                    condition=condition.name,
-                    offsets_ms=offsets,
-                    matcher=matcher,
-                    time_shifts_ms=shifts,
-                    key=hashlib.sha256(repr(inputs).encode()).hexdigest(),
-                )
-            )
-        if refused is not None and options.instants is None and len(units) == before:
-            failures.append(refused)
+            made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
+        units += made
+        if options.instants is None:
+            refused = [] if made else refused[-1:]
+        failures += refused
     return units, failures
 
 
@@ -140,8 +131,5 @@ def compute_depth(unit: Unit, folder: Path) -> None:
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
     """Return the checksums of the true depths that a unit is compared with."""
-    sums = []
-    for camera, instant in chosen.items():
-        path = dataset.ground_truth_file(camera, instant)
-        sums.append(hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else "")
-    return sums
+    paths = (dataset.ground_truth_file(camera, instant) for camera, instant in chosen.items())
+    return [hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else "" for path in paths]

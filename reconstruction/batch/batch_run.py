@@ -1,8 +1,8 @@
 """`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 
 from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotError
@@ -17,6 +17,7 @@ from reconstruction.batch.summary import (
     completed_row,
     group_medians,
     judged_rows,
+    unit_row,
     write_summary,
 )
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
@@ -56,15 +57,13 @@ def batch(
         rows = judged_rows([_row(unit, root, outcomes) for unit in units] + failures)
         skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
         computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
-        failed = sum(bool(row.error) for row in rows)
-        not_applicable = sum(bool(row.not_applicable) for row in rows)
         result = BatchResult(
             out=str(out),
             computed=computed,
             # Includes units that another process finished meanwhile.
-            reused=len(rows) - computed - failed - not_applicable,
-            failed=failed,
-            not_applicable=not_applicable,
+            reused=sum(not row.problem for row in rows) - computed,
+            failed=sum(bool(row.error) for row in rows),
+            not_applicable=sum(bool(row.not_applicable) for row in rows),
             groups=group_medians(rows),
             units=tuple(rows),
             seconds=round(time.monotonic() - began, 3),
@@ -82,9 +81,8 @@ def exit_code(result: BatchResult) -> ExitCode:
     codes = {row.exit_code for row in result.units if row.error}
     if not codes:
         return ExitCode.BAD_INPUT if 0 < len(result.units) == result.not_applicable else ExitCode.OK
-    if result.failed == len(result.units) and len(codes) == 1:
-        return ExitCode(codes.pop())
-    return ExitCode.INCOMPLETE
+    every_one = result.failed == len(result.units) and len(codes) == 1
+    return ExitCode(codes.pop()) if every_one else ExitCode.INCOMPLETE
 
 
 def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[Row]]:
@@ -118,44 +116,32 @@ def _run_units(
     by_key = {unit.key: unit for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
-    with closing(workers.run_units(task, units, root)) as running, _report_interrupt(outcomes, len(units)):
-        for outcome in running:
-            outcomes[outcome.key] = outcome
-            unit = by_key[outcome.key]
-            label = unit.label
-            how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
-            left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
-            left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
-            step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
-            talk(str(step))
-            if outcome.computed:
-                # Timings are optional: a full disk is reported by the units themselves.
-                with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
-                    file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
-    return outcomes
-
-
-@contextmanager
-def _report_interrupt(outcomes: dict[str, Outcome], total: int) -> Iterator[None]:
     try:
-        yield
+        with closing(workers.run_units(task, units, root)) as running:
+            for outcome in running:
+                outcomes[outcome.key] = outcome
+                unit = by_key[outcome.key]
+                how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
+                left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
+                left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
+                text = f"{unit.label}: {how}{left}"
+                talk(str(ProgressStep(done + len(outcomes), done + len(units), text)))
+                if outcome.computed:
+                    # Timings are optional: a full disk is reported by the units themselves.
+                    with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
+                        file.write(f"{outcome.key},{outcome.seconds:.3f},{unit.label}\n")
     except KeyboardInterrupt:
         saved = sum(not outcome.error for outcome in outcomes.values())
-        talk(f"stopping: {saved} of {total} results are saved; repeat the command to compute the others")
+        talk(f"stopping: {saved} of {len(units)} results are saved; repeat the command to compute the others")
         raise
+    return outcomes
 
 
 def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
     outcome = outcomes.get(unit.key)
     if outcome is None or not outcome.error:
         return completed_row(unit, root)
-    return Row(
-        session=unit.name,
-        instant=unit.instant,
-        condition=unit.condition,
-        error=outcome.error,
-        exit_code=outcome.exit_code,
-    )
+    return unit_row(unit, error=outcome.error, exit_code=outcome.exit_code)
 
 
 def _label(row: Row) -> str:

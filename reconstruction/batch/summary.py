@@ -6,6 +6,7 @@ It contains no times of day and no durations: equal units give equal bytes.
 import csv
 from collections.abc import Sequence
 from io import StringIO
+from itertools import islice
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -101,15 +102,18 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     seconds: float
 
 
+def unit_row(unit: Unit, **found: Any) -> Row:
+    """Return a unit's row with these values."""
+    return Row(session=unit.name, instant=unit.instant, condition=unit.condition, **found)
+
+
 def completed_row(unit: Unit, root: Path) -> Row:
     """Return the row of a unit with a result."""
     record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes())
     views = record.get("views", ())
     picture = next((one["picture"] for one in views if one["camera"] == record["reference"]), "")
-    return Row(
-        session=unit.name,
-        instant=unit.instant,
-        condition=unit.condition,
+    return unit_row(
+        unit,
         not_applicable=record.get("not_applicable", ""),
         cameras=len(views) or None,
         folder=unit.folder,
@@ -146,20 +150,15 @@ def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
     groups = []
     for session, condition in dict.fromkeys((row.session, row.condition) for row in rows if row.condition):
         ours = [row for row in rows if (row.session, row.condition) == (session, condition)]
-        figures = {}
-        for name in FIGURES:
-            values = [value for row in ours if (value := getattr(row, name)) is not None]
-            figures[name] = round(median(values), 4) if values else None
-        failed = sum(bool(row.error) for row in ours)
-        not_applicable = sum(bool(row.not_applicable) for row in ours)
+        known = {name: [v for row in ours if (v := getattr(row, name)) is not None] for name in FIGURES}
         groups.append(
             Group(
                 session=session,
                 condition=condition,
-                instants=len(ours) - failed - not_applicable,
-                failed=failed,
-                not_applicable=not_applicable,
-                **figures,
+                instants=sum(not row.problem for row in ours),
+                failed=sum(bool(row.error) for row in ours),
+                not_applicable=sum(bool(row.not_applicable) for row in ours),
+                **{name: round(median(values), 4) if values else None for name, values in known.items()},
             )
         )
     return tuple(groups)
@@ -170,18 +169,19 @@ def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
     Each sheet's `rows` has an entry for each condition, with a picture or None for each of the `instants`.
     """
-    pictured = [row for row in rows if row.picture]
-    sessions = list(dict.fromkeys(row.session for row in pictured))[:MAX_SHEETS]
-    return [_sheet(root, name, [row for row in pictured if row.session == name]) for name in sessions]
-
-
-def _sheet(root: Path, session: str, rows: Sequence[Row]) -> dict[str, Any]:
-    instants = sorted({row.instant for row in rows if row.instant is not None})
-    instants = evenly_spaced(instants, MAX_COLUMNS)
-    found = {(row.condition, row.instant): row.picture for row in rows}
-    conditions = dict.fromkeys(row.condition for row in rows)
-    shown = [(one, [_thumbnail(root, found.get((one, now), "")) for now in instants]) for one in conditions]
-    return {"session": session, "instants": instants, "rows": shown}
+    pictured: dict[str, dict[tuple[str, int], str]] = {}
+    for row in rows:
+        if row.picture and row.instant is not None:
+            pictured.setdefault(row.session, {})[row.condition, row.instant] = row.picture
+    sheets = []
+    for session, found in islice(pictured.items(), MAX_SHEETS):
+        instants = evenly_spaced(sorted({instant for _, instant in found}), MAX_COLUMNS)
+        shown = [
+            (condition, [_thumbnail(root, found.get((condition, instant), "")) for instant in instants])
+            for condition in dict.fromkeys(condition for condition, _ in found)
+        ]
+        sheets.append({"session": session, "instants": instants, "rows": shown})
+    return sheets
 
 
 def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
@@ -216,13 +216,11 @@ def _csv(rows: Sequence[Row]) -> str:
 def _html(root: Path, result: BatchResult) -> str:
     """Return the whole page, without times and durations."""
     failures = [row for row in result.units if row.problem]
-    failed = f", {result.failed} failed" if result.failed else ""
-    failed += f", {result.not_applicable} not applicable" if result.not_applicable else ""
-    made = len(result.units) - result.failed - result.not_applicable
-    verdict = f"{count(made, 'unit')} computed{failed}"
+    made = count(len(result.units) - len(failures), "unit")
+    verdict = ", ".join([f"{made} computed", *_unmade(result)])
     sections = [Section("problems.html", title="What has no result")] if failures else []
     sheets = depth_sheets(root, result.units)
-    pictures = [Section("depth_sheets.html", "depth", title="What was found")] if sheets else []
+    sections += [Section("depth_sheets.html", "depth", title="What was found")] if sheets else []
     view = {
         "title": f"Batch: {verdict}",
         "kicker": "Batch of reconstructions",
@@ -232,33 +230,41 @@ def _html(root: Path, result: BatchResult) -> str:
         "numbers_in": (CSV, JSON),
         "failures": failures,
         "sheets": sheets,
-        "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
-        "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
+        "groups": _table(
+            "Medians over the instants",
+            "Instants",
+            [_row(one, f"{one.instants}", note=", ".join(_unmade(one))) for one in result.groups],
+        ),
+        "units": _table(
+            "Every unit",
+            "Instant",
+            [
+                _row(one, f"{one.instant}", link=f"{one.folder}/{RESULT}")
+                for one in result.units
+                if not one.problem
+            ],
+        ),
     }
-    return render_page(view, [*sections, *pictures, Section("figures.html")], "reconstruction.batch")
+    return render_page(view, [*sections, Section("figures.html")], "reconstruction.batch")
+
+
+def _unmade(found: BatchResult | Group) -> list[str]:
+    """Return the numbers of units without a result in words; empty if there are none."""
+    numbers = {"failed": found.failed, "not applicable": found.not_applicable}
+    return [f"{number} {word}" for word, number in numbers.items() if number]
 
 
 def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
     heads = (counted, *SHARES.values(), "Median error", "Points in space")
-    return report.Table(caption, [report.Column(head) for head in heads], rows, first=FIRST)
+    return report.Table(caption, list(map(report.Column, heads)), rows, first=FIRST)
 
 
-def _group(group: Group) -> report.Row:
-    notes = [f"{group.failed} failed"] if group.failed else []
-    notes += [f"{group.not_applicable} not applicable"] if group.not_applicable else []
-    note = ", ".join(notes)
-    cells = [report.Cell(f"{group.instants}", note=note), *_figures(group)]
-    return report.Row(group.session, cells, details=group.condition)
-
-
-def _unit(row: Row) -> report.Row:
-    cells = [report.Cell(f"{row.instant}"), *_figures(row)]
-    return report.Row(row.session, cells, details=row.condition, link=f"{row.folder}/{RESULT}")
-
-
-def _figures(row: Row | Group) -> list[report.Cell]:
-    error = row.median_error_pct
-    words = [wording.percentage(getattr(row, name)) for name in SHARES]
-    words.append(wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%")
-    words.append(wording.number(row.fused_points))
-    return [report.Cell(text) for text in words]
+def _row(one: Row | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:
+    error = one.median_error_pct
+    words = (
+        *(wording.percentage(getattr(one, name)) for name in SHARES),
+        wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%",
+        wording.number(one.fused_points),
+    )
+    cells = [report.Cell(counted, note=note), *map(report.Cell, words)]
+    return report.Row(one.session, cells, details=one.condition, link=link)

@@ -30,7 +30,7 @@ class Unit:
     name: str
     instant: int
     condition: str
-    key: str
+    key: str = ""
     offsets_ms: tuple[float, ...] = ()
     """Delay of each camera's image, in the session's order; empty if all are of the instant."""
     matcher: str = "sweep"
@@ -83,19 +83,19 @@ def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
     does not stop the others.
     """
     began = time.monotonic()
+    code: int = ExitCode.FAILURE
     try:
         computed = _compute(task, unit, root)
+        return Outcome(key=unit.key, seconds=time.monotonic() - began, computed=computed)
     except SimulshotError as error:
-        return Outcome(key=unit.key, error=_line(str(error)), exit_code=error.exit_code)
+        text, code = str(error), error.exit_code
     except OSError as error:
-        return Outcome(key=unit.key, error=_line(str(error)), exit_code=ExitCode.FAILURE)
+        text = str(error)
     except MemoryError:
         text = "not enough memory; use fewer --jobs"
-        return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
     except Exception as error:  # noqa: BLE001  (whatever native code throws)
-        text = _line(f"{type(error).__name__}: {error}")
-        return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
-    return Outcome(key=unit.key, seconds=time.monotonic() - began, computed=computed)
+        text = f"{type(error).__name__}: {error}"
+    return Outcome(key=unit.key, error=" ".join(text.split()), exit_code=code)
 
 
 def _compute(task: str, unit: Unit, root: Path) -> bool:
@@ -119,7 +119,3 @@ def remove_leftovers(root: Path) -> None:
 def _require_free_bytes(root: Path, required: int) -> None:
     if shutil.disk_usage(root).free < required:
         raise DiskFullError(f"the disk of {root} is full", hint="free some space, then repeat the command")
-
-
-def _line(text: str) -> str:
-    return " ".join(text.split())

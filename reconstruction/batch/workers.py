@@ -75,10 +75,9 @@ class Workers:
             BadInputError: `where` is unknown, or a setting is not `name=value`.
         """
         if where not in (LOCAL, *QUEUES) and "://" not in where:
-            known = ", ".join((LOCAL, *QUEUES))
             raise BadInputError(
                 f"{where!r} is not a cluster",
-                hint=f"use {known}, or a Dask scheduler's address as in tcp://host:8786",
+                hint=f"use {', '.join((LOCAL, *QUEUES))}, or a Dask scheduler's address as in tcp://host:8786",
             )
         if settings and where not in QUEUES:
             raise BadInputError(
@@ -211,8 +210,8 @@ class Workers:
             if cluster is not None:
                 cluster.scale(count)
             if not client.scheduler_info()["workers"]:
-                where = f"look at its queue and the logs in {WORK}/cluster" if self.where in QUEUES else ""
-                talk(f"no worker of {self.where} has started yet{where and f': {where}'}")
+                logs = f": look at its queue and the logs in {WORK}/cluster" if self.where in QUEUES else ""
+                talk(f"no worker of {self.where} has started yet{logs}")
 
 
 async def _submit_jobs(cluster: Any, count: int) -> None:
@@ -230,9 +229,8 @@ def _run_in_worker(
 ) -> Outcome:
     """Compute a unit in a worker, on the worker's cores and within its part of the memory."""
     if cores is not None:
-        worker = import_module("distributed").get_worker()
         # Sets the affinity of this thread, and so of all threads that it starts.
-        os.sched_setaffinity(0, cores[int(worker.name)])
+        os.sched_setaffinity(0, cores[int(import_module("distributed").get_worker().name)])
     # Must precede pycolmap: otherwise the first PNG that OpenCV writes aborts the process.
     import_module("cv2")
     with limited_memory(memory):

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -42,13 +43,10 @@ def parse_instants(text: str) -> tuple[int, ...]:
     """Parse instants and ranges of instants, such as 0-9,20."""
     found: list[int] = []
     for part in text.split(","):
-        first, dash, last = (piece.strip() for piece in part.partition("-"))
-        ends = (first, last) if dash else (first, first)
-        if not all(end.isdecimal() and int(end) < MAX_INSTANTS for end in ends) or int(ends[0]) > int(
-            ends[1]
-        ):
+        ends = [int(end) if end.strip().isdecimal() else -1 for end in part.split("-", 1)]
+        if not 0 <= ends[0] <= ends[-1] < MAX_INSTANTS:
             raise click.BadParameter(f"{text!r} is not a list of instants, as in 0-9,20")
-        found += range(int(ends[0]), int(ends[1]) + 1)
+        found += range(ends[0], ends[-1] + 1)
     return tuple(dict.fromkeys(found))
 
 
@@ -76,7 +74,10 @@ def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
 
 
 def memory_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `--memory` to a command, limit its dense work, and report what the limit changed."""
+    """Add the option `--memory` to a command, limit its dense work, and report what the limit changed.
+
+    Also checks images as `checksums_option` asks, and reports those that changed since they were saved.
+    """
 
     @click.option(
         "--memory",
@@ -86,31 +87,15 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
         help="Memory for pictures and dense work, as in 800MB or 8GB. Larger work is reduced in size.",
     )
     @wraps(command)
-    def limited(*arguments: Any, memory: int | None, **options: Any) -> None:
-        with limited_memory(memory) as budget:
+    def limited(
+        *arguments: Any, memory: int | None, require_checksums: bool | None = None, **options: Any
+    ) -> None:
+        with limited_memory(memory) as budget, checked_pictures(required=bool(require_checksums)) as checks:
             command(*arguments, **options)
-        for note in budget.notes:
+        for note in (*(checks.notes if require_checksums is not None else ()), *budget.notes):
             talk(note)
 
     return limited
-
-
-def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `--require-checksums` to a command, and report images changed since they were saved."""
-
-    @click.option(
-        "--require-checksums",
-        is_flag=True,
-        help="Refuse pictures that changed since they were saved, instead of only naming them.",
-    )
-    @wraps(command)
-    def checked(*arguments: Any, require_checksums: bool, **options: Any) -> None:
-        with checked_pictures(required=require_checksums) as checks:
-            command(*arguments, **options)
-        for note in checks.notes:
-            talk(note)
-
-    return checked
 
 
 def pair_option(*names: str, use: str) -> Callable[..., Any]:
@@ -127,6 +112,11 @@ def _pair_settings(use: str) -> dict[str, Any]:
     }
 
 
+checksums_option = click.option(
+    "--require-checksums",
+    is_flag=True,
+    help="Refuse pictures that changed since they were saved, instead of only naming them.",
+)
 session_argument = click.argument("session", type=click.Path(path_type=Path))
 instant_option = click.option(
     "--instant",
@@ -165,12 +155,11 @@ def _parse_time_shifts(
     """Parse CAMERA=MS of each text."""
     found = {}
     for text in texts:
-        camera, _, value = text.rpartition("=")
-        try:
-            found[camera.strip()] = float(value)
-        except ValueError:
-            found[camera.strip()] = math.nan
-        if not camera.strip() or not abs(found[camera.strip()]) < MAX_OFFSET_MS:
+        camera, _, value = (part.strip() for part in text.rpartition("="))
+        found[camera] = math.nan
+        with suppress(ValueError):
+            found[camera] = float(value)
+        if not camera or not abs(found[camera]) < MAX_OFFSET_MS:
             raise click.BadParameter(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
     return found
 

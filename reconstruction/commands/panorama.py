@@ -52,9 +52,9 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
 
     result = run(sources, out, PanoramaOptions(**options))
     made = result.synced
-    conditions = [("" if result.offset is None else ", synchronized", made)]
+    conditions = [("", made)]
     if result.offset is not None:
-        conditions.append((f", {result.actual_offset_ms:.0f} ms late", result.offset))
+        conditions = [(", synchronized", made), (f", {result.actual_offset_ms:.0f} ms late", result.offset)]
     lines = [
         f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels",
         *(f"left out: {name}: {why}" for name, why in result.left_out.items()),
@@ -74,5 +74,5 @@ def _misalignment_text(misfit: "Misalignment", moving: "Misalignment | None") ->
         return text
     if moving.median_px is None:
         return f"{text}; moving objects lost at all {moving.lost} points"
-    lost = f", lost at {moving.lost}" if moving.lost else ""
-    return f"{text}; moving objects {moving.median_px:.1f} px at {moving.points} points{lost}"
+    text += f"; moving objects {moving.median_px:.1f} px at {moving.points} points"
+    return text + (f", lost at {moving.lost}" if moving.lost else "")

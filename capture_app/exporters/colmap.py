@@ -44,8 +44,8 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         if (image := burst.image_at(camera, instant)) is not None
     ]
     if len(exported) < len(burst.images):
-        left_out = count(len(burst.images) - len(exported), "image")
-        burst.notes.append(f"left out: {left_out} of other moments than their instants")
+        images = count(len(burst.images) - len(exported), "image")
+        burst.notes.append(f"left out: {images} of other moments than their instants")
     suffix = suffix_for(burst, exported)
     names = {}
     for image in exported:
@@ -94,10 +94,8 @@ def _write_model(
     lenses = {name: calibration.cameras[name] for name in numbers}
     reference = lenses[burst.cameras[0]]
     poses = {name: _pose(rotation_of(lens), translation_of(lens)) for name, lens in lenses.items()}
-    cameras = []
-    for name, number in numbers.items():
-        model, parameters = _model(lenses[name])
-        cameras.append(f"{number} {model} {lenses[name].width} {lenses[name].height} {_numbers(parameters)}")
+    models = ((number, lenses[name], *_model(lenses[name])) for name, number in numbers.items())
+    cameras = [f"{n} {model} {lens.width} {lens.height} {_numbers(of)}" for n, lens, model, of in models]
     sensors = [
         f"CAMERA {numbers[name]} 1 {_pose(*_from_reference(reference, lenses[name]))}"
         for name in burst.cameras[1:]
@@ -120,8 +118,8 @@ def _write_model(
         f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n{seen[place[0]]}"
         for place, name in names.items()
     ]
-    rigs = [" ".join([f"1 {len(numbers)} CAMERA 1", *sensors])]
-    lines = {"cameras": cameras, "rigs": rigs, "frames": frames, "images": images, "points3D": points}
+    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
+    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": images, "points3D": points}
     folder.mkdir(parents=True)
     for file, content in lines.items():
         (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")

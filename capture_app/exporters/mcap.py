@@ -6,7 +6,7 @@ poses in /tf_static; frames look along z, as REP 103 defines for optical frames.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
@@ -33,6 +33,7 @@ from capture_app.session.importing.bags import foxglove_message, ros_messages
 
 _CHUNK = 1 << 62  # a chunk ends with a set of frames, never because of its size
 _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+_GEOMETRY = "geometry_msgs/msg"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,22 +53,28 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
 
 def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
     from mcap import writer as mcap
+    from mcap_protobuf.schema import register_schema
 
     file = f"{burst.name}.mcap"
+    channels: dict[str, int] = {}
+    zero_ns = min(0, burst.origin_ns)  # leader time of log_time 0, which is unsigned
     with (folder / file).open("wb") as stream:
         writer: Any = mcap.Writer(
             stream, chunk_size=_CHUNK, compression=mcap.CompressionType.NONE, enable_data_crcs=True
         )
         writer.start(library="simulshot")
-        messages = _FoxgloveMessages(writer, min(0, burst.origin_ns))
         for instant in range(len(burst.instants_ns)):
             images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
             for image in sorted(images, key=lambda image: image.leader_ns):
-                if calibration is not None:
-                    messages.add_camera(image, calibration)
-                data, kind = jpeg_or_png(burst, image)
-                about = {"frame_id": image.camera, "data": data, "format": kind}
-                messages.add(f"/{image.camera}/image", "CompressedImage", image, **about)
+                seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
+                for topic, name, fields in _foxglove_messages(burst, image, calibration):
+                    kind, at_ns = foxglove_message(name), image.leader_ns - zero_ns
+                    if topic not in channels:
+                        schema = register_schema(writer, kind)
+                        channels[topic] = writer.register_channel(topic, "protobuf", schema)
+                    message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
+                    data = message.SerializeToString(deterministic=True)
+                    writer.add_message(channels[topic], at_ns, data, at_ns, sequence=instant)
                 burst.put(image, file, len(burst.frames))
             writer.flush()
         for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
@@ -75,101 +82,85 @@ def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration
             if name == MANIFEST and burst.session.manifest.videos:
                 data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
             writer.add_attachment(0, 0, name, "application/json", data)
-        zero_ns = str(messages.zero_ns)
-        writer.add_metadata("simulshot", {"session": burst.name, "log_time_zero_leader_ns": zero_ns})
+        writer.add_metadata("simulshot", {"session": burst.name, "log_time_zero_leader_ns": str(zero_ns)})
         writer.finish()
 
 
-class _FoxgloveMessages:
-    """Writer of messages to an MCAP; `zero_ns` is the leader time of log_time 0, which is unsigned."""
-
-    def __init__(self, writer: Any, zero_ns: int) -> None:
-        self._writer, self.zero_ns = writer, zero_ns
-        self._channels: dict[str, int] = {}
-
-    def add_camera(self, image: ImageRecord, calibration: Calibration) -> None:
+def _foxglove_messages(
+    burst: ExportedBurst, image: ImageRecord, calibration: Calibration | None
+) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Yield topic, type and fields of an image's messages: its camera's calibration and pose, then itself."""
+    own = {"frame_id": image.camera}
+    if calibration is not None:
         camera = calibration.cameras[image.camera]
-        about = {"frame_id": image.camera, "width": camera.width, "height": camera.height}
         lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
-        about |= {"distortion_model": "plumb_bob", **lens}
-        self.add(f"/{image.camera}/calibration", "CameraCalibration", image, **about)
+        own_lens = {"width": camera.width, "height": camera.height, "distortion_model": "plumb_bob", **lens}
+        yield f"/{image.camera}/calibration", "CameraCalibration", own | own_lens
         place, rotation = _pose(camera, calibration)
         frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
-        self.add("/tf", "FrameTransform", image, translation=place, rotation=rotation, **frames)
-
-    def add(self, topic: str, name: str, image: ImageRecord, **fields: Any) -> None:
-        """Add a message with an image's time and instant."""
-        kind = foxglove_message(name)
-        if topic not in self._channels:
-            from mcap_protobuf.schema import register_schema
-
-            self._channels[topic] = self._writer.register_channel(
-                topic, "protobuf", register_schema(self._writer, kind)
-            )
-        seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
-        message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
-        data, at_ns = message.SerializeToString(deterministic=True), image.leader_ns - self.zero_ns
-        self._writer.add_message(self._channels[topic], at_ns, data, at_ns, sequence=image.instant)
+        yield "/tf", "FrameTransform", {"translation": place, "rotation": rotation, **frames}
+    data, kind = jpeg_or_png(burst, image)
+    yield f"/{image.camera}/image", "CompressedImage", {**own, "data": data, "format": kind}
 
 
 def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
     """Write the bag <session>/; stamps and arrival times are leader_ns."""
     from rosbags import rosbag2
 
-    origin_ns, topics = min(0, burst.origin_ns), ros_topics(burst.cameras)
+    origin_ns = min(0, burst.origin_ns)
+    connections: dict[str, Any] = {}
     with rosbag2.Writer(folder / burst.name, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
-        messages = _RosMessages(writer, origin_ns)
-        images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
-        if calibration is not None and images:
-            places = [messages.place(images[0].leader_ns, name, calibration) for name in burst.cameras]
-            messages.add("/tf_static", _TF, images[0].leader_ns, transforms=places)
-        for number, image in enumerate(images):
-            topic, header = topics[image.camera], messages.header(image.leader_ns, image.camera)
-            if calibration is not None:
-                camera = calibration.cameras[image.camera]
-                about = {"header": header, "height": camera.height, "width": camera.width}
-                about |= {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, **_lens(camera)}
-                whole = messages.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-                messages.add(f"{topic}/camera_info", _INFO, image.leader_ns, roi=whole, **about)
-            data, kind = jpeg_or_png(burst, image)
-            about = {"header": header, "format": kind, "data": np.frombuffer(data, np.uint8)}
-            messages.add(f"{topic}/image_raw/compressed", _IMAGE, image.leader_ns, **about)
-            burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
+        for leader_ns, topic, kind, fields in _bag_messages(burst, origin_ns, calibration):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=ros_messages())
+            data = ros_messages().serialize_cdr(_ros(kind, **fields), kind)
+            writer.write(connections[topic], leader_ns - origin_ns, data)
     if origin_ns:
         burst.notes.append(f"stamps count from {origin_ns} ns of the leader's time: ROS's have no sign")
 
 
-class _RosMessages:
-    """Writer of messages to a bag; `origin_ns` is the leader time of stamp 0."""
+def _bag_messages(
+    burst: ExportedBurst, origin_ns: int, calibration: Calibration | None
+) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+    """Yield leader time (ns), topic, type and fields of each message; stamps count from `origin_ns`."""
+    topics = ros_topics(burst.cameras)
+    images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
 
-    def __init__(self, writer: Any, origin_ns: int) -> None:
-        self._writer, self._store, self._origin_ns = writer, ros_messages(), origin_ns
-        self._connections: dict[str, Any] = {}
+    def header(leader_ns: int, frame_id: str) -> Any:
+        stamp = _ros("builtin_interfaces/msg/Time", *divmod(leader_ns - origin_ns, 1_000_000_000))
+        return _ros("std_msgs/msg/Header", stamp, frame_id)
 
-    def place(self, leader_ns: int, camera: str, calibration: Calibration) -> Any:
-        """Return the transform from a camera to the rig."""
-        at, rotation = _pose(calibration.cameras[camera], calibration)
-        vector, quarter = (f"geometry_msgs/msg/{name}" for name in ("Vector3", "Quaternion"))
-        pose = self.make(
-            "geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **rotation)
-        )
-        return self.make("geometry_msgs/msg/TransformStamped", self.header(leader_ns, "rig"), camera, pose)
+    if calibration is not None and images:
+        first_ns = images[0].leader_ns
+        places = [
+            _ros(f"{_GEOMETRY}/TransformStamped", header(first_ns, "rig"), name, _place(name, calibration))
+            for name in burst.cameras
+        ]
+        yield first_ns, "/tf_static", _TF, {"transforms": places}
+    for number, image in enumerate(images):
+        topic, own = topics[image.camera], {"header": header(image.leader_ns, image.camera)}
+        if calibration is not None:
+            camera = calibration.cameras[image.camera]
+            about = {"height": camera.height, "width": camera.width, "distortion_model": "plumb_bob"}
+            about |= {"binning_x": 0, "binning_y": 0, **_lens(camera)}
+            whole = _ros("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+            yield image.leader_ns, f"{topic}/camera_info", _INFO, {**own, **about, "roi": whole}
+        data, kind = jpeg_or_png(burst, image)
+        compressed = {"format": kind, "data": np.frombuffer(data, np.uint8)}
+        yield image.leader_ns, f"{topic}/image_raw/compressed", _IMAGE, {**own, **compressed}
+        burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
 
-    def make(self, kind: str, *values: Any, **fields: Any) -> Any:
-        """Create a message, or a part of one."""
-        return self._store.types[kind](*values, **fields)
 
-    def header(self, leader_ns: int, frame_id: str) -> Any:
-        """Create a header with this time."""
-        stamp = self.make("builtin_interfaces/msg/Time", *divmod(leader_ns - self._origin_ns, 1_000_000_000))
-        return self.make("std_msgs/msg/Header", stamp, frame_id)
+def _ros(kind: str, *values: Any, **fields: Any) -> Any:
+    """Create a message of ROS, or a part of one."""
+    return ros_messages().types[kind](*values, **fields)
 
-    def add(self, topic: str, kind: str, leader_ns: int, **fields: Any) -> None:
-        """Add a message with this arrival time."""
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
-        data = self._store.serialize_cdr(self.make(kind, **fields), kind)
-        self._writer.write(self._connections[topic], leader_ns - self._origin_ns, data)
+
+def _place(camera: str, calibration: Calibration) -> Any:
+    """Return ROS's transform from a camera to the rig."""
+    at, rotation = _pose(calibration.cameras[camera], calibration)
+    turn = _ros(f"{_GEOMETRY}/Quaternion", **rotation)
+    return _ros(f"{_GEOMETRY}/Transform", _ros(f"{_GEOMETRY}/Vector3", **at), turn)
 
 
 def ros_topics(cameras: Iterable[str]) -> dict[str, str]:

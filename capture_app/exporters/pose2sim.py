@@ -17,9 +17,9 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     names = paired_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     write_paired_videos(burst, folder, files)
-    (folder / "calibration").mkdir()
-    text = camera_tables(burst.calibration, names, "m")
-    (folder / "calibration" / "Calib.toml").write_text(text, encoding="utf-8")
+    table = folder / "calibration" / "Calib.toml"
+    table.parent.mkdir()
+    table.write_text(camera_tables(burst.calibration, names, "m"), encoding="utf-8")
 
 
 EXPORTER = Exporter(

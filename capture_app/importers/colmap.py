@@ -69,13 +69,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     rigs = content if isinstance(content, list) else []
     if rigs and all(isinstance(rig, dict) and isinstance(rig.get("cameras"), list) for rig in rigs):
         return views_of_rig_config(path, rigs)
-    model = find_model(path)
+    models = (path / place for place in _PLACES if _file(path / place, "cameras") is not None)
+    model = next(models, None)
     return None if model is None else read_colmap(model, cameras)
-
-
-def find_model(path: Path) -> Path | None:
-    """Return a model's folder: the path itself, or its `sparse/0` or `sparse`; None if there is none."""
-    return next((path / place for place in _PLACES if _file(path / place, "cameras") is not None), None)
 
 
 def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:

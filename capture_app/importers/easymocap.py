@@ -26,8 +26,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if not all((path / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
         return None
     place = next((path / name for name in ("videos", "images") if (path / name).is_dir()), path)
-    sources = tuple(open_sources([str(place)], png=png))
-    return Layout(path=place, sources=sources, same_frames=True, calibration=path)
+    sources = open_sources([str(place)], png=png)
+    return Layout(path=place, sources=tuple(sources), same_frames=True, calibration=path)
 
 
 def _is_easymocap(path: Path) -> bool:
@@ -50,8 +50,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
                 f"no {name} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
             )
         content |= read_storage(folder / name)
-    listed = content.get("names") if isinstance(content.get("names"), list) else ()
-    labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed or ()]
+    listed = content["names"] if isinstance(content.get("names"), list) else ()
+    labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed]
     labels = [label for label in labels if label not in ("", "none")]
     if not labels:
         raise BadInputError(

@@ -38,13 +38,16 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> I
     shots.sort(key=lambda shot: shot[1])
     times = [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)]
     files = [image for image, _, _ in shots]
-    source = Images(name, path, files, "libsoftwaresync", read=_read_shot, times=times)
+    source = Images(
+        name,
+        path,
+        files,
+        "libsoftwaresync",
+        read=lambda file: upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file),
+        times=times,
+    )
     source.suffix = ".jpg"
     return source
-
-
-def _read_shot(file: Path) -> bytes:
-    return upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file)
 
 
 def _metadata_in(folder: Path) -> Iterator[Path]:
@@ -58,16 +61,15 @@ def _shot(metadata: Path) -> _Shot | None:
     if _LEADER not in times:
         raise BadInputError(f"{metadata} has no {_LEADER}", hint="copy it from the phone again, or remove it")
     time = metadata.stem.removeprefix(_METADATA)
-    for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
-        if image.is_file():
-            return image, times[_LEADER], times.get(_LOCAL)
-    return None
+    images = (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21"))
+    image = next(filter(Path.is_file, images), None)
+    return (image, times[_LEADER], times.get(_LOCAL)) if image else None
 
 
 def _values(path: Path) -> dict[str, int]:
     """Return the numbers of `name: number` lines."""
-    found = re.findall(r"^(\w+):\s*(-?\d+)\s*$", read_text(path), re.MULTILINE)
-    return {key: int(value) for key, value in found}
+    lines = re.findall(r"^(\w+):\s*(-?\d+)\s*$", read_text(path), re.MULTILINE)
+    return {key: int(value) for key, value in lines}
 
 
 def _from_nv21(file: Path) -> bytes:
@@ -75,8 +77,7 @@ def _from_nv21(file: Path) -> bytes:
     import cv2
     import numpy as np
 
-    time = file.stem.removeprefix("img_")
-    size = _values(file.with_name(f"nv21_metadata_{time}.txt"))
+    size = _values(file.with_name(f"nv21_metadata_{file.stem.removeprefix('img_')}.txt"))
     width, height = size.get("width", 0), size.get("height", 0)
     raw = np.frombuffer(file.read_bytes(), np.uint8)
     if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:

@@ -51,9 +51,9 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         [_video(camera / trial, name) for camera in there] for name in (trial, trial + _SYNCHRONIZED)
     )
     chosen = aligned if None not in aligned else raw
-    paths = [f"{camera.parent.name}={video}" for camera, video in zip(there, chosen, strict=True)]
     if None in chosen:
         raise BadInputError(f"{path}: not every camera has a video {trial}", hint="name them: NAME=PATH")
+    paths = [f"{camera.parent.name}={video}" for camera, video in zip(there, chosen, strict=True)]
     apart = f"{trial} was not aligned by OpenCap: its phones start a little apart"
     pickles = all((camera.parent / _PARAMETERS).is_file() for camera in there)
     return Layout(

@@ -9,6 +9,7 @@ CLIENT.csv, whose second column marks black frames inserted where the phone drop
 
 import re
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, reading
@@ -76,12 +77,11 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> S
 def table_of(video: Path) -> Path | None:
     """Return RecSync's table of a video's times, beside the video or beside its folder VID."""
     folders = (video.parent, video.parent.parent) if video.parent.name == _VIDEOS else (video.parent,)
-    for folder in folders:
-        for stem in (video.stem, video.stem.removeprefix("VID_")):
-            table = folder / f"{stem}.csv"
-            # The table begins with a time in ns or with RecSyncNG's heading, or is empty.
-            if table.is_file() and re.match(rf"(-?\d{{1,19}}\s*|{_HEADING}.*|)$", _first_line(table)):
-                return table
+    for folder, stem in product(folders, (video.stem, video.stem.removeprefix("VID_"))):
+        table = folder / f"{stem}.csv"
+        # The table begins with a time in ns or with RecSyncNG's heading, or is empty.
+        if table.is_file() and re.match(rf"(-?\d{{1,19}}\s*|{_HEADING}.*|)$", _first_line(table)):
+            return table
     return None
 
 

@@ -158,8 +158,7 @@ class Lights:
     def _rises(self) -> Array:
         """Return the relative rise of each band over the surrounding frames, except the direct neighbours."""
         padded = np.pad(self.bands, ((AROUND, AROUND), (0, 0)), mode="edge")
-        count = len(self.bands)
-        around = [padded[k : k + count] for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
+        around = [padded[k : k + len(self.bands)] for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
         typical = np.median(np.stack(around), axis=0)
         return np.asarray((self.bands - typical) / (typical + 8))
 
@@ -195,8 +194,7 @@ class Lights:
             for k in range(max(1, band - 3 * near), min(size, band + 3 * near + 1))
             if (own[k - 1] < half) == before and (own[k] < half) != before and own[k] != own[k - 1]
         ]
-        place = float(np.median(crossings or [band]))
-        return Edge(float(self.times_s[frame]), (place + 0.5) / size)
+        return Edge(float(self.times_s[frame]), (float(np.median(crossings or [band])) + 0.5) / size)
 
 
 def _runs(frames: NDArray[np.intp]) -> list[NDArray[np.intp]]:
@@ -244,7 +242,10 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
     for pairs in _agreeing(*seen, max(periods)):
         if best is not None and len(pairs) < max_pairs:
             break
-        found = _fit_robustly(pairs, periods)
+        # All pairs, or all but one: that pair may be two flashes that merged.
+        others = [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs)) if len(pairs) > MIN_MATCHES]
+        fits = (_fit(choice, *periods) for choice in (pairs, *others))
+        found = next((one for one in fits if one.offset_ns is not None), CameraTimes())
         if found.offset_ns is None:
             continue
         if best is not None:
@@ -274,15 +275,6 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
         if all(abs(offset_s - other_s) > 3 * near_s for other_s, _ in distinct):
             distinct.append((offset_s, pairs))
     return [pairs for _, pairs in distinct[:CANDIDATES]]
-
-
-def _fit_robustly(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
-    """Fit all pairs, or all but one: that pair may be two flashes that merged."""
-    choices = [pairs]
-    if len(pairs) > MIN_MATCHES:
-        choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
-    fits = (_fit(choice, *periods) for choice in choices)
-    return next((one for one in fits if one.offset_ns is not None), CameraTimes())
 
 
 def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:

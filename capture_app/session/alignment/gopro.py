@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -66,18 +66,12 @@ WANDER_S = {"GPS9": 0.05, "GPS5": 0.25}
 """Change of that delay over a recording, s; standard deviation."""
 
 
-class GpsStream(NamedTuple):
-    """The fixes of one payload's GPS stream.
+GpsStream = tuple[str, float, list[tuple[float, float]]]
+"""Kind of a payload's GPS stream, the delay of its first fix (s), and its good fixes.
 
-    `utc_s` (since 2000) has the good fixes by their index in the payload. `number` counts all fixes, good or
-    not. `after_s` is the time from the first frame's exposure in the payload to the first fix's arrival (STMP
-    of both); 0 if the camera does not record it.
-    """
-
-    key: str
-    number: int
-    utc_s: dict[int, float]
-    after_s: float = 0.0
+The delay is from the exposure of the payload's first frame to the fix's arrival (STMP of both); 0 if the
+camera does not record it. A fix has its place in the payload, from 0 to 1, and its UTC (s since 2000).
+"""
 
 
 @dataclass(frozen=True)
@@ -106,18 +100,18 @@ class _Item:
 
 def parse_payload(data: bytes) -> list[GpsStream]:
     """Return a payload's GPS streams with their good fixes: 3D, low dilution of precision. Never raises."""
-    found: list[tuple[GpsStream, float | None]] = []
+    found: list[tuple[str, float | None, list[tuple[float, float]]]] = []
     frame_stamp_us: float | None = None
     for items in _streams(data, DEPTH):
         named = {item.key: item for item in items}
         stamp_us = named["STMP"].first() if "STMP" in named else None
         if "GPS9" in named:
-            found.append((GpsStream("GPS9", *_gps9(named)), stamp_us))
+            found.append(("GPS9", stamp_us, _gps9(named)))
         elif "GPS5" in named:
-            found.append((GpsStream("GPS5", *_gps5(named)), stamp_us))
+            found.append(("GPS5", stamp_us, _gps5(named)))
         elif "SHUT" in named and frame_stamp_us is None:
             frame_stamp_us = stamp_us
-    return [stream._replace(after_s=_after_s(stamp_us, frame_stamp_us)) for stream, stamp_us in found]
+    return [(key, _after_s(stamp_us, frame_stamp_us), fixes) for key, stamp_us, fixes in found]
 
 
 def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
@@ -150,29 +144,28 @@ def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
             yield from _streams(item.data, depth - 1)
 
 
-def _gps9(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
-    """Return the number of fixes, and the UTC of the good ones; each has its own UTC in ms and quality."""
+def _gps9(named: dict[str, _Item]) -> list[tuple[float, float]]:
+    """Return the good fixes; each has its own UTC in ms and quality."""
     kinds = named["TYPE"].data.decode("latin-1").rstrip("\0") if "TYPE" in named else ""
     rows = named["GPS9"].numbers(kinds[:_LONGEST_TYPE])
     scale = [row[0] for row in named["SCAL"].numbers()] if "SCAL" in named else []
-    good = {}
+    good = []
     if len(scale) == GPS9_FIELDS and all(scale) and rows and len(rows[0]) == GPS9_FIELDS:
         for number, row in enumerate(rows):
             days, day_s, dilution, fix = (value / by for value, by in zip(row[5:], scale[5:], strict=True))
             utc_s = days * 86_400 + day_s
             is_time = days > 0 and 0 <= day_s < 86_401 and math.isfinite(utc_s)
             if is_time and fix == 3 and 0 < dilution < WORST_DILUTION:
-                good[number] = utc_s
-    return len(rows), good
+                good.append((number / len(rows), utc_s))
+    return good
 
 
-def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
-    """Return the same as `_gps9`, from one UTC for all fixes (GPSU), taken as the first fix's."""
-    count = len(named["GPS5"].numbers())
+def _gps5(named: dict[str, _Item]) -> list[tuple[float, float]]:
+    """Return the first fix if it is good, with the one UTC of all fixes (GPSU), which is taken as its own."""
     fix, dilution = (named[key].first() if key in named else None for key in ("GPSF", "GPSP"))
     utc_s = parse_utc(named["GPSU"].data) if "GPSU" in named else None
-    good = count and fix == 3 and dilution is not None and 0 < dilution / 100 < WORST_DILUTION
-    return count, {0: utc_s} if good and utc_s is not None else {}
+    good = fix == 3 and dilution is not None and 0 < dilution / 100 < WORST_DILUTION
+    return [(0.0, utc_s)] if good and utc_s is not None and named["GPS5"].numbers() else []
 
 
 def parse_utc(text: bytes) -> float | None:
@@ -254,14 +247,14 @@ def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
 
 def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:
     """Return the good fixes of one kind, without outliers; otherwise the reason why there are too few."""
-    own = [(begin_s, long_s, of) for begin_s, long_s, streams in timed for of in streams if of.key == key]
+    own = [(begin_s, long_s, of) for begin_s, long_s, streams in timed for of in streams if of[0] == key]
     fixes: list[tuple[float, float]] = []
     before_s = -math.inf
-    for begin_s, long_s, stream in own:
-        for number, utc_s in stream.utc_s.items():
+    for begin_s, long_s, (_, after_s, stream) in own:
+        for place, utc_s in stream:
             # A receiver without a new fix repeats the last time.
             if utc_s != before_s:
-                fixes.append((begin_s + stream.after_s + long_s * number / stream.number, utc_s))
+                fixes.append((begin_s + after_s + long_s * place, utc_s))
             before_s = utc_s
     if len(fixes) < MIN_FIXES:
         return f"its GPS has {len(fixes)} good 3D fixes" if own else ""

@@ -59,12 +59,8 @@ def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
 Samples = NDArray[np.float32]
 
 
-@dataclass(frozen=True, eq=False)
-class Sound:
-    """A mono sound track at `RATE_HZ`; `start_s` is its beginning in the video's own times."""
-
-    samples: Samples
-    start_s: float
+Sound = tuple[Samples, float]
+"""A mono sound track at `RATE_HZ`, and its beginning in the video's own times, s."""
 
 
 def read_sound(path: Path) -> Sound:
@@ -90,7 +86,7 @@ def read_sound(path: Path) -> Sound:
                 length += len(parts[-1])
     if not any(map(np.any, parts)):
         raise BadInputError("it has no sound")
-    return Sound(np.concatenate(parts), start_s)
+    return np.concatenate(parts), start_s
 
 
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
@@ -101,16 +97,16 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     rough_s = _rough_offset(reference, camera)
     if isinstance(rough_s, str):
         return CameraTimes(reason=rough_s)
-    found = []
-    size = round(WINDOW_S * RATE_HZ)
-    for at in _loud_windows(camera.samples, size):
-        centre_s = camera.start_s + (at + size / 2) / RATE_HZ
-        expected = round((centre_s + rough_s - reference.start_s) * RATE_HZ - size / 2)
-        if not 0 <= expected <= len(reference.samples) - size:
+    (reference_samples, reference_start_s), (samples, start_s) = reference, camera
+    found, size = [], round(WINDOW_S * RATE_HZ)
+    for at in _loud_windows(samples, size):
+        centre_s = start_s + (at + size / 2) / RATE_HZ
+        expected = round((centre_s + rough_s - reference_start_s) * RATE_HZ - size / 2)
+        if not 0 <= expected <= len(reference_samples) - size:
             continue
-        lag = _lag(reference.samples[expected : expected + size], camera.samples[at : at + size])
+        lag = _lag(reference_samples[expected : expected + size], samples[at : at + size])
         if lag is not None:
-            found.append((centre_s, reference.start_s + (expected + lag + size / 2) / RATE_HZ))
+            found.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
@@ -121,7 +117,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:
     """Return the approximate offset (s) to add to the camera's times, or the reason why it is unknown."""
-    a, b = (_onsets(sound.samples) for sound in (reference, camera))
+    a, b = (_onsets(samples) for samples, _ in (reference, camera))
     if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():
         return "a sound track is too short or silent"
     size = 1 << (len(a) + len(b)).bit_length()
@@ -129,11 +125,10 @@ def _rough_offset(reference: Sound, camera: Sound) -> float | str:
     noise = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
     best = int(fits.argmax())
     near = round(MAX_ERROR_S / BIN_S)
-    others = np.roll(fits, -best)[near : size - near]
-    if fits[best] < PROMINENT * noise or fits[best] < DISTINCT * others.max():
+    second = np.roll(fits, -best)[near : size - near].max()
+    if fits[best] < max(PROMINENT * noise, DISTINCT * second):
         return "their sounds do not agree on one offset"
-    lag = best if best < len(a) else best - size
-    return reference.start_s - camera.start_s + lag * BIN_S
+    return reference[1] - camera[1] + (best if best < len(a) else best - size) * BIN_S
 
 
 def _onsets(samples: Samples) -> NDArray[np.float64]:

@@ -97,9 +97,8 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
 def _content(frame: Frame, image: ImageRecord | None) -> str:
     if frame.image is None or image is None:
         return "blank" if frame.file else "missing"
-    if not frame.file:
-        return "left out"
-    return "substitute" if image.substitute else "image"
+    shown = "substitute" if image.substitute else "image"
+    return shown if frame.file else "left out"
 
 
 def yaml_names(cameras: Iterable[str]) -> dict[str, str]:

@@ -168,7 +168,6 @@ class AppendOnlyFile:
         self._path = path
         self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
         self._length = os.fstat(self._handle).st_size
-        self._open = True
 
     def append(self, *lines: bytes, durable: bool) -> None:
         """Append lines (without newlines), all or none; with `durable`, wait until they are on disk."""
@@ -186,7 +185,6 @@ class AppendOnlyFile:
 
     def close(self) -> None:
         """Close the file and ignore disk errors: durable lines are synced already. May be called twice."""
-        if self._open:
-            self._open = False
-            with suppress(OSError):
-                os.close(self._handle)
+        handle, self._handle = self._handle, -1
+        with suppress(OSError):
+            os.close(handle)

@@ -91,8 +91,7 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
     try:
         if newest is not None:
             fields = msgspec.json.decode(data, type=dict[str, msgspec.Raw])
-            version = msgspec.json.decode(fields.get("schema_version", b"1"), type=int)
-            if version > newest:
+            if (version := msgspec.json.decode(fields.get("schema_version", b"1"), type=int)) > newest:
                 raise BadInputError(
                     f"{path} is of schema version {version}; this simulshot reads up to {newest}",
                     hint="a newer simulshot wrote it: update this one",
@@ -124,7 +123,5 @@ def indented(data: bytes) -> bytes:
 def _line_of(data: bytes, message: str) -> str:
     """Return line and column of msgspec's `(byte N)`, as editors count them."""
     found = re.search(r"\(byte (\d+)\)", message)
-    if found is None:
-        return ""
-    lines = data[: int(found[1])].split(b"\n")
-    return f", line {len(lines)} column {len(lines[-1]) + 1}"
+    lines = data[: int(found[1])].split(b"\n") if found else []
+    return f", line {len(lines)} column {len(lines[-1]) + 1}" if lines else ""

@@ -239,8 +239,9 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
                 for schema, channel, one in reader.iter_messages(topics or None, log_time_order=False):
                     kind = schema.name if schema else ""
                     if kind in kinds and channel.message_encoding == _ENCODINGS[kind.startswith(_FOXGLOVE)]:
-                        content = _decode(kind, one.data)
-                        yield _Message(channel.topic, kind, one.log_time, one.sequence, content)
+                        yield _Message(
+                            channel.topic, kind, one.log_time, one.sequence, _decode(kind, one.data)
+                        )
             return
         reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
         with reader([path], default_typestore=ros_messages()) as found:
@@ -286,9 +287,9 @@ def _unpacked(compression: bytes, rest: bytes) -> int:
 
 
 def _decode(kind: str, data: bytes) -> Any:
-    if not kind.startswith(_FOXGLOVE):
-        return ros_messages().deserialize_cdr(data, kind)
-    return foxglove_message(kind.removeprefix(_FOXGLOVE)).FromString(data)
+    if kind.startswith(_FOXGLOVE):
+        return foxglove_message(kind.removeprefix(_FOXGLOVE)).FromString(data)
+    return ros_messages().deserialize_cdr(data, kind)
 
 
 @contextmanager

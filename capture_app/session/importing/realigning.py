@@ -93,8 +93,7 @@ def _timeline(session: Session) -> Timeline:
 def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -> None:
     for number, instant in enumerate(timeline.instants):
         for name, frame in instant.frames.items():
-            image = session.manifest.images[frame.index]
-            file = session.image_file(image)
+            file = session.image_file(session.manifest.images[frame.index])
             writer.add_image(
                 file.read_bytes(),
                 camera=name,

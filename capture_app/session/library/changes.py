@@ -62,13 +62,11 @@ def results_folder(session: Path, root: Path | None = None) -> Path:
 
 def move_result_folder(folder: Path, target: Path) -> None:
     """Move a folder of results to `target`, replacing leftovers there; on an error it stays where it is."""
-    if not folder.is_dir():
-        return
     with suppress(OSError):
-        if target.exists():
-            shutil.rmtree(target)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        move_folder(folder, target)
+        if folder.is_dir():
+            shutil.rmtree(target, ignore_errors=True)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            move_folder(folder, target)
 
 
 def rename_session(folder: Path, name: str) -> Path:

@@ -135,9 +135,8 @@ class InstantFrames:
     """Each camera's frame, in the session's order of cameras."""
 
     def __repr__(self) -> str:
-        there = sum(not frame.missing for frame in self.frames.values())
-        here = f"{there} of {len(self.frames)} frames"
-        return f"<InstantFrames {self.number}: {self.leader_ns / 1e6:.3f} ms, {here}>"
+        there = f"{sum(not one.missing for one in self.frames.values())} of {len(self.frames)} frames"
+        return f"<InstantFrames {self.number}: {self.leader_ns / 1e6:.3f} ms, {there}>"
 
     def bgr(self) -> Pixels:
         """Decode all images: uint8 cameras x height x width x 3 in OpenCV's BGR order.

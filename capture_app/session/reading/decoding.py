@@ -113,8 +113,7 @@ def size_of(data: bytes) -> Size | None:
 
 
 def _png(data: bytes) -> Size:
-    width, height = struct.unpack_from(">II", data, 16)
-    return width, height
+    return struct.unpack_from(">II", data, 16)
 
 
 def _jpeg(data: bytes) -> Size | None:

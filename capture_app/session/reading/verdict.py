@@ -80,10 +80,8 @@ def judge(manifest: Manifest) -> Verdict:
     """Judge a take by its spread, its uncertainty and its missing images."""
     sync, times = find_sync_record(manifest), manifest.burst.common_times
     unknown = times is not None and times.unknown
-    images = [0] * len(manifest.burst.instants_ns)
-    for image in manifest.images:
-        images[image.instant] += 1
-    spreads = [spread for spread, number in zip(sync.spread_ns, images, strict=True) if number > 1]
+    images = Counter(image.instant for image in manifest.images)
+    spreads = [spread for instant, spread in enumerate(sync.spread_ns) if images[instant] > 1]
     # Times without a common clock have no spread.
     spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
@@ -93,11 +91,11 @@ def judge(manifest: Manifest) -> Verdict:
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
     if unknown:
         purpose = NOT_SYNCHRONIZED
-        sentence = UNSYNCHRONIZED_SENTENCE if len(images) > 1 else LONE_INSTANT_SENTENCE
+        sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync)
     headline = f"{purpose}; {_completeness(manifest, sync)}"
-    expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
+    expected = len(manifest.cameras) * len(sync.spread_ns)
     if is_incomplete(expected - len(manifest.images), expected):
         grade, headline = "poor", f"poor: {_completeness(manifest, sync)}; the rest is {purpose}"
     return Verdict(

@@ -65,7 +65,8 @@ class ImageStore:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._records: dict[Key, ImageRecord] = {}
+        self.records: dict[Key, ImageRecord] = {}
+        """Records of all saved images, by camera and instant."""
         self._journal: AppendOnlyFile
         self.damaged: tuple[Key, ...] = ()
         """Images of a resumed session that were saved and are now damaged."""
@@ -79,19 +80,6 @@ class ImageStore:
         self._new_folders: frozenset[Path] = frozenset()
         """Folders with new entries that are not synced yet."""
 
-    @property
-    def records(self) -> tuple[ImageRecord, ...]:
-        """Return the records of all saved images, by instant and camera."""
-        return tuple(sorted(self._records.values(), key=lambda image: (image.instant, image.camera)))
-
-    def get(self, camera: str, instant: int) -> ImageRecord | None:
-        """Return the record of a saved image."""
-        return self._records.get((camera, instant))
-
-    def instants(self, camera: str) -> set[int]:
-        """Return the instants for which a camera's image is saved."""
-        return {instant for of, instant in self._records if of == camera}
-
     def open(self, *, recover: bool) -> None:
         """Open the journal; with `recover`, first find the images that an interrupted writer left.
 
@@ -100,7 +88,7 @@ class ImageStore:
         if recover:
             images, damaged = recover_images(self._folder)
             self.damaged = tuple((image.camera, image.instant) for image in damaged)
-            self._records = {(image.camera, image.instant): image for image in images}
+            self.records = {(image.camera, image.instant): image for image in images}
             self.true_times = recover_true_times(self._folder, images)
         self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
@@ -112,7 +100,7 @@ class ImageStore:
         """
         errors: list[SimulshotError | None] = [None] * len(images)
         begun: dict[int, list[Path]] = {}
-        keys = set(self._records)
+        keys = set(self.records)
         for place, image in enumerate(images):
             try:
                 image.journal_line()
@@ -137,13 +125,13 @@ class ImageStore:
 
     def leave_out(self, cameras: Set[str]) -> None:
         """Set aside the images of these cameras. Raises OSError."""
-        refused = [key for key in self._records if key[0] in cameras]
+        refused = [key for key in self.records if key[0] in cameras]
         for key in refused:
-            set_aside(self._folder, self._records.pop(key).path)
+            set_aside(self._folder, self.records.pop(key).path)
             self.true_times.pop(key, None)
         if refused:
             self._journal.close()
-            lines = (msgspec.json.encode(record) + b"\n" for record in self._records.values())
+            lines = (msgspec.json.encode(record) + b"\n" for record in self.records.values())
             write_atomic(self._folder / JOURNAL, b"".join(lines))
             self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
@@ -221,4 +209,4 @@ class ImageStore:
                 errors[place] = disk_error(error, self._folder)
             return
         for place in good:
-            self._records[images[place].key] = images[place].record
+            self.records[images[place].key] = images[place].record

@@ -58,14 +58,6 @@ RESERVED_BYTES_PER_INSTANT, MAX_RESERVED_INSTANTS = 60, 400_000
 """Reserved for a recording, whose length is unknown in advance."""
 
 
-def reserve_room(folder: Path, plan: BurstPlan) -> None:
-    """Reserve disk space for the manifest of a burst. Raises OSError if there is not enough."""
-    needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * len(plan.instants_ns)
-    if plan.streamed is not None and plan.streamed.video:
-        needed = RESERVED_BYTES_PER_INSTANT * min(len(plan.instants_ns), MAX_RESERVED_INSTANTS)
-    reserve(folder / RESERVE, RESERVED_BYTES + needed)
-
-
 def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageRecord] = ()) -> bytes:
     """Add the sync record and encode the manifest; `frames` are the frames of its videos, by instant.
 
@@ -84,17 +76,6 @@ def earlier_note(folder: Path) -> str:
         return Session.open(folder).stored_manifest.note
     except (BadInputError, IncompleteError):
         return ""
-
-
-def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
-    """Write the checksums and then the manifest, which makes the session complete. Raises OSError.
-
-    The files and folders in `before` are synced first, all at once.
-    """
-    checksums = write_checksums(folder, data)
-    for error in sync_all((*before, checksums, folder)).values():
-        raise error
-    write_atomic(folder / MANIFEST, data)
 
 
 def _valid_cameras(cameras: Iterable[CameraRecord]) -> tuple[tuple[CameraRecord, ...], dict[str, str]]:
@@ -179,7 +160,10 @@ class SessionWriter:
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
             if self.plan is None:
-                reserve_room(self.folder, plan)
+                needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * len(plan.instants_ns)
+                if plan.streamed is not None and plan.streamed.video:
+                    needed = RESERVED_BYTES_PER_INSTANT * min(len(plan.instants_ns), MAX_RESERVED_INSTANTS)
+                reserve(self.folder / RESERVE, RESERVED_BYTES + needed)
             self._know_plan(plan)
 
     def add_image(
@@ -235,11 +219,13 @@ class SessionWriter:
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the record of a saved image, or None."""
-        return self.images.get(camera, instant) or self.videos.frame(camera, instant)
+        return self.images.records.get((camera, instant)) or self.videos.frame(camera, instant)
 
     def instants_of(self, camera: str) -> InstantSet:
         """Return the instants for which a camera's image is saved."""
-        return InstantSet([*self.images.instants(camera), *self.videos.instants(camera)])
+        return InstantSet(
+            [*(n for of, n in self.images.records if of == camera), *self.videos.instants(camera)]
+        )
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append engine events to events.ndjson."""
@@ -282,7 +268,7 @@ class SessionWriter:
                 gap
                 for gap in missing
                 if gap.camera not in reasons
-                and self.images.get(gap.camera, gap.instant) is None
+                and (gap.camera, gap.instant) not in self.images.records
                 and not self.videos.has(gap.camera, gap.instant)
             )
             manifest = Manifest(
@@ -292,7 +278,7 @@ class SessionWriter:
                 software=self.software,
                 cameras=valid,
                 burst=burst,
-                images=self.images.records,
+                images=tuple(sorted(self.images.records.values(), key=lambda of: (of.instant, of.camera))),
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
                 note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),
@@ -302,7 +288,11 @@ class SessionWriter:
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.
                 write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
-            write_manifest(self.folder, data, (*self.images.write_truth(), self.folder / EVENTS))
+            truth = self.images.write_truth()
+            checksums = write_checksums(self.folder, data)
+            for error in sync_all((*truth, self.folder / EVENTS, checksums, self.folder)).values():
+                raise error
+            write_atomic(self.folder / MANIFEST, data)
             self._close()
         return Session.open(self.folder)
 
@@ -335,7 +325,7 @@ class SessionWriter:
         if self.plan is not None:
             # `read_plan` omits the cameras that it cannot trust.
             planned = {part.camera.name for part in self.plan.cameras}
-            self.images.leave_out({image.camera for image in self.images.records} - planned)
+            self.images.leave_out({camera for camera, _ in self.images.records} - planned)
             self.videos.leave_out({video.camera for video in self.videos.records()} - planned)
 
     def _know_plan(self, plan: BurstPlan) -> None:

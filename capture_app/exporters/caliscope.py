@@ -3,12 +3,10 @@
 import re
 from pathlib import Path
 
-from capture_app.session.exporting.csv_tables import renaming_notes, toml_table
+from capture_app.session.exporting.csv_tables import camera_table, renaming_notes, toml_table
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
 from capture_app.session.exporting.videos import at_own_times, write_camera
-from capture_app.session.format.calibration import METRES, Calibration
-from capture_app.session.format.lens import distortion_of, matrix_of, rodrigues, rotation_of
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
@@ -31,7 +29,12 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
     burst.notes += renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
     if burst.calibration is not None:
-        text = _camera_array(numbers, burst.calibration)
+        tables = {
+            str(number): {"cam_id": number, "rotation_count": 0, "ignore": False}
+            | camera_table(burst.calibration, camera, "m")
+            for camera, number in numbers.items()
+        }
+        text = "".join(toml_table(["cameras", key], table) for key, table in tables.items())
         (folder / "camera_array.toml").write_text(text, encoding="utf-8")
 
 
@@ -41,28 +44,6 @@ def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:
     given = [int(match[1]) for match in found if match]
     numbers = given if len(set(given)) == len(cameras) else range(len(cameras))
     return dict(zip(cameras, numbers, strict=True))
-
-
-def _camera_array(numbers: dict[str, int], calibration: Calibration) -> str:
-    factor = METRES.get(calibration.unit, 1.0)
-    text = ""
-    for name, number in numbers.items():
-        camera = calibration.cameras[name]
-        text += toml_table(
-            ["cameras", str(number)],
-            {
-                "cam_id": number,
-                "size": [camera.width, camera.height],
-                "rotation_count": 0,
-                "ignore": False,
-                "matrix": matrix_of(camera).tolist(),
-                "distortions": distortion_of(camera).tolist(),
-                "translation": [float(value) * factor for value in camera.translation],
-                "rotation": list(rodrigues(rotation_of(camera))),
-                "fisheye": False,
-            },
-        )
-    return text
 
 
 EXPORTER = Exporter(

@@ -101,8 +101,7 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
     centres = np.array([centre_of(camera) for camera in cameras.values()])
     axes = np.array([rotation_of(camera)[2] for camera in cameras.values()])
     widest = max((float(np.linalg.norm(a - b)) for a in centres for b in centres), default=0.0)
-    point = nearest_point(centres, axes, 1e4)
-    if point is not None:
+    if (point := nearest_point(centres, axes, 1e4)) is not None:
         depths = np.einsum("nj,nj->n", axes, point - centres)
         if depths.min() > 0:
             return dict(zip(cameras, map(float, depths), strict=True))

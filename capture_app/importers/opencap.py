@@ -34,8 +34,7 @@ _ALLOWED = {
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
     """Open a trial of a session. Raises BadInputError if it has several and `recording` names none."""
-    cameras = _cameras(path)
-    if not cameras:
+    if not (cameras := _cameras(path)):
         return None
     videos, trials = cameras[0].parents[1], recordings_in(path)
     if recording is not None and recording not in trials:

@@ -56,8 +56,7 @@ def _view(where: str, camera: ET.Element) -> View:
 
 
 def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
-    element = camera.find(tag)
-    if element is None:
+    if (element := camera.find(tag)) is None:
         raise BadInputError(f"{where} has no <{tag}>", hint=EXPORT_AGAIN)
     try:
         return np.array([float(element.attrib[key]) for key in keys])

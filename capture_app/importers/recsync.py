@@ -29,8 +29,7 @@ class PhoneVideo(Video):
 
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         super().__init__(name, path, png=png)
-        table = table_of(path)
-        if table is None:
+        if (table := table_of(path)) is None:
             raise BadInputError(
                 f"{path} has no table of times",
                 hint="copy the .csv beside the video from the phone, or import with --fps RATE",

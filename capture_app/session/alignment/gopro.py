@@ -219,8 +219,7 @@ def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
     for packet in container.demux(tracks) if tracks else ():
         if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
             continue
-        streams = parse_payload(bytes(packet))
-        if streams:
+        if streams := parse_payload(bytes(packet)):
             begin_s, long_s = (float(n * packet.time_base) for n in (packet.pts, packet.duration or 0))
             yield begin_s, long_s, streams
 

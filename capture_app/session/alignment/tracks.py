@@ -210,8 +210,7 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
         places = (*(stream.metadata for stream in streams), container.metadata)
         text = next((place["timecode"] for place in places if "timecode" in place), "")
         rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
-    found = _TIMECODE.fullmatch(text.strip())
-    if found is None or not rate:
+    if (found := _TIMECODE.fullmatch(text.strip())) is None or not rate:
         raise BadInputError("it has no timecode")
     hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
     nominal = round(rate)

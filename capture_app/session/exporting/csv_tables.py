@@ -69,22 +69,30 @@ def camera_tables(
     `names` are `paired_names`; translations are written in `unit` if the calibration's unit is a length.
     `numbered` adds the id and the index by which FreeMoCap 2 finds a camera.
     """
-    factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
-    text = ""
-    for number, (name, key) in enumerate(names.items()):
-        camera = calibration.cameras[name]
-        table = {
+    tables = {
+        key: {
             "name": key,
             **({"id": key, "index": number} if numbered else {}),
-            "size": [camera.width, camera.height],
-            "matrix": matrix_of(camera).tolist(),
-            "distortions": distortion_of(camera).tolist(),
-            "rotation": list(rodrigues(rotation_of(camera))),
-            "translation": [float(value) * factor for value in camera.translation],
-            "fisheye": False,
+            **camera_table(calibration, name, unit),
         }
-        text += toml_table([key], table)
-    return text + toml_table(["metadata"], {"adjusted": False, "error": 0.0})
+        for number, (name, key) in enumerate(names.items())
+    }
+    tables["metadata"] = {"adjusted": False, "error": 0.0}
+    return "".join(toml_table([key], table) for key, table in tables.items())
+
+
+def camera_table(calibration: Calibration, name: str, unit: str) -> dict[str, object]:
+    """Return one camera of such a table: its size, lens, and pose with a Rodrigues vector."""
+    camera = calibration.cameras[name]
+    factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
+    return {
+        "size": [camera.width, camera.height],
+        "matrix": matrix_of(camera).tolist(),
+        "distortions": distortion_of(camera).tolist(),
+        "rotation": list(rodrigues(rotation_of(camera))),
+        "translation": [float(value) * factor for value in camera.translation],
+        "fisheye": False,
+    }
 
 
 def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:

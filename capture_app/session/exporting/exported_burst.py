@@ -133,8 +133,7 @@ class ExportedBurst:
             raise BadInputError(f"{path} is not the image that was saved", hint=RESTORE_IMAGE)
         self._done += 1
         self._progress(min(self._done, len(self.images)), len(self.images))
-        pixels = decode_image(data, colour=True)
-        if pixels is None:
+        if (pixels := decode_image(data, colour=True)) is None:
             raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
         width, height = self.size(image.camera)
         if pixels.shape[:2] != (height, width):

@@ -127,8 +127,7 @@ def write_paired_videos(
         shown = at_instants(burst, camera, range(len(burst.instants_ns)))
         redraw = (redraws or {}).get(camera)
         write_camera(burst, folder / file, shown, camera, redraw=redraw, file=file)
-    blank = sum(frame.image is None for frame in burst.frames)
-    if blank:
+    if blank := sum(frame.image is None for frame in burst.frames):
         burst.notes.append(f"{blank} frames are black: their images are missing or of another moment")
     burst.notes += spacing_notes(burst.instants_ns, burst.period_ns)
 

@@ -86,8 +86,7 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def instants_ns(self) -> Sequence[int]:
         """Leader times of the ordered instants, ns."""
-        of = self.streamed
-        if of is None:
+        if (of := self.streamed) is None:
             return self.burst.instants_ns
         return range(of.first_ns, of.first_ns + of.step_ns * of.count, of.step_ns)
 

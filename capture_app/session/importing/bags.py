@@ -104,8 +104,7 @@ class TopicPictures(Source):
         for index, message in enumerate(_messages(self.path, _PICTURES, [self._topic])):
             if index in requested:
                 data = _picture(f"{self.path}: {self._topic}", message.content)
-                size = image_size(data)
-                if size is None:
+                if (size := image_size(data)) is None:
                     raise BadInputError(
                         f"{self.path}: {self._topic} has an image that cannot be decoded", hint=_RECOVER
                     )
@@ -173,8 +172,7 @@ def _views(
     """Return the calibration if every camera has a lens and a pose in common coordinates."""
     views: dict[str, View] = {}
     for name, picture in cameras.items():
-        lens = _lens_of(picture, lenses.values())
-        if lens is None or picture.frame_id not in poses:
+        if (lens := _lens_of(picture, lenses.values())) is None or picture.frame_id not in poses:
             return None
         where, (_, pose) = f"{path}: {picture.frame_id}", poses[picture.frame_id]
         turn, at = pose.rotation, pose.translation
@@ -207,8 +205,7 @@ def _lens_of(picture: _Message, lenses: Collection[_Message]) -> Any:
 def _picture(where: str, message: Any) -> bytes:
     if not hasattr(message, "encoding"):
         return bytes(message.data)
-    channels = _CHANNELS.get(message.encoding)
-    if channels is None:
+    if (channels := _CHANNELS.get(message.encoding)) is None:
         raise BadInputError(
             f"{where} has images of encoding {message.encoding}; {', '.join(_CHANNELS)} are supported",
             hint="record one of these encodings, or compressed images",

@@ -40,8 +40,7 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
             raise BadInputError(f"no calibration at {path}", hint="check the path after --calibration")
     first = paths[0][1]
     for importer in load_importers():
-        views = importer.read_calibration(paths, cameras)
-        if views is not None:
+        if (views := importer.read_calibration(paths, cameras)) is not None:
             if len(paths) > 1 and not importer.calibration_per_camera:
                 raise BadInputError(f"{first} holds all cameras", hint="give that one only")
             return views
@@ -64,8 +63,7 @@ def fit_calibration(
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
     labels = {match_name(label, list(sizes)): label for label in views.cameras}
-    lacking = [name for name in sizes if name not in labels]
-    if lacking:
+    if lacking := [name for name in sizes if name not in labels]:
         raise BadInputError(
             f"{views.source} calibrates {', '.join(views.cameras)}: "
             f"nothing for {', '.join(lacking)} of the recording",

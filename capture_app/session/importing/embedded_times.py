@@ -99,8 +99,7 @@ def name_time_ns(path: Path) -> int:
     for digits in re.findall(r"(?<!\d)\d+(?!\d)", path.stem):
         if len(digits) in _EPOCH_NS:
             return int(digits + "0" * _EPOCH_NS[len(digits)])
-    found = _DATE.search(path.stem)
-    if found is None:
+    if (found := _DATE.search(path.stem)) is None:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
         )
@@ -113,8 +112,7 @@ def exif_time_ns(path: Path) -> int:
         exif = read_exif(read_input(path))
     except ValueError as error:
         raise BadInputError(f"the EXIF of {path} is broken: {error}", hint=_OTHER_TIMES) from error
-    found = _DATE.search(exif.date)
-    if found is None:
+    if (found := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
     return _date_ns(path, found, exif.part_of_second)
 

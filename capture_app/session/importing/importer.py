@@ -85,8 +85,7 @@ def recognize_recording(path: Path, *, png: bool = False, recording: str | None 
     if not path.exists():
         return None
     for importer in load_importers():
-        layout = importer.open_recording(path, png=png, recording=recording)
-        if layout is not None:
+        if (layout := importer.open_recording(path, png=png, recording=recording)) is not None:
             return replace(layout, program=layout.program or importer.program)
     return None
 

@@ -91,8 +91,7 @@ class Images(Source):
         for index in sorted(indices):
             with reading(self.files[index]):
                 data = self._read(self.files[index])
-            size = image_size(data)
-            if size is None:
+            if (size := image_size(data)) is None:
                 raise BadInputError(f"{self.files[index]} is not an image that can be decoded", hint=DAMAGED)
             yield index, data, size
 
@@ -222,8 +221,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def later_chapters(path: Path) -> list[Path]:
     """Return a GoPro recording's further files in order: GX02… after GX01…, GP01… after GOPR…."""
-    found = _FIRST_CHAPTER.fullmatch(path.stem)
-    if found is None:
+    if (found := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
         return []
     kind, number = ("GP", found["old"]) if found["old"] else (found["kind"], found["number"])
     chapters = []

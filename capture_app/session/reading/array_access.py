@@ -115,8 +115,7 @@ class Frame:
 
         Raises IncompleteError if the frame is not simulated.
         """
-        truth = self._session.read_ground_truth(self.camera, self.record.instant)
-        if truth is None:
+        if (truth := self._session.read_ground_truth(self.camera, self.record.instant)) is None:
             raise IncompleteError(
                 f"{self.camera} has no true depth of instant {self.instant}",
                 hint="only simulated sessions have it",
@@ -301,8 +300,7 @@ class OpenSession(Session):
         return self.cameras[camera]
 
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
-        rig = self.calibration()
-        if rig is None or camera.name not in rig.cameras:
+        if (rig := self.calibration()) is None or camera.name not in rig.cameras:
             return None
         of, cam_from_rig = rig.cameras[camera.name], np.eye(4)
         cam_from_rig[:3, :3], cam_from_rig[:3, 3] = of.rotation, of.translation

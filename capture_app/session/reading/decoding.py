@@ -192,8 +192,7 @@ def decode_image(
     or an eighth of the size as long as the width stays at least that, which is faster. `upright`: 8 bits,
     rotated by the EXIF orientation; otherwise the orientation is ignored.
     """
-    size = size_of(data)
-    if size is None or not 0 < size[0] * size[1] <= max_pixels:
+    if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= max_pixels:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np

@@ -157,8 +157,7 @@ class Session:
 
         Raises BadInputError if the file is malformed.
         """
-        path = self.ground_truth(camera, instant)
-        if path is None:
+        if (path := self.ground_truth(camera, instant)) is None:
             return None
         import numpy as np  # slow to import, and every command imports this module
 

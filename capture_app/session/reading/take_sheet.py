@@ -61,8 +61,7 @@ def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -
     from capture_app.session.format.lens import nearest_point
 
     middle = centres.mean(axis=0)
-    target = nearest_point(centres, directions, PARALLEL)
-    if target is None:
+    if (target := nearest_point(centres, directions, PARALLEL)) is None:
         target = middle + 1000 * np.abs(centres - middle).max() * directions.mean(axis=0)
     from_target = centres - target
     _, _, axes = np.linalg.svd(np.r_[from_target, centres - middle], full_matrices=False)
@@ -168,8 +167,7 @@ def contact_sheet(
         _write(whole, duration(sheet.spread_ns(instant)), (6, top + 34), MUTED, room=GUTTER - 8)
         for x, camera in enumerate(sheet.cameras):
             left = GUTTER + x * (width + GAP)
-            image = sheet.load(camera, instant, width)
-            if image is not None:
+            if (image := sheet.load(camera, instant, width)) is not None:
                 scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
             if note := sheet.note(camera, instant) or ("" if image is not None else "cannot be read"):

@@ -204,8 +204,7 @@ def _journal(session: Session) -> Iterator[Problem]:
         return
     saved: dict[tuple[str, int], ImageRecord] = {}
     for number, line in enumerate(lines, 1):
-        record = record_of_line(line, ImageRecord)
-        if record is None:
+        if (record := record_of_line(line, ImageRecord)) is None:
             yield Problem("unreadable", JOURNAL, f"line {number} cannot be read as an image record")
             continue
         if (record.camera, record.instant) in saved:
@@ -214,8 +213,7 @@ def _journal(session: Session) -> Iterator[Problem]:
             )
         saved[record.camera, record.instant] = record
     for image in session.stored_manifest.images:
-        listed = saved.pop((image.camera, image.instant), None)
-        if listed is None:
+        if (listed := saved.pop((image.camera, image.instant), None)) is None:
             yield _contradiction(JOURNAL, f"has no entry for {image.path}")
         elif listed != image:
             yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
@@ -247,8 +245,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
         return
     for true in (one for one in (times.images if times else ()) if one.sha256 is not None):
         where = ground_truth_path(true.camera, true.instant)
-        path = session.ground_truth(true.camera, true.instant)
-        if path is None:
+        if (path := session.ground_truth(true.camera, true.instant)) is None:
             yield Problem("missing", where, "the ground truth is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != true.sha256:
             yield Problem("changed", where, "its bytes have changed: the sha256 differs")

@@ -100,11 +100,11 @@ class ImageStore:
         """
         errors: list[SimulshotError | None] = [None] * len(images)
         begun: dict[int, list[Path]] = {}
-        keys = set(self.records)
+        keys: set[Key] = set()
         for place, image in enumerate(images):
             try:
                 image.journal_line()
-                if image.key in keys:
+                if image.key in self.records or image.key in keys:
                     raise BadInputError("there is an image of {} at instant {} already".format(*image.key))
                 begun[place] = self._put(image)
                 keys.add(image.key)

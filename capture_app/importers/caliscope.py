@@ -33,9 +33,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     inner = [path / _RECORDINGS / name for name in recordings_in(path) if recording in (None, name)]
     if len(inner) == 1:
         return open_recording(inner[0], png=png, recording=None)
-    what = "without a recording: none with videos and their timestamps.csv"
-    if inner:
-        what = f"of several recordings: {', '.join(one.name for one in inner)}"
+    several = f"of several recordings: {', '.join(one.name for one in inner)}"
+    what = several if inner else "without a recording: none with videos and their timestamps.csv"
     raise BadInputError(
         f"{path} is a Caliscope workspace {what}", hint=f"name one: {path / _RECORDINGS}/NAME"
     )

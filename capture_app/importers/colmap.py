@@ -122,11 +122,11 @@ def views_of_rig_config(path: Path, content: Sequence[Any]) -> Views:
         name = (PurePosixPath(str(sensor.get("image_prefix", ""))).parts or ("",))[-1]
         where = f"{path}: camera {name}"
         parameters = numbers(where, sensor, "camera_params", *COUNTS.values(), hint=_USE_MODEL)
-        parts = (("rotation", 4), ("translation", 3))
         pose = _HERE
         if not sensor.get("ref_sensor", False):
+            parts = (("rotation", 4), ("translation", 3))
             of = (numbers(where, sensor, f"cam_from_rig_{part}", n, hint=_USE_MODEL) for part, n in parts)
-            pose = tuple(np.concatenate(list(of)))
+            pose = (*np.concatenate(list(of)).tolist(),)
         views[name] = _view(where, str(sensor.get("camera_model_name")), parameters, pose, None)
     return Views(views, path.name, assumed_unit=_ARBITRARY)
 

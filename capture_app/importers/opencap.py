@@ -68,8 +68,8 @@ def _video(folder: Path, stem: str) -> Path | None:
     """Return the trial's video with this stem; an original may also be named by OpenCap's trial id."""
     found = videos_in(folder)
     named = [path for path in found if path.stem == stem]
-    if not named and not stem.endswith(_SYNCHRONIZED):
-        named = [path for path in found if not path.stem.endswith(_SYNCHRONIZED)]
+    if not stem.endswith(_SYNCHRONIZED):
+        named += [path for path in found if not path.stem.endswith(_SYNCHRONIZED)]
     return named[0] if named else None
 
 

@@ -65,12 +65,16 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> S
     chosen = [video for video in pairs if recording is None or recording in video.stem]
     if len(chosen) == 1:
         return PhoneVideo(name, chosen[0], png=png)
-    several = "several recordings"
-    hint = f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}"
+    names = ", ".join(video.name for video in pairs)
     if recording is not None:
-        several = f"{len(chosen)} recordings named like {recording}"
-        hint = "--recording takes a part of one's name that no other has"
-    raise BadInputError(f"{path} has {several}: {', '.join(video.name for video in pairs)}", hint=hint)
+        raise BadInputError(
+            f"{path} has {len(chosen)} recordings named like {recording}: {names}",
+            hint="--recording takes a part of one's name that no other has",
+        )
+    raise BadInputError(
+        f"{path} has several recordings: {names}",
+        hint=f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}",
+    )
 
 
 def table_of(video: Path) -> Path | None:

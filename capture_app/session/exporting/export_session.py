@@ -80,10 +80,11 @@ def export_session(
 
 
 def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:
-    for option in given.keys() - {one.name for one in fields(exporter.options)}:
-        formats = [other for other, one in load_exporters().items() if option in own_options(one)]
+    known = {one.name for one in fields(exporter.options)}
+    if unknown := [option for option in given if option not in known]:
+        formats = [other for other, one in load_exporters().items() if unknown[0] in own_options(one)]
         hint = f"it is for {', '.join(formats)}" if formats else ""
-        raise BadInputError(f"{name} takes no --{option}", hint=hint)
+        raise BadInputError(f"{name} takes no --{unknown[0]}", hint=hint)
     return exporter.options(**given)
 
 

@@ -13,8 +13,8 @@ from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 
 TIME_BASE = Fraction(1, 1_000_000)
-_QUALITY: dict[str, object] = {"crf": "15", "preset": "veryfast", "bf": "0"}
-_LOSSLESS: dict[str, object] = {"qp": "0", "preset": "veryfast", "bf": "0"}
+_QUALITY: dict[str, str] = {"crf": "15", "preset": "veryfast", "bf": "0"}
+_LOSSLESS: dict[str, str] = {"qp": "0", "preset": "veryfast", "bf": "0"}
 _BT601 = 6  # ITU-T H.273's number for the matrix that JPEG uses too
 _LIMITED_RANGE = 1
 
@@ -43,12 +43,16 @@ def write_video(
     try:
         # In milliseconds, MP4's default, the time before the first frame would lose its microseconds.
         with av.open(str(path), "w", format="mp4", options={"movie_timescale": "1000000"}) as container:
-            rate = Fraction(1_000_000_000, period_ns).limit_denominator()
-            stream = container.add_stream("libx264rgb" if lossless else "libx264", rate=rate)
-            stream.width, stream.height = width, height
-            stream.time_base = stream.codec_context.time_base = TIME_BASE
             unreduced = "yuv444p" if width % 2 or height % 2 else "yuv420p"
-            stream.pix_fmt, stream.options = ("bgr24", _LOSSLESS) if lossless else (unreduced, _QUALITY)
+            stream = container.add_stream(
+                "libx264rgb" if lossless else "libx264",
+                rate=Fraction(1_000_000_000, period_ns).limit_denominator(),
+                options=_LOSSLESS if lossless else _QUALITY,
+                width=width,
+                height=height,
+                pix_fmt="bgr24" if lossless else unreduced,
+            )
+            stream.time_base = stream.codec_context.time_base = TIME_BASE
             if not lossless:
                 stream.codec_context.colorspace = _BT601
                 stream.codec_context.color_range = _LIMITED_RANGE

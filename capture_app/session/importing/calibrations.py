@@ -35,9 +35,8 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
     Give one file or folder with all cameras, or one for each camera, in a format that an importer reads.
     Raises BadInputError for anything else.
     """
-    for _, path in paths:
-        if not path.exists():
-            raise BadInputError(f"no calibration at {path}", hint="check the path after --calibration")
+    if missing := [path for _, path in paths if not path.exists()]:
+        raise BadInputError(f"no calibration at {missing[0]}", hint="check the path after --calibration")
     first = paths[0][1]
     for importer in load_importers():
         if (views := importer.read_calibration(paths, cameras)) is not None:

@@ -87,8 +87,7 @@ def find_calibration(folder: Path) -> Path | None:
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and _CALIBRATION.search(path.name)]
     for place, importer in product((folder, *inner), load_importers()):
         for pattern in importer.calibration_files:
-            file = next(iter(sorted(place.glob(pattern))), None)
-            if file is not None:
+            if (file := min(place.glob(pattern), default=None)) is not None:
                 return place if importer.calibration_per_camera else file
     return None
 

@@ -92,9 +92,10 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
 
 
 def _check_options(names: Sequence[str], options: ImportOptions) -> None:
-    for name in options.offsets_ms.keys() - set(names):
+    if unknown := [name for name in options.offsets_ms if name not in names]:
         raise BadInputError(
-            f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
+            f"--time-shift-ms names {unknown[0]}, which the recording lacks",
+            hint=f"it has {', '.join(names)}",
         )
     if sum((options.fps is not None, options.timestamps is not None, options.times != "auto")) > 1:
         raise BadInputError(

@@ -157,12 +157,12 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
         for where, line in lines
         if (name := match_name((line[camera] or "").strip(), names)) is not None
     ]
-    for name in names:
-        if not any(row.camera == name and row.leader_ns is not None for row in rows):
-            raise BadInputError(
-                f"{path} has no times of camera {name}",
-                hint="add its rows; the column camera must have the names of the imported cameras",
-            )
+    timed = {row.camera for row in rows if row.leader_ns is not None}
+    if lacking := [name for name in names if name not in timed]:
+        raise BadInputError(
+            f"{path} has no times of camera {lacking[0]}",
+            hint="add its rows; the column camera must have the names of the imported cameras",
+        )
     return rows
 
 
@@ -192,12 +192,11 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
             )
         own = [replace(row, frame=index) for index, row in enumerate(own)]
     numbers = [-1 if row.frame is None else row.frame for row in own]
-    for number in numbers:
-        if not 0 <= number < count:
-            raise BadInputError(
-                f"{path} names frame {number} of camera {name}, which has {count} frames",
-                hint="correct the column frame, which counts from 0",
-            )
+    if wrong := [number for number in numbers if not 0 <= number < count]:
+        raise BadInputError(
+            f"{path} names frame {wrong[0]} of camera {name}, which has {count} frames",
+            hint="correct the column frame, which counts from 0",
+        )
     if len(set(numbers)) < len(numbers):
         raise BadInputError(f"{path} names a frame of camera {name} twice", hint="remove one of the two rows")
     return [(row, TimedFrame(n, row.leader_ns or 0)) for n, row in zip(numbers, own, strict=True)]

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -224,13 +225,9 @@ def later_chapters(path: Path) -> list[Path]:
     if (found := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
         return []
     kind, number = ("GP", found["old"]) if found["old"] else (found["kind"], found["number"])
-    chapters = []
-    for chapter in range(1 if found["old"] else 2, 100):
-        beside = path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
-        if not beside.is_file():
-            break
-        chapters.append(beside)
-    return chapters
+    chapters = range(1 if found["old"] else 2, 100)
+    beside = (path.with_name(f"{kind}{chapter:02}{number}{path.suffix}") for chapter in chapters)
+    return list(takewhile(Path.is_file, beside))
 
 
 def videos_in(folder: Path) -> list[Path]:

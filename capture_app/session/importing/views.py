@@ -131,9 +131,8 @@ def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -
     views: dict[str, View] = {}
     rest = [(name, view) for name, view in images if views.setdefault(name, view) is not view]
     extent = max((float(np.linalg.norm(view.translation)) for view in views.values()), default=0.0)
-    for name, view in rest:
-        if not _same_view(views[name], view, extent):
-            raise BadInputError(f"{where}: camera {name} is not in one place in all of its images", hint=hint)
+    if moved := [name for name, view in rest if not _same_view(views[name], view, extent)]:
+        raise BadInputError(f"{where}: camera {moved[0]} is not in one place in all of its images", hint=hint)
     return views
 
 

@@ -187,10 +187,11 @@ def _clock_error(
     clock, instants_ns = camera.clock, session.manifest.burst.instants_ns
     if clock is None or record.local_ns is None:
         return 0, 0
-    allowed_ns = clock.uncertainty_ns + _ROUNDING_NS
-    if record.uncertainty_ns is not None:
-        # The timestamp delay does not affect clock conversion, so its uncertainty is subtracted.
-        allowed_ns = max(0, record.uncertainty_ns - stamp_ns) + _ROUNDING_NS
+    # The timestamp delay does not affect clock conversion, so its uncertainty is subtracted.
+    own_ns = (
+        clock.uncertainty_ns if record.uncertainty_ns is None else max(0, record.uncertainty_ns - stamp_ns)
+    )
+    allowed_ns = own_ns + _ROUNDING_NS
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns

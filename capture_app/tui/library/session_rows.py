@@ -1,14 +1,16 @@
-"""List of sessions: filter, order, and three-line rows with thumbnail, synchronization and runs."""
+"""List of sessions with filter, order and three-line rows, and the pane of the selected session."""
 
 import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 from rich.style import Style
 from textual import work
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical
 from textual.content import Content
 from textual.geometry import Size
 from textual.strip import Strip
@@ -17,12 +19,15 @@ import capture_app
 from capture_app.common.names import natural_order
 from capture_app.common.text import count, duration, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
+from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
 from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
-from capture_app.tui.widgets.lines import fitting, justified, strip_of_line
+from capture_app.tui.widgets.contact_sheet import ContactSheet
+from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line
+from capture_app.tui.widgets.look import Motion
 from capture_app.tui.widgets.picture import strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
@@ -35,6 +40,8 @@ ORDERS: tuple[Order, ...] = get_args(Order)
 ROWS = 3
 THUMB = 8
 """Columns of the thumbnail."""
+LOW = 30
+"""Height below which the pictures get the space of the explanations."""
 STATES = {
     "being saved": Sign("◔", "being saved", "$warning"),
     "interrupted": Sign("✖", "interrupted", "$error"),
@@ -63,8 +70,9 @@ def arrange(
 ) -> list[Entry]:
     """Return the sessions whose displayed text contains all words, sorted; samples come last."""
     found = [card for card in sessions if _matches(card, words)]
-    whole = [card for card in found if not is_incomplete(card.missing, card.images + card.missing)]
-    best = best_synchronized(whole)
+    best = best_synchronized(
+        [card for card in found if not is_incomplete(card.missing, card.images + card.missing)]
+    )
     return [
         *(Entry(card, is_best=card is best) for card in _sort(found, order)),
         *(Entry(card, is_sample=True) for card in _sort([c for c in samples if _matches(c, words)], order)),
@@ -80,13 +88,13 @@ def find_samples(sessions: Path) -> Path | None:
 
 
 def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
-    by_name = sorted(cards, key=lambda card: natural_order(card.name))
-    if order == "by name":
-        return by_name
+    found = sorted(cards, key=lambda card: natural_order(card.name))
     if order == "best synchronized first":
-        return sorted(by_name, key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
-    # A session being saved has no date yet and is the newest.
-    return sorted(by_name, key=lambda card: (card.state == "being saved", card.created), reverse=True)
+        found.sort(key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
+    if order == "newest first":
+        # A session being saved has no date yet and is the newest.
+        found.sort(key=lambda card: (card.state == "being saved", card.created), reverse=True)
+    return found
 
 
 def _matches(card: SessionCard, words: str) -> bool:
@@ -114,8 +122,7 @@ class SessionRows(RowList[Entry]):
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
 
         def beside(line: Content) -> Strip:
-            line = line.truncate(room, ellipsis=True)
-            line = Content.assemble(" ", line, " " * max(0, room + 1 - line.cell_length))
+            line = Content.assemble(" ", line.truncate(room, ellipsis=True, pad=True), " ")
             return strip_of_line(self, line.stylize_before(style))
 
         return [
@@ -132,9 +139,9 @@ class SessionRows(RowList[Entry]):
         card = entry.card
         left = Content.styled(printable(card.name), "bold")
         if entry.is_best:
-            left = Content.assemble(left, ("  ★ best synchronized", "bold $warning"))
+            left += Content.styled("  ★ best synchronized", "bold $warning")
         if entry.is_sample:
-            left = Content.assemble(left, ("  sample", "$secondary"))
+            left += Content.styled("  sample", "$secondary")
         return justified(left, Content.styled(_when(card.created), "$foreground-muted"), room)
 
     def _facts(self, card: SessionCard, room: int) -> Content:
@@ -164,8 +171,7 @@ class SessionRows(RowList[Entry]):
             images = self.items[key].card.first_images[:1] if key in self.items else ()
             if images:
                 palette, light = palette_of(self.app), not self.app.current_theme.dark
-                drawn = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
-                self._thumbs[images] = drawn
+                self._thumbs[images] = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
             self._requested.remove(key)
             self.show_again(key)
 
@@ -204,10 +210,7 @@ def scatter_of(card: SessionCard) -> Content:
     sign = GRADES[grade]
     if error_ns is None:
         return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")
-    return Content.assemble(
-        (str(sign), f"bold {sign.style}"),
-        f"  within {duration(card.worst_ns)}",
-    )
+    return Content.assemble((str(sign), f"bold {sign.style}"), f"  within {duration(card.worst_ns)}")
 
 
 def _draw(cache: Path, image: Path, palette: Palette, light: bool) -> CellPicture | None:
@@ -221,3 +224,54 @@ def _when(created: str) -> str:
         return datetime.fromisoformat(created).astimezone().strftime("%d %b %Y %H:%M")
     except ValueError:
         return printable(created[:16])
+
+
+class TakePane(Vertical):
+    """Pane of a session; the caller loads the sheet."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="alternate two cameras"),
+        Binding(
+            "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
+        ),
+    ]
+
+    def __init__(self) -> None:
+        self.entry: Entry | None = None
+        """Session on display."""
+        self.sheet = ContactSheet()
+        self._words = Lines(id="take-words")
+        super().__init__(self._words, self.sheet)
+
+    def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
+        """Show a session; `sheet` is None if it is missing or not loaded yet."""
+        self.entry = entry
+        facts = "" if entry is None else f"{count(len(entry.card.cameras), 'camera')} · {entry.card.folder}"
+        self.border_subtitle = Content(printable(facts))
+        if sheet is not self.sheet.sheet:
+            self.sheet.show(sheet)
+        self._show_words()
+
+    def action_look(self, motion: Motion) -> None:
+        """Open the selected picture, in motion."""
+        self.sheet.action_look(motion)
+
+    def _show_words(self) -> None:
+        self._words.show(() if self.entry is None else self._lines(self.entry.card, self.sheet.sheet))
+
+    def _lines(self, card: SessionCard, sheet: TakeSheet | None) -> Iterator[Content]:
+        width, low = max(20, self.size.width - 2), self.size.height < LOW
+        if card.state != "complete":
+            sign = STATES[card.state]
+            yield from Content.styled(f"{sign}: {printable(card.problem)}", sign.style).wrap(width)
+            yield from Content(f"→ {printable(card.remedy)}").wrap(width)
+        elif sheet is not None and sheet.session.folder == card.folder:
+            verdict, sign = sheet.verdict, GRADES[sheet.verdict.grade]
+            yield Content.assemble(
+                (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
+            ).truncate(width, ellipsis=True)
+        if card.note:
+            note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
+            yield from [note.truncate(width, ellipsis=True)] if low else note.wrap(width)
+
+    on_resize = _show_words

@@ -1,16 +1,14 @@
 """Mode Sessions: the sessions on disk, the selected one, and the actions on it."""
 
 import asyncio
-from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from platformdirs import user_cache_path
 from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
-from textual.timer import Timer
 from textual.widgets import Input
 
 from capture_app.common.errors import SimulshotError
@@ -31,15 +29,13 @@ from capture_app.tui.library.forms import (
     options_question,
     typed_path,
 )
-from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, arrange
-from capture_app.tui.library.take_pane import TakePane
+from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import explain_verdict
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, showing_errors
+from capture_app.tui.rig_record import RecordChanged, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
-T = TypeVar("T")
 LOOK_AGAIN_S = 2.0
 """Interval at which the folder is read while visible, in seconds."""
 FOLLOW_EVERY_S = 0.25
@@ -48,26 +44,45 @@ SETTLED_S = 0.15
 """Delay before a newly selected session's images are loaded, in seconds."""
 WIDE = 120
 """Width from which the selected session is shown beside the list."""
-_OF_ONE = ("look", "explain", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")
 
 
 class SessionsView(ModeView):
     """View of a folder's sessions, the bundled samples, and the runs on both."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "look", "Look", id="sessions.look"),
-        Binding("y", "explain", "Why", id="sessions.why", tooltip="explains the verdict"),
-        Binding("c", "compare", "Compare", id="sessions.compare", tooltip="synchronized against offset"),
-        Binding("o", "results", "Results", id="sessions.results", tooltip="result of the last job"),
-        Binding("e", "export", "Export", id="sessions.export"),
-        Binding("a", "analyse", "Analyse", id="sessions.analyse", tooltip="depth, panorama, point clouds"),
-        Binding("delete,backspace", "trash", "Trash", id="sessions.trash", key_display="del"),
-        Binding("r", "rename", "Rename", id="sessions.rename"),
-        Binding("n", "note", "Note", id="sessions.note"),
+        Binding("enter", "on_session('look')", "Look", id="sessions.look"),
+        Binding("y", "on_session('explain')", "Why", id="sessions.why", tooltip="explains the verdict"),
+        Binding(
+            "c",
+            "on_session('compare')",
+            "Compare",
+            id="sessions.compare",
+            tooltip="synchronized against offset",
+        ),
+        Binding(
+            "o", "on_session('results')", "Results", id="sessions.results", tooltip="result of the last job"
+        ),
+        Binding("e", "on_session('export')", "Export", id="sessions.export"),
+        Binding(
+            "a",
+            "on_session('analyse')",
+            "Analyse",
+            id="sessions.analyse",
+            tooltip="depth, panorama, point clouds",
+        ),
+        Binding("delete,backspace", "on_session('trash')", "Trash", id="sessions.trash", key_display="del"),
+        Binding("r", "on_session('rename')", "Rename", id="sessions.rename"),
+        Binding("n", "on_session('note')", "Note", id="sessions.note"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
         Binding("s", "sort", "Sort", id="sessions.sort"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
-        Binding("v", "verify", "Verify", id="sessions.verify", tooltip="check that all files are intact"),
+        Binding(
+            "v",
+            "on_session('verify')",
+            "Verify",
+            id="sessions.verify",
+            tooltip="check that all files are intact",
+        ),
         Binding("m", "import", "Import", id="sessions.import", tooltip="import a folder of videos"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
@@ -88,7 +103,6 @@ class SessionsView(ModeView):
         self._samples: list[SessionCard] = []
         self._target: Path | None = None
         """Session, or folder of sessions, to select once it is listed."""
-        self._settling: Timer | None = None
         self._reading = asyncio.Lock()
         """Held while the folder is read, which may exceed the read interval on a slow disk."""
         super().__init__(self._frame, self._pane)
@@ -134,7 +148,7 @@ class SessionsView(ModeView):
 
     # List
 
-    def _look_for(self, folder: Path | None) -> None:
+    def _look_for(self, folder: Path) -> None:
         self._target = folder
         self.look_at_disk()
 
@@ -171,8 +185,7 @@ class SessionsView(ModeView):
 
     @property
     def _order(self) -> Order:
-        order = self._settings.recall("sessions.order", "")
-        return next((one for one in ORDERS if one == order), ORDERS[0])
+        return next((one for one in ORDERS if one == self._settings.recall("sessions.order", "")), ORDERS[0])
 
     def _show(self) -> None:
         words = self._find.value if self._find.display else ""
@@ -208,20 +221,20 @@ class SessionsView(ModeView):
         """Show the selected session and its actions, or open it."""
         self._complete()
         self.refresh_bindings()
-        if message.opens:
-            self.action_look()
+        if message.opens and self.check_action("on_session", ("look",)):
+            self.action_on_session("look")
 
     def on_input_submitted(self) -> None:
         """Move the focus from the search to the list of sessions that match."""
         self._rows.focus()
 
     def _complete(self) -> None:
-        if self._settling is not None:
-            self._settling.stop()
-        self._settling = self.set_timer(SETTLED_S, self._show_pane) if self.has_class("-wide") else None
+        if self.has_class("-wide"):
+            self._show_pane(SETTLED_S)
 
     @work(exclusive=True, group="pane")
-    async def _show_pane(self) -> None:
+    async def _show_pane(self, after_s: float = 0.0) -> None:
+        await asyncio.sleep(after_s)
         entry = self.entry
         title = "" if entry is None else printable(entry.card.name)
         if str(self._pane.border_title or "") != title:
@@ -229,60 +242,48 @@ class SessionsView(ModeView):
         if entry is None or entry.card.state != "complete":
             self._pane.show(entry, None)
         elif entry != self._pane.entry:
-            self._pane.show(entry, await self._try(TakeSheet.open, entry.card.folder))
-
-    async def _try(self, do: Callable[[Path], T], folder: Path) -> T | None:
-        """Do something on disk in a thread; on failure show the error and return None."""
-        try:
-            return await asyncio.to_thread(do, folder)
-        except SimulshotError as error:
-            self.post_message(ActionFailed(error))
-            return None
+            sheet = None
+            with showing_errors(self):
+                sheet = await asyncio.to_thread(TakeSheet.open, entry.card.folder)
+            self._pane.show(entry, sheet)
 
     # Viewing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only actions available for the selected session."""
-        entry = self.entry
         if action == "show_all":
             return bool(self._find.display) or self.has_class("-whole")
-        if action not in _OF_ONE:
+        if action != "on_session":
             return True
-        if entry is None:
-            return False
-        if action == "results":
-            return self._latest_result(entry) is not None
+        entry, (what,) = self.entry, parameters
+        if entry is None or what == "results":
+            return entry is not None and self._latest_result(entry) is not None
         if entry.card.state == "being saved":
             # The action will be available soon: its key explains that, while a hidden key explains nothing.
             return True
-        whole = entry.card.state == "complete" or action in ("analyse", "trash")
-        is_read_only = entry.is_sample and action in ("rename", "note", "trash")
-        return whole and not is_read_only and (action != "compare" or len(entry.card.cameras) > 1)
+        whole = entry.card.state == "complete" or what in ("analyse", "trash")
+        may_change = not entry.is_sample or what not in ("rename", "note", "trash")
+        return whole and may_change and (what != "compare" or len(entry.card.cameras) > 1)
 
-    def _saved_entry(self) -> Entry | None:
-        """Return the selected session; while it is being saved, show a message and return None."""
+    def action_on_session(self, what: str) -> None:
+        """Do something with the selected session; while it is being saved, say so instead."""
         entry = self.entry
         if entry is not None and entry.card.state == "being saved":
-            self.app.notify(
-                f"{printable(entry.card.name)} is being saved: try again when that is done", markup=False
-            )
-            return None
-        return entry
+            words = f"{printable(entry.card.name)} is being saved: try again when that is done"
+            self.app.notify(words, markup=False)
+        elif entry is not None:
+            getattr(self, f"_{what}")(entry)
 
-    def action_look(self) -> None:
+    def _look(self, _: Entry) -> None:
         """Show the session in the whole view."""
-        entry = self._saved_entry()
-        if entry is not None and entry.card.state == "complete":
-            self._show_pane()
-            self._look_whole(True)
+        self._show_pane()
+        self._look_whole(True)
 
     @work
-    async def action_explain(self) -> None:
-        """Explain the verdict on the selected session."""
-        entry = self._saved_entry()
-        sheet = None if entry is None else await self._try(TakeSheet.open, entry.card.folder)
-        if sheet is not None:
-            self.app.push_screen(explain_verdict(sheet))
+    async def _explain(self, entry: Entry) -> None:
+        """Explain the verdict on the session."""
+        with showing_errors(self):
+            self.app.push_screen(explain_verdict(await asyncio.to_thread(TakeSheet.open, entry.card.folder)))
 
     def _look_whole(self, whole: bool) -> None:
         self.set_class(whole, "-whole")
@@ -290,10 +291,9 @@ class SessionsView(ModeView):
         self.refresh_bindings()
 
     @work
-    async def action_results(self) -> None:
+    async def _results(self, entry: Entry) -> None:
         """Show the latest result on the session."""
-        run = None if self.entry is None else self._latest_result(self.entry)
-        if run is not None:
+        if (run := self._latest_result(entry)) is not None:
             await show_result(self, run, self._runs.log(run))
 
     def _latest_result(self, entry: Entry) -> Run | None:
@@ -325,33 +325,28 @@ class SessionsView(ModeView):
 
     # Starting commands
 
-    def action_compare(self) -> None:
+    def _compare(self, entry: Entry) -> None:
         """Run Compare with its quick options."""
-        self._start(COMPARE, self._saved_entry())
+        self._start(COMPARE, entry)
 
-    def action_verify(self) -> None:
+    def _verify(self, entry: Entry) -> None:
         """Check all files of the session."""
-        self._start(VERIFY, self._saved_entry())
+        self._start(VERIFY, entry)
 
     @work
-    async def action_analyse(self) -> None:
+    async def _analyse(self, entry: Entry) -> None:
         """Ask for a command and its options, and run it."""
-        entry = self._saved_entry()
-        name = None if entry is None else await self.app.push_screen_wait(command_list(entry.card))
-        if entry is None or name is None:
-            return
-        command = COMMANDS[name]
-        form = options_question(command, entry.card, self._runs.out(command, entry.card.folder))
-        options = await self.app.push_screen_wait(form)
-        if options is not None:
-            self._start(command, entry, options)
+        name = await self.app.push_screen_wait(command_list(entry.card))
+        if name is not None:
+            command = COMMANDS[name]
+            form = options_question(command, entry.card, self._runs.out(command, entry.card.folder))
+            options = await self.app.push_screen_wait(form)
+            if options is not None:
+                self._start(command, entry, options)
 
     @work
-    async def action_export(self) -> None:
+    async def _export(self, entry: Entry) -> None:
         """Ask for a format and a folder, and export."""
-        entry = self._saved_entry()
-        if entry is None:
-            return
         before = self._settings.recall("sessions.export-format", "colmap")
         name = await self.app.push_screen_wait(format_list(entry.card, before))
         if name is None:
@@ -373,61 +368,53 @@ class SessionsView(ModeView):
             return
         folder = typed_path(typed).absolute()
         self._settings.remember("sessions.import-folder", str(folder))
-        root, before = self._listing.root, set(self._rows.keys)
+        before = set(self._rows.keys)
         with showing_errors(self):
-            run = self._runs.add(IMPORT, folder, out=root)
+            run = self._runs.add(IMPORT, folder, out=self._listing.root)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
             await self._list()
             self._rows.choose(next((key for key in self._rows.keys if key not in before), ""))
 
     def _start(
-        self, command: Command, entry: Entry | None, options: str | None = None, out: Path | None = None
+        self, command: Command, entry: Entry, options: str | None = None, out: Path | None = None
     ) -> None:
-        if entry is not None:
-            with showing_errors(self):
-                self._runs.add(command, entry.card.folder, options, out)
-                self.app.notify(
-                    f"{command.title} of {printable(entry.card.name)} has started: key 4 shows its progress. "
-                    "It ends when this screen is closed.",
-                    markup=False,
-                )
+        with showing_errors(self):
+            self._runs.add(command, entry.card.folder, options, out)
+            self.app.notify(
+                f"{command.title} of {printable(entry.card.name)} has started: key 4 shows its progress. "
+                "It ends when this screen is closed.",
+                markup=False,
+            )
 
     # Changing sessions
 
     @work
-    async def action_rename(self) -> None:
+    async def _rename(self, entry: Entry) -> None:
         """Ask for a new name and rename the session."""
-        entry = self._saved_entry()
-        name = None if entry is None else await self.app.push_screen_wait(name_question(entry.card))
-        if entry is not None and name:
-            renamed = await self._try(lambda folder: rename_session(folder, name), entry.card.folder)
-            self._look_for(renamed)
+        if name := await self.app.push_screen_wait(name_question(entry.card)):
+            with showing_errors(self):
+                self._look_for(await asyncio.to_thread(rename_session, entry.card.folder, name))
             await self._runs.read()
 
     @work
-    async def action_note(self) -> None:
+    async def _note(self, entry: Entry) -> None:
         """Ask for a note and store it."""
-        entry = self._saved_entry()
-        note = None if entry is None else await self.app.push_screen_wait(note_question(entry.card))
-        if entry is not None and note is not None:
-            await self._try(lambda folder: set_note(folder, note), entry.card.folder)
+        note = await self.app.push_screen_wait(note_question(entry.card))
+        if note is not None:
+            with showing_errors(self):
+                await asyncio.to_thread(set_note, entry.card.folder, note)
             self.look_at_disk()
 
     @work
-    async def action_trash(self) -> None:
+    async def _trash(self, entry: Entry) -> None:
         """Move the session to the trash without asking, because undo restores it."""
-        entry = self._saved_entry()
-        if entry is None:
-            return
-        if any(not run.state.is_over for run in self._runs.of(entry.card.folder)):
-            self.post_message(
-                ActionFailed(
-                    SimulshotError("a job is working on this session", hint="cancel it first: key 4, then x")
+        with showing_errors(self):
+            if any(not run.state.is_over for run in self._runs.of(entry.card.folder)):
+                raise SimulshotError(
+                    "a job is working on this session", hint="cancel it first: key 4, then x"
                 )
-            )
-            return
-        if await self._try(trash_session, entry.card.folder) is not None:
+            await asyncio.to_thread(trash_session, entry.card.folder)
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u restores it", markup=False)
         self.look_at_disk()
         await self._runs.read()
@@ -435,5 +422,6 @@ class SessionsView(ModeView):
     @work
     async def action_undo(self) -> None:
         """Restore the session trashed last."""
-        self._look_for(await self._try(restore_session, self._listing.root))
+        with showing_errors(self):
+            self._look_for(await asyncio.to_thread(restore_session, self._listing.root))
         await self._runs.read()

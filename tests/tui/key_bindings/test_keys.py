@@ -72,9 +72,10 @@ def test_every_key_has_an_action_that_exists() -> None:
         kinds += kind.__subclasses__()
         if kind.__module__.startswith("capture_app."):
             for binding in kind.__dict__.get("BINDINGS", ()):
-                action = binding.action.partition("(")[0]
-                if "." not in action and not hasattr(kind, f"action_{action}"):
-                    missing.append(f"{kind.__name__}.{action}")
+                action, _, parameter = binding.action.partition("(")
+                method = "_" + parameter.strip("')") if action == "on_session" else f"action_{action}"
+                if "." not in action and not hasattr(kind, method):
+                    missing.append(f"{kind.__name__}.{method}")
     assert not missing
 
 

@@ -166,8 +166,8 @@ async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(ses
         writer.abort()
         await until(pilot, lambda: "interrupted" in text(pilot.app))
         await choose(pilot, "cut")
-        assert view(pilot.app).check_action("look", ()) is False
-        assert view(pilot.app).check_action("compare", ()) is False
+        assert view(pilot.app).check_action("on_session", ("look",)) is False
+        assert view(pilot.app).check_action("on_session", ("compare",)) is False
         await pilot.press("delete")
         await until(pilot, lambda: "cut" not in names(pilot))
     assert [one.name for one in trashed_sessions(sessions)] == ["cut"]
@@ -197,8 +197,8 @@ async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:
         rows(pilot.app).choose(sample)
         await settle(pilot)
         for action in ("rename", "note", "trash"):
-            assert view(pilot.app).check_action(action, ()) is False
-        assert view(pilot.app).check_action("compare", ()) is True
+            assert view(pilot.app).check_action("on_session", (action,)) is False
+        assert view(pilot.app).check_action("on_session", ("compare",)) is True
 
 
 @pytest.mark.slow

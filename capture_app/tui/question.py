@@ -15,6 +15,7 @@ from textual.widget import Widget
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
+from capture_app.common.errors import SimulshotError
 from capture_app.common.text import printable
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
@@ -63,9 +64,7 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
 
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
         box = Vertical(*children)
-        if title:
-            box.border_title = Content(printable(title))
-        box.border_subtitle = Content(subtitle)
+        box.border_title, box.border_subtitle = Content(printable(title)), Content(subtitle)
         super().__init__(box)
 
 
@@ -123,7 +122,7 @@ class ListQuestion(BoxDialog[str | None]):
     def __init__(self, title: str, rows: Mapping[str, tuple[str, str]], chosen: str = "") -> None:
         """`rows`: title and explanation by name; `chosen`: the name selected first."""
         wide = max(len(name) for name, _ in rows.values())
-        self._list = OptionList(
+        choices = OptionList(
             *(
                 Option(
                     Content.assemble((f"{one:<{wide}}", "bold"), (f"  {what}", "$foreground-muted")), id=name
@@ -131,12 +130,8 @@ class ListQuestion(BoxDialog[str | None]):
                 for name, (one, what) in rows.items()
             )
         )
-        self._first = list(rows).index(chosen) if chosen in rows else 0
-        super().__init__(title, self._list, subtitle="enter chooses · esc cancels")
-
-    def on_mount(self) -> None:
-        """Select the first choice."""
-        self._list.highlighted = self._first
+        choices.highlighted = list(rows).index(chosen) if chosen in rows else 0
+        super().__init__(title, choices, subtitle="enter chooses · esc cancels")
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Return the selected name."""
@@ -146,8 +141,8 @@ class ListQuestion(BoxDialog[str | None]):
 class TextQuestion(BoxDialog[str | None]):
     """Question with a line of text as answer; None after Escape."""
 
-    def __init__(self, text: str, value: str, *, check: Callable[[str], str], title: str = "") -> None:
-        """`check` returns an error message for a text, or an empty string."""
+    def __init__(self, text: str, value: str, *, check: Callable[[str], object], title: str = "") -> None:
+        """`check` raises SimulshotError for a text that is not valid."""
         self._check = check
         self._wrong = Static("", classes="wrong")
         self._line, self._value = Input(select_on_focus=False), value
@@ -159,12 +154,19 @@ class TextQuestion(BoxDialog[str | None]):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Show the error message of the present text."""
-        self._wrong.update(Content(self._check(event.value)))
+        self._wrong.update(Content(self._problem(event.value)))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Return the text if it is valid."""
-        if not self._check(event.value):
+        if not self._problem(event.value):
             self.dismiss(event.value)
+
+    def _problem(self, text: str) -> str:
+        try:
+            self._check(text)
+        except SimulshotError as error:
+            return printable(str(error))
+        return ""
 
 
 def explain_verdict(sheet: TakeSheet) -> BoxDialog[None]:
@@ -178,5 +180,5 @@ def explain_verdict(sheet: TakeSheet) -> BoxDialog[None]:
         GRADE_LIMITS,
     )
     text = "\n\n".join(part[:1].upper() + part[1:] for part in parts if part)
-    title = f"Verdict on {sheet.session.name}"
-    return BoxDialog(title, Static(Content(printable(text))), subtitle="esc closes")
+    words = Static(Content(printable(text)))
+    return BoxDialog(f"Verdict on {sheet.session.name}", words, subtitle="esc closes")

@@ -3,6 +3,7 @@
 from textual.app import App
 from textual.widgets import Static
 
+from capture_app.common.errors import BadInputError
 from capture_app.tui.question import Answer, Question, TextQuestion
 from tests.tui.driving import settle
 
@@ -58,7 +59,11 @@ async def test_a_key_pressed_twice_gives_one_answer() -> None:
 
 
 async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
-    app = AskingApp(TextQuestion("Name?", "a", check=lambda text: "too long" if len(text) > 3 else ""))
+    def check(text: str) -> None:
+        if len(text) > 3:
+            raise BadInputError("too long")
+
+    app = AskingApp(TextQuestion("Name?", "a", check=check))
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("b", "c", "d", "enter")
         await pilot.pause()
@@ -67,7 +72,7 @@ async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
         await pilot.press("backspace", "enter")
         await pilot.pause()
         assert app.answers == ["abc"]
-    app = AskingApp(TextQuestion("Name?", "kept", check=lambda _: ""))
+    app = AskingApp(TextQuestion("Name?", "kept", check=str))
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("x", "escape")
         await pilot.pause()

@@ -97,16 +97,21 @@ def _move(folder: Path, target: Path, hint: str) -> None:
         raise disk_error(error, folder) from error
 
 
-def set_note(folder: Path, note: str) -> None:
-    """Replace the note of a session: one line of text, which may be empty.
-
-    Raises BadInputError for a note of several lines or more than `MAX_NOTE` characters, or a session that is
-    damaged; IncompleteError; TryAgainError if another process is writing it.
-    """
+def check_note(note: str) -> None:
+    """Raise BadInputError for a note of several lines or more than `MAX_NOTE` characters."""
     if _CONTROL.search(note):
         raise BadInputError("a note is one line without control characters", hint="leave out line ends")
     if len(note) > MAX_NOTE:
         raise BadInputError(f"the note has {len(note)} characters", hint=f"at most {MAX_NOTE} fit")
+
+
+def set_note(folder: Path, note: str) -> None:
+    """Replace the note of a session: one line of text, which may be empty.
+
+    Raises BadInputError for a note that `check_note` rejects, or a session that is damaged; IncompleteError;
+    TryAgainError if another process is writing it.
+    """
+    check_note(note)
     with _changeable(folder.absolute(), note=note):
         pass
 

@@ -1,15 +1,13 @@
 """Dialogs of the mode Sessions: name, note, command, import folder, and export format with folder."""
 
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name
-from capture_app.common.text import printable
 from capture_app.session.exporting.exporter import load_exporters
-from capture_app.session.library.changes import MAX_NOTE
+from capture_app.session.library.changes import check_note
 from capture_app.session.library.listing import SessionCard
 from capture_app.tui.jobs.run import REPAIR, STUDIES, VERIFY, Command
 from capture_app.tui.question import ListQuestion, TextQuestion
@@ -18,11 +16,10 @@ from capture_app.tui.question import ListQuestion, TextQuestion
 def name_question(card: SessionCard) -> TextQuestion:
     """Return the dialog that asks for a session's new name."""
 
-    def check(name: str) -> str:
-        if wrong := _error_of(partial(check_name, name, "session")):
-            return wrong
-        taken = name != card.name and card.folder.with_name(name).exists()
-        return f"{name} exists already: choose another name" if taken else ""
+    def check(name: str) -> None:
+        check_name(name, "session")
+        if name != card.name and card.folder.with_name(name).exists():
+            raise BadInputError(f"{name} exists already", hint="choose another name")
 
     return TextQuestion("Renames its folder and its results, too.", card.name, check=check, title="Rename")
 
@@ -30,10 +27,10 @@ def name_question(card: SessionCard) -> TextQuestion:
 def import_question(folder: str) -> TextQuestion:
     """Return the dialog for the folder to import, with `folder` as initial text."""
 
-    def check(text: str) -> str:
+    def check(text: str) -> None:
         # `Path.is_dir` raises for impossible names and inaccessible folders.
-        there = text.strip() and os.path.isdir(typed_path(text))  # noqa: PTH112
-        return "" if there else "this folder does not exist"
+        if not text.strip() or not os.path.isdir(typed_path(text)):  # noqa: PTH112
+            raise BadInputError("this folder does not exist")
 
     return TextQuestion(
         "A folder of videos, or another program's recording. Clips taken together are found and aligned by "
@@ -46,31 +43,24 @@ def import_question(folder: str) -> TextQuestion:
 
 def note_question(card: SessionCard) -> TextQuestion:
     """Return the dialog for the note."""
-
-    return TextQuestion(
-        "One line, saved with the session.",
-        card.note,
-        check=lambda note: (
-            f"{len(note)} characters; at most {MAX_NOTE} are allowed" if len(note) > MAX_NOTE else ""
-        ),
-        title=f"Note of {card.name}",
-    )
+    text = "One line, saved with the session."
+    return TextQuestion(text, card.note, check=check_note, title=f"Note of {card.name}")
 
 
 def command_list(card: SessionCard) -> ListQuestion:
     """Return the dialog for the command to run on a session."""
     commands = (*STUDIES, VERIFY) if card.state == "complete" else (REPAIR,)
-    rows = {one.name: (one.title, one.what) for one in commands}
-    return ListQuestion(f"Run a command on {card.name}", rows)
+    return ListQuestion(
+        f"Run a command on {card.name}", {one.name: (one.title, one.what) for one in commands}
+    )
 
 
 def options_question(command: Command, card: SessionCard, out: Path) -> TextQuestion:
     """Return the dialog that shows a command line and asks for its options."""
-    line = command.line(card.folder, out, "OPTIONS")
     return TextQuestion(
-        f"$ {line}\n\nOPTIONS; enter starts the job.",
+        f"$ {command.line(card.folder, out, 'OPTIONS')}\n\nOPTIONS; enter starts the job.",
         command.quick,
-        check=lambda options: _error_of(partial(command.line, card.folder, out, options)),
+        check=partial(command.line, card.folder, out),
         title=command.title,
     )
 
@@ -98,24 +88,15 @@ def folder_question(card: SessionCard, folder: Path, format_name: str) -> TextQu
     return TextQuestion(
         "Folder to write, new or empty.",
         str(_free_folder(folder / f"{card.name}-{format_name}")),
-        check=lambda text: _error_of(partial(check, text)),
+        check=check,
         title=f"Export {card.name} to {format_name}",
     )
 
 
-def _error_of(do: Callable[[], object]) -> str:
-    """Return the error message of an action, or an empty string."""
-    try:
-        do()
-    except SimulshotError as error:
-        return printable(str(error))
-    return ""
-
-
 def _free_folder(folder: Path) -> Path:
     """Return the folder, or the first of NAME-2, NAME-3 ... that does not exist."""
-    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 1000)))
-    return next((one for one in names if not one.exists()), folder)
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in range(2, 1000))
+    return next((one for one in (folder, *numbered) if not one.exists()), folder)
 
 
 def typed_path(text: str) -> Path:

@@ -8,6 +8,7 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
 from textual.screen import Screen
+from textual.style import Style
 
 from capture_app.common.text import count, printable
 from capture_app.protocol.status import RigStatus
@@ -27,23 +28,13 @@ class Header(Lines):
     def __init__(self, mode: str, record: RigRecord) -> None:
         super().__init__(id="header")
         self._record = record
-        tabs = [
+        self._tabs = Content("").join(
             Content.assemble(
                 (f" {number} ", "bold $primary" if name != mode else "reverse bold $primary"),
                 (f"{title} ", "$foreground" if name != mode else "reverse bold $primary"),
-            )
+            ).stylize(Style.from_meta({"@click": f"app.switch_mode('{name}')"}))
             for number, (name, title) in enumerate(MODES.items(), 1)
-        ]
-        self._tabs = Content("").join(tabs)
-
-    def on_click(self, event: events.Click) -> None:
-        """Switch to the mode that was clicked."""
-        left = 0
-        for number, (mode, title) in enumerate(MODES.items(), 1):
-            left += len(f" {number} {title} ")
-            if event.x < left:
-                self.app.switch_mode(mode)
-                return
+        )
 
     def draw(self) -> None:
         """Draw the rig's state or the loss of its leader, most important part first."""
@@ -62,13 +53,10 @@ class Header(Lines):
             yield Content.styled("OPEN: no pairing", "$warning")
         if present := [phone for phone in status.app_phones if phone.state != "lost"]:
             synced = sum(phone.state == "synced" for phone in present)
-            words = f"{synced} of {count(len(present), 'app phone')} synchronized"
-            yield Content.styled(words, "$warning")
-        free = status.disk_free_bytes
-        if free is not None:
-            low = free < 2e9
-            words = f"{'! ' if low else ''}{free / 1e9:.0f} GB free"
-            yield Content.styled(words, "$error" if low else "")
+            yield Content.styled(f"{synced} of {count(len(present), 'app phone')} synchronized", "$warning")
+        if (free := status.disk_free_bytes) is not None:
+            mark, style = ("! ", "$error") if free < 2e9 else ("", "")
+            yield Content.styled(f"{mark}{free / 1e9:.0f} GB free", style)
         yield Content.styled(printable(status.leader), "$foreground-muted")
         if status.period_ns:
             yield Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$foreground-muted")

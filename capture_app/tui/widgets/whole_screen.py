@@ -1,9 +1,9 @@
 """Footer with the keys available here, and the base class of whole-screen views over a mode."""
 
-from textual import events
 from textual.binding import Binding
 from textual.content import Content
 from textual.screen import Screen
+from textual.style import Style
 from textual.widget import Widget
 
 from capture_app.tui.question import Dialog, Result
@@ -22,7 +22,6 @@ class KeyFooter(Lines):
 
     def __init__(self) -> None:
         super().__init__(id="footer")
-        self._spans: list[tuple[int, int, str]] = []
 
     def on_mount(self) -> None:
         """Subscribe to changes of the screen's keys."""
@@ -32,12 +31,6 @@ class KeyFooter(Lines):
         """Show the keys that fit the new width."""
         self._show(self.screen)
 
-    def on_click(self, event: events.Click) -> None:
-        """Press the key that was clicked."""
-        for begin, end, key in self._spans:
-            if begin <= event.x < end:
-                self.app.simulate_key(key)
-
     def _show(self, screen: Screen[object]) -> None:
         # With eager tasks (Python 3.12 on), a screen exists before the stack by which its keys are resolved.
         if not self.is_attached or screen is not self.screen or not screen.is_current:
@@ -46,29 +39,25 @@ class KeyFooter(Lines):
         for _, binding, enabled, _ in screen.active_bindings.values():
             if binding.show and enabled:
                 shown.setdefault(binding.action, binding)
-        last = [shown.pop(action) for action in ALWAYS if action in shown]
-        right = [self._item(binding) for binding in last]
-        room = self.size.width - sum(item.cell_length for item in right)
-        line, self._spans = Content(""), []
+        right = Content("").join(self._item(shown.pop(action)) for action in ALWAYS if action in shown)
+        room, line = self.size.width - right.cell_length, Content("")
         for binding in sorted(shown.values(), key=lambda binding: binding.action not in FIRST):
             item = self._item(binding)
             if line.cell_length + item.cell_length > room:
                 # The remaining keys are listed in the help, whose key follows.
                 line += "…"[: room - line.cell_length]
                 break
-            line = self._with_key(line, binding, item)
-        line = line.pad_right(room - line.cell_length)
-        for binding, item in zip(last, right, strict=True):
-            line = self._with_key(line, binding, item)
-        self.show([line])
-
-    def _with_key(self, line: Content, binding: Binding, item: Content) -> Content:
-        self._spans.append((line.cell_length, line.cell_length + item.cell_length, binding.key))
-        return line + item
+            line += item
+        self.show([line.pad_right(room - line.cell_length) + right])
 
     def _item(self, binding: Binding) -> Content:
-        key = self.app.get_key_display(binding)
-        return Content.assemble((f" {key}", "bold $primary"), (f" {binding.description} ", "$foreground"))
+        words = (
+            (f" {self.app.get_key_display(binding)}", "bold $primary"),
+            (f" {binding.description} ", "$foreground"),
+        )
+        return Content.assemble(*words).stylize(
+            Style.from_meta({"@click": f"app.simulate_key('{binding.key}')"})
+        )
 
 
 class WholeScreen(Dialog[Result]):

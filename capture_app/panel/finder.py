@@ -50,8 +50,8 @@ class FoundPanel:
     @property
     def pitch_px(self) -> float:
         """Return the smaller pixel distance of neighbouring lamps, across or down, at the panel's centre."""
-        middle = np.array([self.panel.width / 2, self.panel.height / 2])
-        at, right, down = self.pixels(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        x, y = self.panel.width / 2, self.panel.height / 2
+        at, right, down = self.pixels(np.array([[x, y], [x + 1, y], [x, y + 1]]))
         return float(min(np.linalg.norm(right - at), np.linalg.norm(down - at)))
 
 
@@ -68,9 +68,7 @@ def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
     detector = cv2.aruco.ArucoDetector(words, options)
     best: dict[int, Floats] = {}
     for seen, scale in _looks(grey):
-        found = _of_one_panel(_detect(detector, seen, scale))
-        if len(found) > len(best):
-            best = found
+        best = max(best, _of_one_panel(_detect(detector, seen, scale)), key=len)
         if len(best) == 4:
             break
     if len(best) < MIN_MARKERS:
@@ -165,8 +163,7 @@ def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
 
 def _bend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
     """Apply the distortion that `_unbend` removes, to a small part of a pixel for ordinary lenses."""
-    straight = (pixels - middle) / middle[0]
-    from_centre = straight
+    straight = from_centre = (pixels - middle) / middle[0]
     for _ in range(8 if bend else 0):
         from_centre = straight / (1 + bend * (from_centre**2).sum(axis=1, keepdims=True))
     return np.asarray(middle + middle[0] * from_centre)

@@ -1,7 +1,7 @@
 """Build files of an LED panel: sketch, wiring and printable frame."""
 
 from collections.abc import Mapping
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 from capture_app.board.printing import Page, to_pdf, to_svg
@@ -43,14 +43,11 @@ def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> P
             for column, white in enumerate(line)
             if white
         ]
-    length, width = CROSS_MM
-    for lamp in panel.lamps:
+    for lamp, (width, height) in product(panel.lamps, (CROSS_MM, CROSS_MM[::-1])):
         x, y = page.left + lamp.x * pitch_mm, page.top + lamp.y * pitch_mm
-        page.white.append((x - length / 2, y - width / 2, length, width))
-        page.white.append((x - width / 2, y - length / 2, width, length))
-    each = f"{duration(panel.tick_ns)} a column, LEDs {pitch_mm:g} mm apart"
+        page.white.append((x - width / 2, y - height / 2, width, height))
     page.add_foot(
-        f"simulshot panel {panel.name}: {each}",
+        f"simulshot panel {panel.name}: {duration(panel.tick_ns)} a column, LEDs {pitch_mm:g} mm apart",
         "Print at 100 % (not 'fit to page'). An LED goes through the middle of each cross.",
     )
     return page

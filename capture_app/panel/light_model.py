@@ -58,8 +58,8 @@ def measure(
         np.argmax(contrast * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean()))))
     )
     # Noise from the differences between the ground samples around each lamp.
-    differences = np.abs(np.diff(to_linear(around)[:, :2, channel], axis=1))
-    noise = float(np.median(differences) / 0.954) + 1e-4
+    differences = np.diff(to_linear(around)[:, :2, channel], axis=1)
+    noise = float(np.median(np.abs(differences)) / 0.954) + 1e-4
     rows = np.sort(
         found.pixels((middles[:, None] + core).reshape(-1, 2))[:, 1].reshape(len(lamps), -1), axis=1
     )
@@ -131,10 +131,9 @@ class LightModel:
         if response_ns:
             lags = response_ns * (_LAGS - 1)
             return np.asarray(sum(self.shares(middle_ns - lag, shutter, of) for lag in lags) / len(lags))
-        later = self.later[of][:, lines]
-        begin = middle_ns[:, None, None] - shutter.exposure_ns / 2 + later * shutter.row_time_ns
         start, lit, period = (each[of][:, None] for each in (self.start, self.lit, self.period))
-        begin = begin - start
+        later_ns = self.later[of][:, lines] * shutter.row_time_ns
+        begin = middle_ns[:, None, None] - shutter.exposure_ns / 2 + later_ns - start
 
         def lit_until(time: Floats) -> Floats:
             turns = np.floor(time / period)

@@ -172,11 +172,10 @@ def _rate(times: SessionTimes) -> tuple[float, float] | None:
 
     Uses each camera's consecutive images that are less than half a cycle apart.
     """
-    rates: list[tuple[float, float]] = []
+    rates, cycle_ns = [], times.panel.cycle_ns
     for name in times.cameras:
         own = (picture for picture in times.pictures if picture.image.camera == name)
         mine = sorted(own, key=lambda picture: picture.stamp_ns)
-        cycle_ns = times.panel.cycle_ns
         gained_ns = passed_ns = 0.0
         for one, other in pairwise(mine):
             stamps_ns = other.stamp_ns - one.stamp_ns
@@ -186,6 +185,4 @@ def _rate(times: SessionTimes) -> tuple[float, float] | None:
         if passed_ns:
             error_ns = math.hypot(mine[0].uncertainty_ns, mine[-1].uncertainty_ns)
             rates.append((1e6 * gained_ns / passed_ns, 1e6 * error_ns / passed_ns))
-    if not rates:
-        return None
-    return median(rate for rate, _ in rates), median(error for _, error in rates)
+    return (median(rate for rate, _ in rates), median(error for _, error in rates)) if rates else None

@@ -35,6 +35,7 @@ SCAN_FRACTION = 0.9
 
 Scan = Literal["none", "down", "right", "up", "left"]
 """Direction in which a screen draws a refresh over the panel; "none" for LEDs."""
+SCANS: tuple[Scan, ...] = ("down", "right", "up", "left")
 RATES_HZ = (30, 50, 60, 72, 75, 90, 100, 120, 144, 165, 240)
 """Refresh rates of screens that have their own markers."""
 RATE_TOLERANCE = 0.03
@@ -129,19 +130,15 @@ class Panel:
     @property
     def markers(self) -> tuple[Marker, ...]:
         """Markers, in the order upper left, upper right, lower right, lower left."""
-        left = top = _MARGIN
         right, bottom = self.width - _MARGIN - MARKER_SIZE, self.height - _MARGIN - MARKER_SIZE
-        places = ((left, top), (right, top), (right, bottom), (left, bottom))
+        places = ((_MARGIN, _MARGIN), (right, _MARGIN), (right, bottom), (_MARGIN, bottom))
         return tuple(Marker(self.first_marker + n, x, y) for n, (x, y) in enumerate(places))
 
     @property
     def dark(self) -> tuple[tuple[float, float, float, float], ...]:
         """Left, top, width and height of the dark ground behind each array; the rest is white."""
-        side = COUNT - 1 + 2 * _DARK_EDGE
-        return tuple(
-            (left - _DARK_EDGE, _TOP - _DARK_EDGE, side, self.height - 2 * (_TOP - _DARK_EDGE))
-            for left in self._lefts()
-        )
+        top, side = _TOP - _DARK_EDGE, COUNT - 1 + 2 * _DARK_EDGE
+        return tuple((left - _DARK_EDGE, top, side, self.height - 2 * top) for left in self._lefts())
 
     @property
     def lamps(self) -> tuple[Lamp, ...]:
@@ -164,13 +161,7 @@ class Panel:
 
     def _lamp(self, x: float, y: float, group: int, index: int, lit: int) -> Lamp:
         across, down = x / self.width, y / self.height
-        position = {
-            "none": 0.5,
-            "down": down,
-            "up": 1 - down,
-            "right": across,
-            "left": 1 - across,
-        }
+        position = {"none": 0.5, "down": down, "up": 1 - down, "right": across, "left": 1 - across}
         delay = SCAN_FRACTION * (position[self.scan] - 0.5)
         return Lamp(x, y, group, index * lit, lit, COUNT * lit, delay)
 
@@ -214,28 +205,19 @@ def marker_squares(number: int) -> list[list[int]]:
 
     words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
     picture = cv2.aruco.generateImageMarker(words, number, MARKER_MODULES, borderBits=1)
-    squares: list[list[int]] = (np.asarray(picture) > 0).astype(int).tolist()
-    return squares
+    return list((np.asarray(picture) > 0).astype(int).tolist())
 
 
-def _led_panels() -> Iterator[Panel]:
-    kinds = (
-        ("led-200us", 200_000.0, (1,)),
-        ("led-10ms", 10_000_000.0, (1,)),
-        ("led-pair", 200_000.0, (1, 50)),
-    )
-    for kind, (name, tick_ns, ticks) in enumerate(kinds):
-        yield Panel(name, tick_ns, _FIRST_MARKER + _MARKERS * kind, ticks)
+def _panels() -> Iterator[Panel]:
+    yield Panel("led-200us", 200_000.0, _FIRST_MARKER)
+    yield Panel("led-10ms", 10_000_000.0, _FIRST_MARKER + _MARKERS)
+    yield Panel("led-pair", 200_000.0, _FIRST_MARKER + 2 * _MARKERS, (1, 50))
+    for kind, (rate_hz, scan) in enumerate(product(RATES_HZ, SCANS), _LED_KINDS):
+        first = _FIRST_MARKER + _MARKERS * kind
+        yield Panel(f"screen-{rate_hz}hz-{scan}", 1e9 / rate_hz, first, rows=2, scan=scan)
 
 
-def _screen_panels() -> Iterator[Panel]:
-    scans: tuple[Scan, ...] = ("down", "right", "up", "left")
-    for kind, (rate_hz, scan) in enumerate(product(RATES_HZ, scans), _LED_KINDS):
-        name = f"screen-{rate_hz}hz-{scan}"
-        yield Panel(name, 1e9 / rate_hz, _FIRST_MARKER + _MARKERS * kind, (1,), 2, scan)
-
-
-PANELS = {panel.name: panel for panel in (*_led_panels(), *_screen_panels())}
+PANELS = {panel.name: panel for panel in _panels()}
 """All panels by name: the paper's with ticks of 200 us or 10 ms, both side by side, and screens."""
 
 _BY_MARKER = {marker.number: panel for panel in PANELS.values() for marker in panel.markers}

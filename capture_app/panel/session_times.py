@@ -91,9 +91,9 @@ def read_session(
             )
         done(number + 1, len(images))
     if not pictures:
-        reasons = {reason for _, reason in refusals}
+        reasons = sorted({reason for _, reason in refusals})
         raise NotApplicableError(
-            f"no picture of {session.folder} shows a panel's time: {'; '.join(sorted(reasons)[:3])}",
+            f"no picture of {session.folder} shows a panel's time: {'; '.join(reasons[:3])}",
             hint="capture-app panel show draws one on a screen; all its four markers must be seen, sharp",
         )
     panels = [picture.reading.panel for picture in pictures]
@@ -135,7 +135,8 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: li
 
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
     """Yield the pairs of images of the same instant by two cameras, cameras in the session's order."""
-    order = {name: number for number, name in enumerate(times.cameras)}
-    pictures = sorted(times.pictures, key=lambda one: (one.image.instant, order[one.image.camera]))
+    pictures = sorted(
+        times.pictures, key=lambda one: (one.image.instant, times.cameras.index(one.image.camera))
+    )
     for _, some in groupby(pictures, key=lambda one: one.image.instant):
         yield from combinations(some, 2)

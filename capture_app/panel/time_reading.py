@@ -4,9 +4,10 @@ A coarse search covers a whole cycle of the panel; the likelihood is then evalua
 times.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from itertools import product
+from dataclasses import dataclass
+from itertools import chain, product
 
 import cv2
 import numpy as np
@@ -63,8 +64,6 @@ _SCREEN_MODEL_TICKS = 0.06
 """Model uncertainty of a screen's drawing and cell response, in refreshes."""
 _LED_MODEL_NS = 6_000.0
 """Model uncertainty of the lamps' centres and of LED switching."""
-_PLACE_FRACTION = 1.0
-"""Common displacement of all lamps, as a fraction of the marker corners' error."""
 _UNSEEN_BEND = 0.12
 """Possible lens distortion in pitches of a panel with only three visible markers."""
 _TONE_FRACTION = 0.12
@@ -80,6 +79,10 @@ class Candidate:
     score: float
 
 
+Range = tuple[Floats, dict[Shutter, Floats]]
+"""Evenly spaced times (ns) near a candidate, and their log-probabilities by shutter."""
+
+
 def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
     """Return the known shutter, or the shutters to try if exposure or row time is unknown."""
     cycle_ns = COUNT * panel.tick_ns
@@ -89,32 +92,28 @@ def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: floa
         exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, LONGEST_NS), 16).tolist()
         # Exposures longer than one turn of all columns differ only by the excess over whole turns.
         exposures += np.arange(cycle_ns * 1.2, LONGEST_NS, cycle_ns / 5).tolist()
-    shutters = []
-    for exposure in exposures:
-        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > cycle_ns else 11)
-        rows = row_times.tolist() if row_time_ns is None else [float(row_time_ns)]
-        shutters += [Shutter(exposure, row) for row in rows]
-    return shutters
+    if row_time_ns is not None:
+        return [Shutter(exposure, float(row_time_ns)) for exposure in exposures]
+    return [
+        Shutter(exposure, row)
+        for exposure in exposures
+        for row in np.linspace(0, LONGEST_ROW_NS, 7 if exposure > cycle_ns else 11).tolist()
+    ]
 
 
 def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     """Return the likeliest times of the cycle, best first; per shutter they are over a tick apart."""
-    panel = model.panel
-    step_ns = panel.tick_ns / STEPS
-    times = np.arange(round(panel.cycle_ticks * STEPS))
-    times_ns = np.asarray(times * step_ns, float)
+    step_ns = model.panel.tick_ns / STEPS
+    times_ns = np.asarray(np.arange(round(model.panel.cycle_ticks * STEPS)) * step_ns, float)
     groups = [_group_scores(model, number, times_ns) for number in np.unique(model.group)]
-    found: list[Candidate] = []
+    found = []
     for shutter in shutters:
-        score = np.zeros(len(times))
-        for scores in groups:
-            score += scores(shutter)
+        score: Floats = np.sum([scores(shutter) for scores in groups], axis=0)
         for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
             found.append(Candidate(best * step_ns, shutter, float(score[best])))
             score[np.arange(best - STEPS, best + STEPS + 1) % len(score)] = -np.inf
-    found.sort(key=lambda one: -one.score)
-    return found
+    return sorted(found, key=lambda one: -one.score)
 
 
 def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[[Shutter], Floats]:
@@ -140,92 +139,70 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
     return scores
 
 
-class Posterior:
-    """Posterior of times, collected from a range of times around each candidate; `best` is the likeliest."""
+def row_time(logs: dict[Shutter, Floats]) -> tuple[float, float]:
+    """Return the image's row time and its 95 % uncertainty, in ns, from log-probabilities by shutter."""
+    row_times = np.array([shutter.row_time_ns for shutter in logs])
+    chances = np.logaddexp.reduce(list(logs.values()), axis=1)
+    chances = np.exp(chances - chances.max())
+    mean = float(np.average(row_times, weights=chances))
+    return mean, SIGMAS_95 * float(np.sqrt(np.average((row_times - mean) ** 2, weights=chances)))
 
-    def __init__(self, best: Candidate) -> None:
-        self.best = best
-        self._times: list[Floats] = []
-        self._logs: list[Floats] = []
-        self._row_times: list[tuple[float, float]] = []
 
-    def holds(self, time_ns: float) -> bool:
-        """Return whether a time (ns) lies in one of the ranges of times that were already added."""
-        return any(times[0] <= time_ns <= times[-1] for times in self._times)
+def interval(ranges: list[Range]) -> tuple[float, float]:
+    """Return centre and half width of the 95 % interval, ns, in the likeliest range of times.
 
-    def add(self, times: Floats, logs: "dict[Shutter, Floats]") -> None:
-        """Add a range: evenly spaced times (ns) near a candidate, and their log-probabilities by shutter."""
-        self._times.append(times)
-        self._logs.append(np.logaddexp.reduce(list(logs.values()), axis=0))
-        if len(self._times) == 1:
-            self._row_times = [(s.row_time_ns, float(np.logaddexp.reduce(log))) for s, log in logs.items()]
-
-    def row_time(self) -> tuple[float, float]:
-        """Return the image's row time and its 95 % uncertainty, in ns, from times near the best candidate."""
-        row_times, logs = np.array(self._row_times).T
-        chances = np.exp(logs - logs.max())
-        mean = float(np.average(row_times, weights=chances))
-        scale = float(np.sqrt(np.average((row_times - mean) ** 2, weights=chances)))
-        return mean, SIGMAS_95 * scale
-
-    def interval(self) -> tuple[float, float]:
-        """Return centre and half width of the 95 % interval, ns, in the likeliest range of times.
-
-        Raises PanelNotFoundError if another range is nearly as likely, or if this range does not bound the
-        time.
-        """
-        top = max(float(log.max()) for log in self._logs)
-        rival = _RIVAL_TEMPER / TEMPER
-        number = max(range(len(self._logs)), key=lambda n: float(self._logs[n].max()))
-        times, chances = self._times[number], np.exp(self._logs[number] - top)
-        rivals = 0.0
-        for other, log in zip(self._times, self._logs, strict=True):
-            outside = (other < times[0]) | (other > times[-1])
-            rivals += float(np.exp(rival * (log - top))[outside].sum()) * (other[1] - other[0])
-        if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
-            raise PanelNotFoundError("its lamps fit two different times about equally well")
-        if max(chances[0], chances[-1]) > _OPEN * chances.max():
-            raise PanelNotFoundError(
-                "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
-            )
-        summed = np.cumsum(chances) / chances.sum()
-        low, high = (float(np.interp(q, summed, times)) for q in ((1 - COVERAGE) / 2, (1 + COVERAGE) / 2))
-        return (low + high) / 2, (high - low) / 2
+    Raises PanelNotFoundError if another range is nearly as likely, or if this range does not bound the time.
+    """
+    of_times = [(times, np.logaddexp.reduce(list(logs.values()), axis=0)) for times, logs in ranges]
+    times, best = max(of_times, key=lambda one: float(one[1].max()))
+    chances, rival = np.exp(best - best.max()), _RIVAL_TEMPER / TEMPER
+    rivals = 0.0
+    for other, log in of_times:
+        outside = (other < times[0]) | (other > times[-1])
+        rivals += float(np.exp(rival * (log - best.max()))[outside].sum()) * (other[1] - other[0])
+    if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
+        raise PanelNotFoundError("its lamps fit two different times about equally well")
+    if max(chances[0], chances[-1]) > _OPEN * chances.max():
+        raise PanelNotFoundError(
+            "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
+        )
+    summed = np.cumsum(chances) / chances.sum()
+    low, high = (float(np.interp(q, summed, times)) for q in ((1 - COVERAGE) / 2, (1 + COVERAGE) / 2))
+    return (low + high) / 2, (high - low) / 2
 
 
 def gather(
     model: LightModel, candidates: list[Candidate], frees_exposure: bool, frees_row: bool
-) -> Posterior:
-    """Return the posterior near the best candidates, with exposure and row time free where requested."""
+) -> tuple[Candidate, list[Range]]:
+    """Return the best candidate, and the ranges of times near it and its rivals, its own first.
+
+    Exposure and row time are free where requested.
+    """
     tick_ns = model.panel.tick_ns
     pool = [_refine(model, one, tick_ns, 25) for one in _pool(candidates)]
-    pool.sort(key=lambda one: -one.score)
     chosen: list[Candidate] = []
-    for one in pool:
+    for one in sorted(pool, key=lambda one: -one.score):
         near = [n for n in chosen if abs(n.middle_ns - one.middle_ns) < tick_ns]
         if len(near) < 2 and len(chosen) < _REFINED:
             chosen.append(one)
     refined = [_refine_shutter(model, one, frees_exposure, frees_row) for one in chosen]
-    refined.sort(key=lambda one: -one.score)
-    posterior = Posterior(refined[0])
-    for one in refined:
-        if one.score > refined[0].score - _WORTH / TEMPER and not posterior.holds(one.middle_ns):
+    best, *rivals = sorted(refined, key=lambda one: -one.score)
+    ranges = [_neighbourhood(model, best, frees_exposure, frees_row)]
+    for one in rivals:
+        is_known = any(times[0] <= one.middle_ns <= times[-1] for times, _ in ranges)
+        if one.score > best.score - _WORTH / TEMPER and not is_known:
             # The shutter's uncertainty matters only for the width of the best neighbourhood.
-            best = one is refined[0]
-            posterior.add(*_neighbourhood(model, one, best and frees_exposure, best and frees_row))
-    return posterior
+            ranges.append(_neighbourhood(model, one, frees_exposure=False, frees_row=False))
+    return best, ranges
 
 
 def _pool(candidates: list[Candidate]) -> list[Candidate]:
     """Return the best candidates with several per exposure, because the search cannot separate exposures."""
-    by_exposure: dict[float, int] = {}
-    pool: list[Candidate] = []
+    by_exposure: defaultdict[float, list[Candidate]] = defaultdict(list)
     for one in candidates:
-        exposure_ns = one.shutter.exposure_ns
-        by_exposure[exposure_ns] = by_exposure.get(exposure_ns, 0) + 1
-        if by_exposure[exposure_ns] <= _OF_EXPOSURE and len(pool) < _POOL:
-            pool.append(one)
-    return pool
+        by_exposure[one.shutter.exposure_ns].append(one)
+    pool = chain.from_iterable(some[:_OF_EXPOSURE] for some in by_exposure.values())
+    return sorted(pool, key=lambda one: -one.score)[:_POOL]
 
 
 def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Candidate:
@@ -252,12 +229,11 @@ def _refine(
     _, on = model.rough_fit
     times = one.middle_ns + np.linspace(-half_ns, half_ns, count)
     response_ns = _RESPONSES_NS[1] if model.panel.is_screen else 0.0
-    best: list[Candidate] = []
+    best = []
     for shutter in _near(one.shutter, factors, steps_ns):
-        shares = model.shares(times, shutter, response_ns=response_ns)
-        likelihood, _ = model.fit(shares, on, _PLAIN)
+        likelihood, _ = model.fit(model.shares(times, shutter, response_ns=response_ns), on, _PLAIN)
         at = int(np.argmax(likelihood))
-        best.append(replace(one, middle_ns=float(times[at]), shutter=shutter, score=float(likelihood[at])))
+        best.append(Candidate(float(times[at]), shutter, float(likelihood[at])))
     return max(best, key=lambda each: each.score)
 
 
@@ -268,9 +244,7 @@ def _near(shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float
             yield Shutter(shutter.exposure_ns * factor, shutter.row_time_ns + step_ns)
 
 
-def _neighbourhood(
-    model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool
-) -> "tuple[Floats, dict[Shutter, Floats]]":
+def _neighbourhood(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Range:
     """Return times around a candidate, and their log-probabilities by possible shutter."""
     _, on = model.rough_fit
     half_ns = 1.5 * model.panel.tick_ns
@@ -358,11 +332,9 @@ def read_panel(
         raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
-    shutters = possible_shutters(found.panel, exposure_ns, row_time_ns)
-    posterior = gather(model, search(model, shutters), exposure_ns is None, row_time_ns is None)
-    best = posterior.best
-    shares = model.shares(np.array([best.middle_ns]), best.shutter)
-    residual = model.fit(shares, on)[1][0]
+    candidates = search(model, possible_shutters(found.panel, exposure_ns, row_time_ns))
+    best, ranges = gather(model, candidates, exposure_ns is None, row_time_ns is None)
+    residual = model.fit(model.shares(np.array([best.middle_ns]), best.shutter), on)[1][0]
     wrong = float((np.abs(residual) > _OUTLIER_SIGMAS).mean())
     rms = float(np.sqrt(np.mean(np.minimum(residual**2, 25))))
     if wrong > _MAX_OUTLIER_FRACTION or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
@@ -370,16 +342,16 @@ def read_panel(
             f"its lamps do not fit {found.panel.name} at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"
         )
-    middle_ns, posterior_ns = posterior.interval()
+    middle_ns, posterior_ns = interval(ranges)
     if found.panel.is_screen:
         model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns
     else:
         partly_ns = min(best.shutter.exposure_ns, found.panel.tick_ns)
         # An error in a lamp's centre is an error in its row, and so in its time.
         place = found.error if found.markers == 4 else found.error + _UNSEEN_BEND
-        place_ns = _PLACE_FRACTION * place * found.pitch_px * best.shutter.row_time_ns
+        place_ns = place * found.pitch_px * best.shutter.row_time_ns
         model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_FRACTION * partly_ns, place_ns]))
-    row_time_ns, row_time_error_ns = posterior.row_time()
+    row_time_ns, row_time_error_ns = row_time(ranges[0][1])
     uncertainty_ns = float(np.hypot(posterior_ns, model_ns)) * max(1.0, rms)
     if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:
         raise PanelNotFoundError(

@@ -1,7 +1,12 @@
-"""Calibration boards, ChArUco and plain checkerboard: their squares, markers and inner corners."""
+"""Calibration boards, ChArUco and plain checkerboard: their squares, markers and corners; their options."""
 
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from typing import TYPE_CHECKING, Any
+
+import click
 
 from capture_app.common.errors import BadInputError
 
@@ -19,6 +24,7 @@ MIN_CORNERS = 6
 """Minimum number of detected corners for an image to count."""
 PLAIN = "none"
 """Value of the dictionary option for a board without markers."""
+_SIDE = click.FloatRange(min=0, min_open=True, max=10_000)
 
 
 @dataclass(frozen=True)
@@ -97,8 +103,9 @@ class CharucoBoard(Squares):
         """Return OpenCV's object for this board."""
         import cv2
 
-        size = (self.across, self.down)
-        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self.words_of_markers())
+        return cv2.aruco.CharucoBoard(
+            (self.across, self.down), self.square_m, self.marker_m, self.words_of_markers()
+        )
 
     def words_of_markers(self) -> "cv2.aruco.Dictionary":
         """Return OpenCV's dictionary of the markers."""
@@ -110,7 +117,7 @@ class CharucoBoard(Squares):
         """Draw the board without a margin, uint8 grey, with squares of `square_px`."""
         import numpy as np
 
-        size = (self.across * square_px, self.down * square_px)
+        size = self.across * square_px, self.down * square_px
         return np.asarray(self.to_opencv().generateImage(size, marginSize=0), np.uint8)
 
 
@@ -153,9 +160,8 @@ class Checkerboard(Squares):
         import numpy as np
 
         rows, columns = np.mgrid[: self.down, : self.across]
-        squares = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
-        whole = np.pad(squares, 1, constant_values=255)
-        return np.kron(whole, np.ones((square_px, square_px), np.uint8))
+        squares = np.pad((rows + columns) % 2, 1, constant_values=1).astype(np.uint8)
+        return np.kron(squares, np.full((square_px, square_px), 255, np.uint8))
 
     def detect(self, grey: "NDArray[Any]") -> "dict[int, NDArray[Any]]":
         """Detect all inner corners in an image (uint8); return their px by number, or none.
@@ -179,9 +185,7 @@ class Checkerboard(Squares):
             if self.is_ambiguous
             else _level(grey, grid[:2, :2]) > _level(grey, grid[-2:, -2:])
         )
-        if upside_down:
-            grid = grid[::-1, ::-1]
-        return dict(enumerate(grid.reshape(-1, 2)))
+        return dict(enumerate((grid[::-1, ::-1] if upside_down else grid).reshape(-1, 2)))
 
 
 def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
@@ -196,3 +200,57 @@ def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
     columns, rows = np.rint(np.vstack([points, middle])).astype(int).T
     height, width = grey.shape
     return float(grey[rows.clip(0, height - 1), columns.clip(0, width - 1)].mean())
+
+
+def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options --board, --square-mm, --marker-mm and --dictionary; the command receives `board`."""
+
+    @wraps(command)
+    def with_board(
+        board: tuple[int, int], square_mm: float, marker_mm: float | None, dictionary: str, **others: Any
+    ) -> Any:
+        usual_mm = round(DEFAULT_BOARD.marker_m / DEFAULT_BOARD.square_m * square_mm, 1)
+        marker_m = (usual_mm if marker_mm is None else marker_mm) / 1000
+        if dictionary.lower() == PLAIN:
+            return command(board=Checkerboard(*board, square_mm / 1000), **others)
+        return command(board=CharucoBoard(*board, square_mm / 1000, marker_m, dictionary), **others)
+
+    options = (
+        click.option(
+            "--board",
+            type=_parse_shape,
+            default=DEFAULT_BOARD.shape,
+            metavar="COLUMNSxROWS",
+            help="Squares of the board.",
+        ),
+        click.option(
+            "--square-mm",
+            type=_SIDE,
+            default=1000 * DEFAULT_BOARD.square_m,
+            metavar="MM",
+            help="Side of a square, as measured on the print.",
+        ),
+        click.option(
+            "--marker-mm",
+            type=_SIDE,
+            metavar="MM",
+            show_default="about three quarters of a square",
+            help="Side of a marker.",
+        ),
+        click.option(
+            "--dictionary",
+            default=DEFAULT_BOARD.dictionary,
+            metavar="NAME",
+            help=f"ArUco dictionary of the markers; {PLAIN} for a plain checkerboard.",
+        ),
+    )
+    for option in reversed(options):
+        with_board = option(with_board)
+    return with_board
+
+
+def _parse_shape(text: str) -> tuple[int, int]:
+    size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", text)
+    if size is None:
+        raise click.BadParameter(f"{text!r} is not columns x rows of squares, as in 7x5")
+    return int(size[1]), int(size[2])

@@ -5,7 +5,6 @@ once.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
@@ -74,48 +73,45 @@ class BoardCoverage(Struct, frozen=True, kw_only=True):
         return not self.missing
 
 
-@dataclass(frozen=True)
-class _View:
-    """A board's pose in an image: its four outer corners as fractions of the diagonal, and its normal."""
+View = tuple[NDArray[Any], NDArray[Any]]
+"""A board's pose in an image: its four outer corners as fractions of the diagonal, and its normal."""
 
-    outline: NDArray[Any]
-    normal: NDArray[Any]
 
-    def is_like(self, other: "_View") -> bool:
-        moved = float(np.linalg.norm(self.outline - other.outline, axis=1).mean())
-        turned = float(np.degrees(np.arccos(np.clip(self.normal @ other.normal, -1, 1))))
-        return moved < NEW_PLACE and turned < NEW_TILT_DEG
+def _are_alike(one: View, other: View) -> bool:
+    moved = float(np.linalg.norm(one[0] - other[0], axis=1).mean())
+    turned = float(np.degrees(np.arccos(np.clip(one[1] @ other[1], -1, 1))))
+    return moved < NEW_PLACE and turned < NEW_TILT_DEG
 
 
 class _CameraCount:
     """Views of the board in one camera so far: distinct poses, and the corners in each part of the image."""
 
     def __init__(self) -> None:
-        self.views: list[_View] = []
+        self.views: list[View] = []
         self.corners = np.zeros((GRID[1], GRID[0]), int)
         self.ninths = np.zeros((3, 3), int)
 
-    def add(self, view: _View, at: NDArray[Any]) -> bool:
+    def add(self, view: View, at: NDArray[Any]) -> bool:
         """Add a view if it is new, and return whether it is; `at`: its corners (n, 2), 0..1 of the image."""
         inside = at.clip(0, 1 - 1e-9)
         for counted in (self.corners, self.ninths):
             columns, rows = np.floor(inside * counted.shape[::-1]).astype(int).T
             np.add.at(counted, (rows, columns), 1)
-        is_new = not any(view.is_like(known) for known in self.views)
-        if is_new:
-            self.views.append(view)
-        return is_new
+        if any(_are_alike(view, known) for known in self.views):
+            return False
+        self.views.append(view)
+        return True
 
     def coverage(self) -> CameraCoverage:
-        normals = np.array([view.normal for view in self.views]).reshape(-1, 3)
-        tilts = np.degrees(np.arcsin(np.abs(normals[:, :2]).clip(0, 1)))
-        few = np.argwhere(self.ninths < MIN_CORNERS).tolist()
+        normals = np.array([normal for _, normal in self.views]).reshape(-1, 3)
+        tilted = np.degrees(np.arcsin(np.abs(normals[:, :2]).clip(0, 1))) > TILT_DEG
+        across, along = tilted.sum(axis=0).tolist()
         return CameraCoverage(
             views=len(self.views),
             covered=float((self.corners > 0).mean()),
-            empty=tuple(NAMES[row][column] for row, column in few),
-            tilted_across=int((tilts[:, 0] > TILT_DEG).sum()),
-            tilted_along=int((tilts[:, 1] > TILT_DEG).sum()),
+            empty=tuple(np.array(NAMES)[self.ninths < MIN_CORNERS].tolist()),
+            tilted_across=across,
+            tilted_along=along,
         )
 
 
@@ -136,10 +132,8 @@ class CoverageCount:
 
         `earlier`: other cameras' corners of the same moment that were counted before.
         """
-        new = set()
-        for name, corners in moment.items():
-            if len(corners) >= MIN_CORNERS and self._add_view(name, corners):
-                new.add(name)
+        many = {name: corners for name, corners in moment.items() if len(corners) >= MIN_CORNERS}
+        new = {name for name, corners in many.items() if self._add_view(name, corners)}
         seen = {**(earlier or {}), **moment}
         for pair in self._shared:
             a, b = (seen.get(name, {}) for name in pair)
@@ -159,19 +153,16 @@ class CoverageCount:
         matrix, _ = cv2.findHomography(self._places[ids], pixels)
         if matrix is None:
             return False
-        width, height = self._sizes[name]
-        diagonal = float(np.hypot(width, height))
-        outline = cv2.perspectiveTransform(self._outline[None], matrix)[0] / diagonal
-        view = _View(outline, _normal(matrix, width, height))
-        return self._cameras[name].add(view, (pixels + 0.5) / (width, height))
+        size = self._sizes[name]
+        outline = cv2.perspectiveTransform(self._outline[None], matrix)[0] / np.hypot(*size)
+        return self._cameras[name].add((outline, _normal(matrix, *size)), (pixels + 0.5) / size)
 
 
 def _normal(matrix: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     """Return the board's normal (3,) in the camera's frame, assuming a lens with a typical field of view."""
     focal = float(max(width, height))
     lens = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
-    axes = np.linalg.inv(lens) @ matrix
-    normal = np.cross(axes[:, 0], axes[:, 1])
+    normal = np.cross(*(np.linalg.inv(lens) @ matrix)[:, :2].T)
     return np.asarray(normal / max(float(np.linalg.norm(normal)), 1e-12))
 
 
@@ -196,24 +187,15 @@ def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
 
 def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> list[str]:
     """Return instructions that connect the rig's groups of cameras, by the pairs with most shared views."""
-    groups = [{name} for name in cameras]
+    groups, missing = [{name} for name in cameras], []
     for (a, b), views in sorted(shared.items(), key=lambda item: -item[1]):
-        if views < MIN_SHARED:
-            break
         first, second = (next(group for group in groups if name in group) for name in (a, b))
-        if first is not second:
-            groups.remove(second)
-            first |= second
-    missing = []
-    while len(groups) > 1:
-        pairs = [pair for pair in shared if not any(set(pair) <= group for group in groups)]
-        best = max(pairs, key=lambda pair: shared[pair])
-        missing.append(
-            f"hold the board where {best[0]} and {best[1]} both see it ({shared[best]} of {MIN_SHARED} views)"
-        )
-        first, second = (next(group for group in groups if name in group) for name in best)
+        if first is second:
+            continue
         groups.remove(second)
         first |= second
+        if views < MIN_SHARED:
+            missing.append(f"hold the board where {a} and {b} both see it ({views} of {MIN_SHARED} views)")
     return missing
 
 
@@ -226,16 +208,13 @@ def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[st
             for one in found.shared
             if name in one.cameras
         ]
-        rows.append(
-            (
-                name,
-                str(seen.views),
-                f"{100 * seen.covered:.0f} %",
-                str(seen.tilted_across),
-                str(seen.tilted_along),
-                ", ".join(with_others) or "–",
-            )
+        numbers = (
+            str(seen.views),
+            f"{100 * seen.covered:.0f} %",
+            str(seen.tilted_across),
+            str(seen.tilted_along),
         )
+        rows.append((name, *numbers, ", ".join(with_others) or "–"))
     return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), rows
 
 
@@ -257,15 +236,15 @@ class PreviewCount:
         if preview is not None and camera in self._sizes:
             grey = np.asarray(cv2.cvtColor(preview, cv2.COLOR_BGR2GRAY), np.uint8)
             scale = np.array(self._sizes[camera]) / grey.shape[::-1]
-            found = self._detectors[camera].detect(grey)
-            corners = {number: (at + 0.5) * scale - 0.5 for number, at in found.items()}
+            found = self._detectors[camera].detect(grey).items()
+            corners = {number: (at + 0.5) * scale - 0.5 for number, at in found}
             others = {}
             if leader_ns is not None:
+                self._latest[camera] = leader_ns, corners
                 others = {
                     name: seen
                     for name, (at_ns, seen) in self._latest.items()
-                    if name != camera and abs(at_ns - leader_ns) < MOMENT_NS
+                    if abs(at_ns - leader_ns) < MOMENT_NS
                 }
-                self._latest[camera] = leader_ns, corners
             self._count.add({camera: corners}, others)
         return self._count.coverage()

@@ -43,8 +43,8 @@ class BoardDetector:
             found = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
             if found and is_flat_board(self._places[[*found]], np.array([*found.values()])):
                 self._appearances.sort(key=lambda one: one != (dark, back))
-                last = grey.shape[1] - 1
-                return {n: np.array([last - x, y]) for n, (x, y) in found.items()} if back else found
+                mirrored = {n: np.array([grey.shape[1] - 1 - x, y]) for n, (x, y) in found.items()}
+                return mirrored if back else found
         return {}
 
 
@@ -64,9 +64,7 @@ def is_flat_board(places: NDArray[Any], pixels: NDArray[Any]) -> bool:
         return False
     seen = np.column_stack([places, np.ones(len(places))]) @ matrix.T
     # The board's x and y point right and down, as the image's do: otherwise it was read mirrored.
-    turned = np.linalg.det(matrix) * seen[:, 2]
-    if turned.min() <= 0:
+    if (np.linalg.det(matrix) * seen[:, 2]).min() <= 0:
         return False
     error = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
-    size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-    return bool(error.max() < MAX_BEND_FRACTION * size + 1)
+    return bool(error.max() < MAX_BEND_FRACTION * np.linalg.norm(np.ptp(pixels, axis=0)) + 1)

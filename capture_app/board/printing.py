@@ -6,6 +6,7 @@ that both formats have the same content.
 
 import html
 from collections.abc import Iterator
+from itertools import product
 
 import cv2
 import numpy as np
@@ -59,10 +60,8 @@ class Page:
             # Ticks are inside the bar's ends, so that it is 100 mm from edge to edge.
             at = min(max(self.left + 10 * number - 0.1, self.left), self.left + BAR_MM - 0.2)
             self.black.append((at, top, 0.2, 4.0))
-        bar = f"this bar is {BAR_MM:g} mm long: measure it"
-        self.lines.append((self.left + BAR_MM + 3, top + 4.0, bar))
-        for number, text in enumerate(texts):
-            self.lines.append((self.left, top + 9.0 + 4.5 * number, text))
+        self.lines.append((self.left + BAR_MM + 3, top + 4.0, f"this bar is {BAR_MM:g} mm long: measure it"))
+        self.lines += [(self.left, top + 9.0 + 4.5 * number, text) for number, text in enumerate(texts)]
 
 
 def to_svg(page: Page) -> bytes:
@@ -81,8 +80,8 @@ def to_svg(page: Page) -> bytes:
         f'viewBox="0 0 {width} {height}">'
     )
     ground = f'<rect width="{width}" height="{height}" fill="#fff"/>'
-    parts = [head, ground, *paths, '<g font-family="Helvetica, Arial, sans-serif">', *words, "</g>", "</svg>"]
-    return ("\n".join(parts) + "\n").encode()
+    font = '<g font-family="Helvetica, Arial, sans-serif">'
+    return "\n".join([head, ground, *paths, font, *words, "</g>", "</svg>", ""]).encode()
 
 
 def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
@@ -119,9 +118,13 @@ def to_pdf(page: Page) -> bytes:
         starts.append(len(out))
         out += f"{number} 0 obj\n".encode() + content + b"\nendobj\n"
     table = "".join(f"{start:010d} 00000 n \n" for start in starts)
-    end = f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}"
-    end += f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
-    return out + end.encode()
+    return (
+        out
+        + (
+            f"xref\n0 {len(objects) + 1}\n0000000000 65535 f \n{table}"
+            f"trailer\n<< /Size {len(objects) + 1} /Root 1 0 R >>\nstartxref\n{len(out)}\n%%EOF\n"
+        ).encode()
+    )
 
 
 def board_page(board: CharucoBoard, paper: str = "a4") -> Page:
@@ -134,10 +137,9 @@ def board_page(board: CharucoBoard, paper: str = "a4") -> Page:
     made = board.to_opencv()
     corners = np.asarray(made.getObjPoints(), np.float64)[:, 0, :2] * 1000
     marked = {tuple((corner / square).astype(int).tolist()) for corner in corners}
-    for row in range(board.down):
-        for column in range(board.across):
-            if (column, row) not in marked:
-                page.black.append((page.left + column * square, page.top + row * square, square, square))
+    for row, column in product(range(board.down), range(board.across)):
+        if (column, row) not in marked:
+            page.black.append((page.left + column * square, page.top + row * square, square, square))
     for number, corner in zip(np.ravel(made.getIds()).tolist(), corners, strict=True):
         x, y = page.left + float(corner[0]), page.top + float(corner[1])
         page.black.append((x, y, marker, marker))
@@ -155,11 +157,10 @@ def board_page(board: CharucoBoard, paper: str = "a4") -> Page:
 
 def calibrate_options(board: CharucoBoard) -> list[str]:
     """Return the command-line options for this board, none for the default one."""
-    if board == DEFAULT_BOARD:
-        return []
-    return [
+    options = [
         f"--board {board.shape}",
         f"--square-mm {1000 * board.square_m:g}",
         f"--marker-mm {1000 * board.marker_m:g}",
         f"--dictionary {board.dictionary}",
     ]
+    return [] if board == DEFAULT_BOARD else options

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.board.board_options import board_options
+from capture_app.board.boards import board_options
 from capture_app.commands.shared_options import leader_option, run_until_stopped
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.board.board_options import board_options
-from capture_app.board.boards import CharucoBoard, Checkerboard
+from capture_app.board.boards import CharucoBoard, Checkerboard, board_options
 from capture_app.common.errors import SimulshotError
 from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples

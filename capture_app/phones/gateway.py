@@ -49,15 +49,12 @@ class PhoneGateway(PairedPage):
         # Two pages would report two different clocks.
         self._end_link(admitted, _REPLACED)
         self._link_of[admitted.key] = link
-        phone = self._phones.get(admitted.key)
-        is_new = phone is None
+        phone, send = self._phones.get(admitted.key), link.send
         if phone is None:
             phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns, hello)
             phone.put_off = functools.partial(self._put_off, admitted)
-        send = link.send
-        phone.link_opened(send, hello)
-        if is_new:
             self._on_phone(phone)
+        phone.link_opened(send, hello)
         try:
             async for message in link.socket:
                 received_ns = link.received_ns

@@ -1,9 +1,12 @@
 """One phone across all connections of its page: its clock, its frames, and requests for its images."""
 
 import asyncio
-import logging
+from collections import deque
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from itertools import count
 from math import hypot
+from statistics import median
 
 from capture_app.cameras.base import DeviceClock
 from capture_app.common.camera_facts import (
@@ -19,8 +22,7 @@ from capture_app.common.camera_facts import (
 from capture_app.common.errors import CameraError
 from capture_app.common.timeouts import PHONE_IMAGE_TIMEOUT_S
 from capture_app.phones import wire
-from capture_app.phones.frame_times import FrameTimes, TimedFrame
-from capture_app.phones.wire import Ping
+from capture_app.phones.wire import FrameReport, Ping
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
@@ -37,6 +39,13 @@ DELIVERY_NS = 100_000_000
 """Max delay from a frame's readout to its arrival at a page; assumed, as no browser reports it."""
 NEVER = "its page is closed: open it again on the phone"
 STARTING = "its camera is starting, or its clock is being measured"
+BLOCK_US, BLOCKS = 3e6, 10
+HELD_FRAMES = 8
+"""Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
+RATE_FRAMES, RATE_FRACTION = 20, 0.05
+"""Number of frames by which a browser's stated rate is checked, and the relative tolerance."""
+TYPICAL_RATE = 30.0
+MIN_RATE, MAX_RATE = 1.0, 1000.0
 
 
 class PhoneClock:
@@ -47,7 +56,9 @@ class PhoneClock:
         self._step_ns = round(resolution_us * 1000)
         self._filter = ClockFilter()
         self._pending: dict[int, tuple[int, int, int]] = {}
-        self._map: TimeMap | None = None
+        self._map: TimeMap
+        self.is_known = False
+        """Whether enough exchanges have arrived to convert times."""
         self._mapped_ns = 0
 
     @property
@@ -55,25 +66,19 @@ class PhoneClock:
         """Number of exchanges so far."""
         return self._filter.samples
 
-    @property
-    def is_known(self) -> bool:
-        """Whether enough exchanges have arrived to convert times."""
-        return self._map is not None
-
     def note_ping(self, ping: Ping, received_ns: int) -> None:
         """Add the exchange that a ping completes; `received_ns` is its arrival by the gateway's clock."""
-        earlier = self._pending.pop(ping.answered, None) if ping.answered is not None else None
-        if earlier is None:
+        if ping.answered not in self._pending:
             return
-        t0_ns, t1_ns, t2_ns = earlier
+        t0_ns, t1_ns, t2_ns = self._pending.pop(ping.answered)
         # An arrival at the end of a step is reported as its beginning: later is safe, earlier is not.
         t3_ns = round(ping.received_us * 1000) + self._step_ns
         self._filter.add(ClockSample(t0_ns, t1_ns, t2_ns, t3_ns))
-        if self.samples >= MIN_SAMPLES and (
-            self._map is None or received_ns - self._mapped_ns >= MAPPED_EVERY_NS
-        ):
+        is_due = not self.is_known or received_ns - self._mapped_ns >= MAPPED_EVERY_NS
+        if self.samples >= MIN_SAMPLES and is_due:
             self._mapped_ns = received_ns
-            self._map = self._filter.time_map(t3_ns)
+            if (known := self._filter.time_map(t3_ns)) is not None:
+                self._map, self.is_known = known, True
 
     def note_pong(self, ping: Ping, received_ns: int, sent_ns: int) -> None:
         """Record that a ping is being answered."""
@@ -83,35 +88,99 @@ class PhoneClock:
 
     def gateway_ns(self, page_us: float) -> int:
         """Convert a page time in us to the gateway's time; the clock must be known."""
-        assert self._map is not None
         return self._map.leader_from_local(round(page_us * 1000))
 
     def page_us(self, gateway_ns: int) -> float:
         """Convert a gateway time to the page's time in us; the clock must be known."""
-        assert self._map is not None
         return self._map.local_from_leader(gateway_ns) / 1000
 
     def uncertainty_ns(self, page_us: float) -> int:
         """Return the 95 % error of `gateway_ns`, in ns."""
-        assert self._map is not None
         known_ns = hypot(self._map.uncertainty_at(round(page_us * 1000)), BROWSER_NS)
         return min(round(known_ns), self.hard_bound_ns(page_us))
 
     def hard_bound_ns(self, page_us: float) -> int:
         """Return the bound on the error of `gateway_ns`, in ns."""
-        assert self._map is not None
         return round(self._map.hard_bound_at(round(page_us * 1000)))
 
     @property
     def accuracy(self) -> DeviceClock | None:
         """Current accuracy of the page's clock; None while it is unknown."""
-        if self._map is None:
+        if not self.is_known:
             return None
         page_us = self._map.epoch_local_ns / 1000
         return DeviceClock(self.uncertainty_ns(page_us), self.hard_bound_ns(page_us))
 
 
-_log = logging.getLogger(__name__)
+@dataclass(frozen=True, slots=True)
+class TimedFrame:
+    """A frame with its number in its stream, counting gaps, and its time in the page's clock in us."""
+
+    id: int
+    stream: int
+    sequence: int
+    page_us: float
+
+
+class FrameTimes:
+    """Converts a page's frame reports to numbered, timed frames, one stream after another."""
+
+    def __init__(self, rate: float) -> None:
+        """Create the converter; `rate` in frames/s is the browser's setting, 0 if it states none."""
+        self._rate = rate
+        self._stream: int | None = None
+        self._arrivals: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
+        """Start of a time block, and its minimum offset of the page's clock from media time, in us."""
+        self._held: list[FrameReport] = []
+        self._holding = True
+        self._sequence, self._last_us = 0, 0.0
+        self._steps_us: list[float] = []
+        self.period_ns: int | None = None
+        """Measured period of the camera; None until enough frames have arrived."""
+
+    def add(self, report: FrameReport) -> list[TimedFrame]:
+        """Add a frame; return the frames that can be timed now, none while a stream begins."""
+        if report.stream != self._stream:
+            self._stream = report.stream
+            self._arrivals.clear()
+            self._held, self._holding, self._sequence = [], True, 0
+        self._note_arrival(report.media_us, report.capture_us or report.arrived_us)
+        if self.period_ns is None:
+            self._measure_rate(report)
+        if not self._holding:
+            return [self._timed(report, first=False)]
+        self._held.append(report)
+        if self.period_ns is None or len(self._held) < HELD_FRAMES:
+            return []
+        self._holding = False
+        return [self._timed(frame, first=n == 0) for n, frame in enumerate(self._held)]
+
+    def _note_arrival(self, media_us: float, seen_us: float) -> None:
+        offset_us = seen_us - media_us
+        if not self._arrivals or seen_us - self._arrivals[-1][0] >= BLOCK_US:
+            self._arrivals.append((seen_us, offset_us))
+        elif offset_us < self._arrivals[-1][1]:
+            self._arrivals[-1] = self._arrivals[-1][0], offset_us
+
+    def _measure_rate(self, report: FrameReport) -> None:
+        if self._held:
+            self._steps_us.append(report.media_us - self._held[-1].media_us)
+        if len(self._steps_us) >= RATE_FRAMES:
+            step_us, rate = median(self._steps_us), self._rate or TYPICAL_RATE
+            if step_us > 0 and abs(step_us * rate / 1e6 - 1) > RATE_FRACTION:
+                rate = round(1e6 / max(step_us, 1e6 / MAX_RATE))
+            self.period_ns = round(1e9 / min(max(rate, MIN_RATE), MAX_RATE))
+
+    def _timed(self, report: FrameReport, *, first: bool) -> TimedFrame:
+        assert self.period_ns is not None
+        if not first:
+            self._sequence += max(1, round((report.media_us - self._last_us) * 1000 / self.period_ns))
+        self._last_us = report.media_us
+        # The minimum delay of the last half minute, when everything was fast, locates the media times' zero.
+        # The delay of camera and phone before that is not known here, and is part of the bias of the stamps.
+        offset_us = min(offset_us for _, offset_us in self._arrivals)
+        return TimedFrame(report.id, report.stream, self._sequence, report.media_us + offset_us)
+
 
 Send = Callable[[str | bytes], Awaitable[None]]
 OnFrame = Callable[[TimedFrame], None]
@@ -147,7 +216,7 @@ class Phone:
         self.controls: tuple[ControlState, ...] = ()
         """The camera's controls, as the page last reported them."""
         self._orders: dict[int, asyncio.Future[str]] = {}
-        self._last_order = 0
+        self._numbers = count(1)
         self._on_frame: OnFrame | None = None
         self._on_disconnect: Callable[[str], None] | None = None
 
@@ -195,8 +264,7 @@ class Phone:
         """Set a control; None lets the camera choose. Raises CameraError if the page did not set it."""
         if self._send is None:
             raise CameraError(f"{self.name}: {self._disconnect_reason}")
-        self._last_order += 1
-        number = self._last_order
+        number = next(self._numbers)
         answered = self._orders[number] = asyncio.get_running_loop().create_future()
         try:
             await self._send(wire.order("control", number=number, control=control, value=value))
@@ -244,9 +312,7 @@ class Phone:
         key = page, number, width is not None
         small = {} if width is None else {"width": width}
         request = wire.order("preview" if small else "picture", id=number, **small)
-        picture = self._pictures.get(key)
-        if picture is None:
-            picture = self._pictures[key] = asyncio.get_running_loop().create_future()
+        picture = self._pictures.setdefault(key, asyncio.get_running_loop().create_future())
         try:
             async with asyncio.timeout(PHONE_IMAGE_TIMEOUT_S):
                 while not picture.done():
@@ -299,22 +365,22 @@ class Phone:
 
     def take_text(self, message: wire.Opened | wire.Controls | wire.PageHidden) -> None:
         """Process the page's report on its camera."""
-        if isinstance(message, wire.PageHidden):
-            self._stand_still(message.why)
-            return
-        if isinstance(message, wire.Controls):
-            self.controls = message.controls
-            answered = self._orders.pop(message.answers or 0, None)
-            if answered is not None and not answered.done():
-                answered.set_result(message.problem)
-            return
-        before = self._opened
-        if before is not None and (before.width, before.height) != (message.width, message.height):
-            # From now on its images count as another camera's.
-            self._stand_still("it was rotated, and joins again")
-        if before != message:
-            self._times = FrameTimes(message.frame_rate)
-        self._opened = message
+        match message:
+            case wire.PageHidden():
+                self._stand_still(message.why)
+            case wire.Controls():
+                self.controls = message.controls
+                answered = self._orders.pop(message.answers or 0, None)
+                if answered is not None and not answered.done():
+                    answered.set_result(message.problem)
+            case wire.Opened():
+                before = self._opened
+                if before is not None and (before.width, before.height) != (message.width, message.height):
+                    # From now on its images count as another camera's.
+                    self._stand_still("it was rotated, and joins again")
+                if before != message:
+                    self._times = FrameTimes(message.frame_rate)
+                self._opened = message
 
     def take_binary(
         self, message: wire.Ping | wire.FrameReport | wire.PictureBytes, received_ns: int
@@ -328,11 +394,11 @@ class Phone:
                 if picture is not None and not picture.done():
                     picture.set_result(message.data)
             case wire.FrameReport() if self._opened is not None:
-                timed = self._times.add(message)
-                if self._times.period_ns is not None and self.clock.is_known:
+                timed, is_known = self._times.add(message), self.clock.is_known
+                if self._times.period_ns is not None and is_known:
                     self.came.set()
-                for frame in timed:
-                    if self._on_frame is not None and self.clock.is_known:
+                for frame in timed if is_known else ():
+                    if self._on_frame is not None:
                         self._on_frame(frame)
 
     def _stand_still(self, why: str) -> None:
@@ -344,15 +410,8 @@ class Phone:
 
 def browser_name(user_agent: str) -> str:
     """Return a short name of a browser and its device from the user agent."""
-    for sign, name in (
-        ("Firefox/", "Firefox"),
-        ("Edg", "Edge"),
-        ("Chrome/", "Chrome"),
-        ("Safari/", "Safari"),
-    ):
-        if sign in user_agent:
-            for device in ("iPhone", "iPad", "Android", "Linux", "Windows", "Macintosh"):
-                if device in user_agent:
-                    return f"{name} on {device}"
-            return name
-    return "browser"
+    signs = {"Firefox/": "Firefox", "Edg": "Edge", "Chrome/": "Chrome", "Safari/": "Safari"}
+    name = next((name for sign, name in signs.items() if sign in user_agent), "")
+    devices = ("iPhone", "iPad", "Android", "Linux", "Windows", "Macintosh")
+    device = next((f" on {device}" for device in devices if device in user_agent), "")
+    return name + device if name else "browser"

@@ -18,8 +18,7 @@ from capture_app.common.timeouts import PAGE_CLOSED_S, PHONE_IMAGE_TIMEOUT_S
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.phones.frame_times import TimedFrame
-from capture_app.phones.phone import Phone
+from capture_app.phones.phone import Phone, TimedFrame
 from capture_app.protocol.log import Log
 from capture_app.session.reading.decoding import decode_preview
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -180,8 +179,6 @@ class PhoneNodes:
                 self._talk(f"{phone.name}: {error}")
                 await phone.report_state("failed", str(error))
                 await asyncio.sleep(RETRY_S)
-            else:
-                self._talk(f"{phone.name}: it has left")
 
 
 async def _until_disconnected(phone: Phone) -> None:

@@ -104,13 +104,12 @@ class PictureBytes:
 
 
 Said = Hello | Opened | Controls | PageHidden
-_DECODER = msgspec.json.Decoder(Hello | Opened | Controls | PageHidden)
+_DECODER: msgspec.json.Decoder[Said] = msgspec.json.Decoder(Hello | Opened | Controls | PageHidden)
 
 
 def decode_text(text: str) -> Said:
     """Decode a page's JSON message. Raises ValueError."""
-    message: Said = _DECODER.decode(text)
-    return message
+    return _DECODER.decode(text)
 
 
 def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes:

@@ -83,15 +83,14 @@ class Admission:
         if not secrets.compare_digest(offered, _digest(self.secret)):
             raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
         if len(self._devices) >= MAX_DEVICES:
-            phone, other = (
-                "remove one by capture-app cameras remove NAME",
-                "end and restart capture-app monitor",
-            )
-            remedy = phone if self._kind == "phone" else other
+            remedies = {"phone": "remove one by capture-app cameras remove NAME"}
+            remedy = remedies.get(self._kind, "end and restart capture-app monitor")
             raise UnknownMachineError(
                 f"{MAX_DEVICES} {self._kind}s are already connected: {remedy} on the leader's machine."
             )
-        admitted = self._devices[digest] = Admitted(self._free_name(requested_name), digest)
+        taken = {device.name for device in self._devices.values()}
+        name = free_name(name_like(requested_name.strip()[:40], self._kind), taken)
+        admitted = self._devices[digest] = Admitted(name, digest)
         self._spent[offered] = digest
         self._renew()
         return admitted
@@ -116,10 +115,6 @@ class Admission:
 
     def _renew(self) -> None:
         self._secret, self._until_s = secrets.token_urlsafe(SECRET_BYTES), self._now_s() + GOOD_FOR_S
-
-    def _free_name(self, requested_name: str) -> str:
-        taken = {device.name for device in self._devices.values()}
-        return free_name(name_like(requested_name.strip()[:40], self._kind), taken)
 
 
 def _digest(text: str) -> str:

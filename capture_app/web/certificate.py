@@ -16,7 +16,6 @@ FILE = "phones.pem"
 LASTS = datetime.timedelta(days=800)
 """Apple's browsers reject certificates valid for more than 825 days."""
 RENEWED_BEFORE = datetime.timedelta(days=30)
-_DAY = datetime.timedelta(days=1)
 _END = "-----END CERTIFICATE-----\n"
 
 
@@ -110,7 +109,7 @@ def _new_pem(hosts: Iterable[str], now: datetime.datetime) -> bytes:
     names = [_general_name(host) for host in dict.fromkeys((*hosts, "localhost", "127.0.0.1"))]
     certificate = (
         x509.CertificateBuilder(name, name, key.public_key(), x509.random_serial_number())
-        .not_valid_before(now - _DAY)
+        .not_valid_before(now - datetime.timedelta(days=1))
         .not_valid_after(now + LASTS)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)

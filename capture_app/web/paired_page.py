@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Collection, Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 
@@ -57,7 +58,7 @@ _NAMES = web.AppKey("names", Collection[str])
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
-    error = record.exc_info[1] if record.exc_info else None
+    _, error, _ = record.exc_info or (None, None, None)
     return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
 
 
@@ -91,15 +92,13 @@ class Door:
         self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None
     ) -> AsyncIterator[None]:
         """Accept connections on a listening socket until the block ends."""
-        tasks = [asyncio.create_task(self._accept(server, listening, tls))]
-        tasks.append(asyncio.create_task(self._sweep(server)))
-        try:
-            yield
-        finally:
+        accepting = asyncio.create_task(self._accept(server, listening, tls))
+        sweeping = asyncio.create_task(self._sweep(server))
+        with listening:
             try:
-                await end(*tasks, *self._greeting)
+                yield
             finally:
-                listening.close()
+                await end(accepting, sweeping, *self._greeting)
 
     async def _accept(self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
         listening.setblocking(False)
@@ -111,11 +110,8 @@ class Door:
                 continue
             # TLS takes memory from the first moment, so the oldest silent connection yields to a new one.
             if len(self._greeting) >= MAX_GREETED:
-                oldest = next(iter(self._greeting))
-                del self._greeting[oldest]
-                oldest.cancel()
                 # It is closed before the next one is accepted.
-                await asyncio.wait([oldest])
+                await end(next(iter(self._greeting)))
             task = asyncio.create_task(self._greet(server, connection, tls))
             self._greeting[task] = None
             task.add_done_callback(lambda done: self._greeting.pop(done, None))
@@ -131,7 +127,6 @@ class Door:
             )
         except OSError:
             connection.close()
-            return
         except asyncio.CancelledError:
             connection.close()
             raise
@@ -153,13 +148,11 @@ class Door:
         transports = (one.transport for one in server.connections)
         open_now = {one for one in transports if one is not None and not one.is_closing()}
         self._trusted &= open_now
-        known = self._since_s
-        self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
-        oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
-        late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
-        too_many = oldest_first[: max(0, len(oldest_first) - MAX_UNKNOWN)]
-        for transport in {*late, *too_many}:
-            if isinstance(transport, asyncio.WriteTransport):
+        self._since_s = {one: self._since_s.get(one, now_s) for one in open_now - self._trusted}
+        newest_first = sorted(self._since_s.items(), key=itemgetter(1), reverse=True)
+        for number, (transport, since_s) in enumerate(newest_first):
+            is_late = now_s - since_s >= IDENTIFY_TIMEOUT_S
+            if isinstance(transport, asyncio.WriteTransport) and (is_late or number >= MAX_UNKNOWN):
                 transport.abort()
 
 

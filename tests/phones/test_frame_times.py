@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from capture_app.phones.frame_times import HELD_FRAMES, FrameTimes, TimedFrame
+from capture_app.phones.phone import HELD_FRAMES, FrameTimes, TimedFrame
 from capture_app.phones.wire import FrameReport
 
 PERIOD_US = 33_333.3

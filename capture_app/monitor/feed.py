@@ -19,7 +19,7 @@ from capture_app.common.tasks import Background
 from capture_app.common.text import UNREADABLE
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import EndBurst
-from capture_app.protocol.status import BurstStatus, Preview, RigStatus
+from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
 from capture_app.session.library.changes import results_folder
@@ -156,36 +156,30 @@ class MonitorFeed:
 
     def _show_status(self, rig: RigStatus) -> None:
         self._rig = rig
-        cameras = [node for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA]
+        cameras = {node.name: node for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA}
         self._say(
             "rig",
             leader=rig.leader,
             advice=rig.advice,
             cameras=[
-                {"name": node.name, "state": node.state, "message": node.message}
-                for node in sorted(cameras, key=lambda node: natural_order(node.name))
+                {"name": name, "state": cameras[name].state, "message": cameras[name].message}
+                for name in sorted(cameras, key=natural_order)
             ],
         )
-        for key in {key for key in self.pictures if key.startswith("live/")} - {
-            f"live/{node.name}" for node in cameras
-        }:
-            del self.pictures[key]
-        if rig.burst is not None:
-            self._show_burst(rig.burst, rig.period_ns)
+        self._forget_pictures("live/", *(f"live/{name}" for name in cameras))
+        if (burst := rig.burst) is not None:
+            self._say(
+                "burst",
+                name=burst.name,
+                received=burst.received,
+                expected=burst.expected,
+                is_recording=burst.recording and not burst.done,
+                seconds=round(burst.instants * (rig.period_ns or 0) / 1e9),
+                is_done=burst.done,
+            )
         if rig.sessions and rig.sessions[-1] != self._session:
             self._session = rig.sessions[-1]
             self._background.start(self._open_session(Path(rig.sessions_folder, Path(self._session).name)))
-
-    def _show_burst(self, burst: BurstStatus, period_ns: int | None) -> None:
-        self._say(
-            "burst",
-            name=burst.name,
-            received=burst.received,
-            expected=burst.expected,
-            is_recording=burst.recording and not burst.done,
-            seconds=round(burst.instants * (period_ns or 0) / 1e9),
-            is_done=burst.done,
-        )
 
     async def _open_session(self, folder: Path) -> None:
         grade, words = "unknown", "Its pictures are on the leader's machine."
@@ -196,8 +190,7 @@ class MonitorFeed:
                 grade, words = self._sheet.verdict.grade, self._sheet.verdict.headline
             except SimulshotError as error:
                 words = str(error)
-        for key in [key for key in self.pictures if key.startswith("take/")]:
-            del self.pictures[key]
+        self._forget_pictures("take/")
         self._say("take", name=folder.name, grade=grade, words=words, has_pictures=self._sheet is not None)
 
     async def _make_picture(self, key: str) -> None:
@@ -226,14 +219,18 @@ class MonitorFeed:
         self.pictures[key] = picture
         self._notify()
 
+    def _forget_pictures(self, beginning: str, *but: str) -> None:
+        for key in [key for key in self.pictures if key.startswith(beginning) and key not in but]:
+            del self.pictures[key]
+
     def _notify(self) -> None:
         for changed in self._readers:
             changed.set()
 
 
 def _contact_sheet(sheet: TakeSheet) -> bytes:
-    step = max(1, math.ceil(sheet.instants / SHEET_ROWS))
-    return encode_image(contact_sheet(sheet, SHEET_WIDTH_PX, instants=range(0, sheet.instants, step)))
+    instants = range(0, sheet.instants, max(1, math.ceil(sheet.instants / SHEET_ROWS)))
+    return encode_image(contact_sheet(sheet, SHEET_WIDTH_PX, instants=instants))
 
 
 def _wiggle(sheet: TakeSheet) -> bytes:
@@ -244,14 +241,13 @@ def _wiggle(sheet: TakeSheet) -> bytes:
 def _depth(sheet: TakeSheet) -> bytes:
     session = sheet.session.folder
     results = results_folder(session)
-    files = (results / run / "multiview.json" for run in DEPTH_RUNS)
-    found = next((file for file in files if file.is_file()), None)
-    if found is None:
-        raise IncompleteError(
-            "No depth of this take has been computed",
-            hint=f"on the leader's machine: reconstruct multiview {session} --out {results / DEPTH_RUNS[-1]}",
-        )
-    return depth_picture(found)
+    for run in DEPTH_RUNS:
+        if (found := results / run / "multiview.json").is_file():
+            return depth_picture(found)
+    raise IncompleteError(
+        "No depth of this take has been computed",
+        hint=f"on the leader's machine: reconstruct multiview {session} --out {results / DEPTH_RUNS[-1]}",
+    )
 
 
 _PICTURES = {"sheet": _contact_sheet, "wiggle": _wiggle, "depth": _depth}

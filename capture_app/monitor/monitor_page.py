@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 from aiohttp import WSMsgType
@@ -18,35 +19,23 @@ from capture_app.web.admission import Admission
 from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
 
 
-class Seen(Struct, frozen=True, tag_field="type", tag="seen"):
-    """Acknowledgement of a picture: the next one of the same key may be sent."""
+class PageOrder(Struct, frozen=True):
+    """Order of a monitor's page.
 
-    picture: str
+    seen    acknowledges a picture: the next one of the same key may be sent
+    look    requests larger pictures of one camera; an empty name ends them
+    open    shows a picture of the last take, by its key; empty: none
+    take    takes pictures by a plan
+    stop    stops the take that has not begun, or the recording
+    """
 
-
-class Look(Struct, frozen=True, tag_field="type", tag="look"):
-    """Request larger pictures of one camera; an empty name ends them."""
-
-    camera: str = ""
-
-
-class Open(Struct, frozen=True, tag_field="type", tag="open"):
-    """Show a picture of the last take, by its key; empty: none."""
-
+    type: Literal["seen", "look", "open", "take", "stop"]
     picture: str = ""
+    camera: str = ""
+    plan: TakePlan = TakePlan()
 
 
-class Take(Struct, frozen=True, tag_field="type", tag="take"):
-    """Order to take pictures by a plan."""
-
-    plan: TakePlan
-
-
-class Stop(Struct, frozen=True, tag_field="type", tag="stop"):
-    """Stop the take that has not begun, or the recording."""
-
-
-_DECODER = msgspec.json.Decoder(Seen | Look | Open | Take | Stop)
+_DECODER = msgspec.json.Decoder(PageOrder)
 
 
 class MonitorPage(PairedPage):
@@ -108,23 +97,25 @@ class _Monitor:
             name = key.encode()
             await self._link.send(bytes([len(name)]) + name + picture)
 
-    async def obey(self, order: Seen | Look | Open | Take | Stop) -> None:
+    async def obey(self, order: PageOrder) -> None:
         """Carry out an order of the monitor's page. Raises SimulshotError."""
-        match order:
-            case Seen(picture=key):
-                self._unacknowledged.discard(key)
+        match order.type:
+            case "seen":
+                self._unacknowledged.discard(order.picture)
                 self._changed.set()
-            case Look(camera=camera):
+            case "look":
                 await end(*self.looking)
-                self.looking = {asyncio.create_task(self._feed.look_closely(camera))} if camera else set()
-            case Open(picture=key):
-                self._open = key
-                self._pictures.pop(key, None)
-                self._feed.request_picture(key)
+                self.looking.clear()
+                if order.camera:
+                    self.looking.add(asyncio.create_task(self._feed.look_closely(order.camera)))
+            case "open":
+                self._open = order.picture
+                self._pictures.pop(order.picture, None)
+                self._feed.request_picture(order.picture)
                 self._changed.set()
-            case Take(plan=plan):
-                self._feed.take(plan)
-            case Stop():
+            case "take":
+                self._feed.take(order.plan)
+            case "stop":
                 await self._feed.stop()
 
 

@@ -11,7 +11,6 @@ import os
 import stat
 import sys
 import threading
-import time
 from collections import deque
 from typing import Any, cast
 
@@ -64,10 +63,8 @@ class PatientOutput(io.RawIOBase):
 
     def finish(self, within_s: float = LAST_S) -> None:
         """Wait until all queued data is written, at most `within_s` seconds."""
-        ends_s = time.monotonic() + within_s
         with self._changed:
-            while self._waiting and self._error is None and (left_s := ends_s - time.monotonic()) > 0:
-                self._changed.wait(left_s)
+            self._changed.wait_for(lambda: not self._waiting or self._error is not None, within_s)
 
     def _add(self, lines: bytes) -> None:
         if lines:

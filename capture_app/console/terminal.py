@@ -1,5 +1,6 @@
 """Terminal interface of both commands: results on stdout, messages and progress on stderr, exit codes."""
 
+import contextlib
 import io
 import math
 import os
@@ -67,11 +68,10 @@ def _log_clock() -> str:
     """Return the time format of a log line: for a terminal, for a file, or empty."""
     if sys.stderr.isatty():
         return "%H:%M:%S"
-    try:
-        is_file = stat.S_ISREG(os.fstat(sys.stderr.fileno()).st_mode)
-    except (OSError, ValueError):
-        return ""
-    return "%Y-%m-%d %H:%M:%S" if is_file else ""
+    with contextlib.suppress(OSError, ValueError):
+        if stat.S_ISREG(os.fstat(sys.stderr.fileno()).st_mode):
+            return "%Y-%m-%d %H:%M:%S"
+    return ""
 
 
 def _is_verbose() -> bool:

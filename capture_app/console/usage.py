@@ -42,8 +42,9 @@ def set_verbosity(value: Verbosity) -> None:
     global _verbosity
     _verbosity = value
     if value is Verbosity.VERBOSE:
-        line = "%(asctime)s %(name)s: %(message)s"
-        logging.basicConfig(level=logging.INFO, format=line, datefmt="%H:%M:%S")
+        logging.basicConfig(
+            level=logging.INFO, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S"
+        )
         logging.getLogger(__name__.partition(".")[0]).setLevel(logging.DEBUG)
         _log.debug("simulshot %s, Python %s, %s", __version__, platform.python_version(), platform.platform())
 

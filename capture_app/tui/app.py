@@ -36,7 +36,7 @@ from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionsRequested
 from capture_app.tui.screen_settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.shoot_view import ShootView
-from capture_app.tui.themes import DARK, PLAIN, THEMES
+from capture_app.tui.signs import DARK, PLAIN, THEMES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
 LEAVE, STOP, STAY = "leave", "stop", "stay"
@@ -55,7 +55,7 @@ def quit_question(
     """
     own = [] if status is None else [n for n in status.nodes if n.on_leader and n.state is not NodeState.LOST]
     asks_for_rig = local and status is not None and bool(own or (started and status.nodes))
-    lines: list[str] = []
+    lines = []
     if asks_for_rig and status is not None:
         own_cameras = f" with {count(len(own), 'camera')}" if own else ""
         lines.append(
@@ -67,10 +67,9 @@ def quit_question(
                 f"{status.burst.name} is being saved; a rig that stops keeps only the images received."
             )
     if jobs:
-        ends = "ends" if len(jobs) == 1 else "end"
-        named = ", ".join(jobs[:NAMED_JOBS])
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
-        lines.append(f"{named}{more} {ends} with the screen and saves no result.")
+        ends = "ends" if len(jobs) == 1 else "end"
+        lines.append(f"{', '.join(jobs[:NAMED_JOBS])}{more} {ends} with the screen and saves no result.")
     if not lines:
         return None
     ending = f", end the {'job' if len(jobs) == 1 else 'jobs'}" if jobs else ""
@@ -129,12 +128,10 @@ class SimulshotApp(App[None]):
         self._depth = depth
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
-        for theme in THEMES.values():
+        for theme in THEMES:
             self.register_theme(theme)
-        theme_name = settings.recall("theme", DARK.name)
-        self.theme = (
-            PLAIN.name if self.no_color else theme_name if theme_name in self.available_themes else DARK.name
-        )
+        chosen = PLAIN.name if self.no_color else settings.recall("theme", DARK.name)
+        self.theme = chosen if chosen in self.available_themes else DARK.name
         self.set_keymap(settings.keys)
 
     def on_mount(self) -> None:
@@ -231,18 +228,16 @@ class SimulshotApp(App[None]):
 
     # Actions
 
-    def action_help(self) -> None:
+    @work(group="help")
+    async def action_help(self) -> None:
         """Show the keys of the current screen."""
         if isinstance(self.screen, HelpScreen):
             return
         actions = [each.binding for each in self.screen.active_bindings.values()]
         names = {binding.key: self.get_key_display(binding) for binding in actions}
         folder = "" if self._settings.folder is None else str(self._settings.folder)
-        self.push_screen(HelpScreen(actions, names, folder), self._leave_help)
-
-    def _leave_help(self, wants_file: bool | None) -> None:
-        if wants_file and self._settings.folder is not None:
-            self._write_keys(self._settings.folder)
+        if await self.push_screen_wait(HelpScreen(actions, names, folder)):
+            self._write_keys()
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
         """Yield all actions with a key on this screen for the command palette, and the theme choice."""
@@ -259,7 +254,7 @@ class SimulshotApp(App[None]):
     async def action_quit(self) -> None:
         """Close the screen; ask first if that would end jobs or leave a rig running."""
         status = None if self._record.lost else self._record.status
-        jobs = [str(run) for run in self.runs.unfinished]
+        jobs = list(map(str, self.runs.unfinished))
         question = quit_question(status, started=self._started, local=self._local, jobs=jobs)
         if isinstance(self.screen, Question):
             self.exit()  # quit pressed again without an answer: leave the rig running
@@ -277,10 +272,11 @@ class SimulshotApp(App[None]):
     @work(group="leaving", exclusive=True)
     async def _end(self, *, stop_rig: bool) -> None:
         self.notify("Stopping the rig …" if stop_rig else "Leaving …", timeout=SCREEN_STOP_TIMEOUT_S)
-        message = "The rig is stopped." if stop_rig else None
+        message = None
         try:
             if stop_rig:
                 await asyncio.wait_for(self._source.order(StopRig()), SCREEN_STOP_TIMEOUT_S)
+                message = "The rig is stopped."
         except (SimulshotError, TimeoutError) as error:
             message = printable(f"The rig may still be running: {error or 'it did not answer'}")
         # Close the runs while the screen can still show messages: a running job takes seconds to end.
@@ -290,9 +286,11 @@ class SimulshotApp(App[None]):
     # Settings
 
     @work(thread=True, exclusive=True, group="settings")
-    def _write_keys(self, folder: Path) -> None:
-        """Write keys.toml with all actions, unless it exists."""
-        path = folder / KEYS_FILE
+    def _write_keys(self) -> None:
+        """Write keys.toml with all actions, unless it exists or settings are not stored."""
+        if self._settings.folder is None:
+            return
+        path = self._settings.folder / KEYS_FILE
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("x", encoding="utf-8") as file:
@@ -320,9 +318,8 @@ def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = Tru
     settings = Settings.load()
     if frames is not None:
         settings.remember("shoot.frames", frames)
-    link = RigLink(rig.leader)
     SimulshotApp(
-        link,
+        RigLink(rig.leader),
         settings=settings,
         sessions=rig.sessions,
         local=rig.is_local,

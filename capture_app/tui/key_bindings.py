@@ -1,6 +1,7 @@
 """Actions with keys, under their names in keys.toml, and the help screen made from the bindings."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -55,12 +56,9 @@ def keys_file_text() -> str:
         "# Keys of capture-app's screen. Remove the # at the start of a line and change its key;",
         '# write several as "x,space". Key names are Textual\'s: enter, f2, ctrl+a.',
     ]
-    room = ""
-    for name, action in known_actions().items():
-        if name.partition(".")[0] != room:
-            room = name.partition(".")[0]
-            lines += ["", f"# {room}"]
-        lines.append(f'# "{name}" = "{action.key}"'.ljust(44) + f"# {action.description}")
+    for room, actions in groupby(known_actions().items(), key=lambda item: item[0].partition(".")[0]):
+        lines += ["", f"# {room}"]
+        lines += [f'# "{name}" = "{one.key}"'.ljust(44) + f"# {one.description}" for name, one in actions]
     return "\n".join(lines) + "\n"
 
 
@@ -88,8 +86,7 @@ class HelpScreen(BoxDialog[bool]):
         words = ["esc closes; tab moves the focus; ctrl+p finds an action by a few letters."]
         if folder:
             words.append(f"w writes {KEYS_FILE} to {folder}; change keys there.")
-        foot = Static(Content("\n".join(words)), id="help-foot")
-        super().__init__("keys", VerticalScroll(rows), foot)
+        super().__init__("keys", VerticalScroll(rows), Static(Content("\n".join(words)), id="help-foot"))
 
 
 def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content]:
@@ -109,8 +106,8 @@ def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content
         rooms.setdefault(name.partition(".")[0], []).append(row)
     rows: list[Content] = []
     for room in sorted(rooms, key=lambda room: room == EVERYWHERE):
-        title = "everywhere" if room == EVERYWHERE else room
-        rows += [Content(""), Content.styled(title, "bold $secondary"), *rooms[room]]
+        title = Content.styled("everywhere" if room == EVERYWHERE else room, "bold $secondary")
+        rows += [Content(""), title, *rooms[room]]
     rows += [Content(""), Content.styled("words", "bold $secondary")]
     rows += [Content.assemble((f"{term:<{KEY_WIDTH}} ", "bold"), what) for term, what in TERMS.items()]
     return rows[1:]

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -52,10 +53,9 @@ class RigRecord:
 
     def _add_phases(self, status: RigStatus) -> None:
         now = self.clock()
-        names = {node.name for node in status.nodes}
-        self.phases = {name: phases for name, phases in self.phases.items() if name in names}
+        self.phases = {node.name: self.phases.get(node.name, deque()) for node in status.nodes}
         for node in status.nodes:
-            phases = self.phases.setdefault(node.name, deque())
+            phases = self.phases[node.name]
             if not phases or phases[-1][1] != node.phase_error_ns:
                 phases.append((now, node.phase_error_ns))
             while len(phases) > 1 and phases[1][0] < now - PHASE_HISTORY_S:
@@ -65,8 +65,7 @@ class RigRecord:
 def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]) -> list[int | None]:
     """Return the phase error at each of these increasing times; None before the first one."""
     steps = [(-math.inf, None), *phases]
-    since = [when for when, _ in steps]
-    return [steps[bisect_right(since, moment) - 1][1] for moment in times]
+    return [steps[bisect_right(steps, moment, key=itemgetter(0)) - 1][1] for moment in times]
 
 
 @dataclass

@@ -71,8 +71,8 @@ class Settings:
             return
         with self._writing:
             self.folder.mkdir(parents=True, exist_ok=True)
-            text = json.dumps(self.choices, indent=2, sort_keys=True)
-            write_atomic(self.folder / CHOICES_FILE, text.encode() + b"\n")
+            text = json.dumps(self.choices, indent=2, sort_keys=True) + "\n"
+            write_atomic(self.folder / CHOICES_FILE, text.encode())
 
     def _read(self, name: str) -> dict[str, Any]:
         assert self.folder is not None

@@ -1,6 +1,8 @@
-"""Display of camera states, rig states and take grades: always a word, a glyph and a colour."""
+"""Display of camera states, rig states and take grades: always a word, a glyph and a colour; the themes."""
 
 from dataclasses import dataclass
+
+from textual.theme import Theme
 
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.protocol.status import REPORT_LOST_NS, NodeStatus, RigStatus
@@ -43,6 +45,88 @@ GRADES = {
 NO_LEADER = Sign("✖", "leader lost", "$error")
 WAITING = Sign("○", "connecting", "$foreground-muted")
 EMPTY = Sign("○", "no camera", "$foreground-muted")
+
+DARK = Theme(
+    name="simulshot-dark",
+    primary="#7aa2f7",
+    secondary="#73daca",
+    accent="#bb9af7",
+    success="#9ece6a",
+    warning="#e0af68",
+    error="#f7768e",
+    foreground="#c8d0e8",
+    background="#16171f",
+    surface="#1b1d27",
+    panel="#242735",
+    dark=True,
+    variables={
+        "border": "#3b4160",
+        "border-blurred": "#2c3046",
+        "block-cursor-foreground": "#c8d0e8",
+        "block-cursor-background": "#2f3650",
+        "block-cursor-text-style": "none",
+        "footer-background": "#1b1d27",
+        "footer-key-foreground": "#7aa2f7",
+        "input-selection-background": "#3d59a1 60%",
+    },
+)
+LIGHT = Theme(
+    name="simulshot-light",
+    primary="#2e5cc5",
+    secondary="#0f7b6c",
+    accent="#7847bd",
+    success="#3c7a1e",
+    warning="#8f5e00",
+    error="#b3193f",
+    foreground="#2b2f3d",
+    background="#f6f6f2",
+    surface="#efefe9",
+    panel="#e4e4dc",
+    dark=False,
+    variables={
+        "border": "#b6b8c2",
+        "border-blurred": "#d2d3da",
+        "block-cursor-foreground": "#2b2f3d",
+        "block-cursor-background": "#d4dcf3",
+        "block-cursor-text-style": "none",
+        "footer-background": "#efefe9",
+        "footer-key-foreground": "#2e5cc5",
+    },
+)
+PLAIN = Theme(
+    name="no-colour",
+    ansi=True,
+    primary="ansi_default",
+    secondary="ansi_default",
+    accent="ansi_default",
+    success="ansi_default",
+    warning="ansi_default",
+    error="ansi_default",
+    foreground="ansi_default",
+    background="ansi_default",
+    surface="ansi_default",
+    panel="ansi_default",
+    boost="ansi_default",
+    dark=True,
+    variables={
+        "ansi-background": "ansi_default",
+        "ansi-foreground": "ansi_default",
+        "border": "ansi_default",
+        "border-blurred": "ansi_default",
+        "block-cursor-foreground": "ansi_default",
+        "block-cursor-background": "ansi_default",
+        "block-cursor-text-style": "reverse",
+        "input-cursor-background": "ansi_default",
+        "input-cursor-foreground": "ansi_default",
+        "input-cursor-text-style": "reverse",
+        "scrollbar": "ansi_default",
+        "scrollbar-background": "ansi_default",
+        "footer-background": "ansi_default",
+        "footer-key-foreground": "ansi_default",
+    },
+)
+THEMES = DARK, LIGHT, PLAIN
+"""Few colours, each with one meaning, and a theme without colours."""
 
 
 def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:

@@ -21,13 +21,12 @@ class PageServer(Server):
         """Create the server; browsers may address this machine by its own names or by one of `names`."""
         host, port = listening.getsockname()[:2]
         self._names = names
-        shown = reachable_host(host, listening.family)
         super().__init__(
             shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments)),
             host=host,
             port=port,
             title="simulshot",
-            public_url=f"http://{Address(shown, port)}",
+            public_url=f"http://{Address(reachable_host(host, listening.family), port)}",
         )
         self._listening = listening
 

@@ -51,8 +51,8 @@ def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
             ("─" * (bar - len(full)), "$border"),
             (f" {progress_words(run)}", "$foreground-muted"),
         )
-    lines = [first, second.truncate(width, ellipsis=True)]
-    return [chosen_line(line, width) if chosen else line for line in lines]
+    lines = first, second.truncate(width, ellipsis=True)
+    return [chosen_line(line, width) for line in lines] if chosen else lines
 
 
 class JobsView(ModeView):
@@ -134,14 +134,12 @@ class JobsView(ModeView):
         if run.message:
             lines += Content(printable(run.message)).wrap(width)
         if said := list(self._runs.log(run))[-SHOWN:]:
-            lines.append(Content(""))
-        for line in said:
-            lines += Content.styled(line, "$foreground-muted").wrap(width)
+            lines += Content.styled("\n".join(["", *said]), "$foreground-muted").wrap(width)
         self._lines.show(lines)
-        time = f" · {rough_time(run.seconds)}" if run.seconds >= 1 else ""
         title = Content(printable(f"{run.command.title} · {run.session.name}"))
         if self._log.border_title != title.markup:
             self._log.border_title = title
+        time = f" · {rough_time(run.seconds)}" if run.seconds >= 1 else ""
         self._log.border_subtitle = f"{SIGNS[run.state]}{time}"
         if run is not before:
             self._log.scroll_home(animate=False)

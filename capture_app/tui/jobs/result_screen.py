@@ -238,12 +238,12 @@ class ResultScreen(WholeScreen[None]):
         path = picture.offset if picture.offset is not None and self.shows_offset else picture.synced
         self.shows_offset = path is picture.offset
         source = self._sources.setdefault(path, partial(_read, path))
-        sharp = None if self._blinks else source
-        self._picture.show(source, f"{path.name} no longer exists: run the job again", sharp=sharp)
-        conditions = [
+        words = f"{path.name} no longer exists: run the job again"
+        self._picture.show(source, words, sharp=None if self._blinks else source)
+        conditions = (
             (picture.synced_label, not self.shows_offset, "$success"),
             (picture.offset_label, self.shows_offset, "$error"),
-        ]
+        )
         labels = [
             (f" {'●' if seen else '○'} {label} ", f"reverse bold {style}" if seen else "$foreground-muted")
             for label, seen, style in conditions
@@ -285,5 +285,4 @@ def _read(path: Path) -> bytes | Image | None:
 async def show_result(widget: Widget, run: Run, log: Sequence[str]) -> None:
     """Show a run's result on the whole screen, or an error if it cannot be read; `log` is its output."""
     with showing_errors(widget):
-        result = await asyncio.to_thread(read_result, run, log)
-        await widget.app.push_screen(ResultScreen(run, result))
+        await widget.app.push_screen(ResultScreen(run, await asyncio.to_thread(read_result, run, log)))

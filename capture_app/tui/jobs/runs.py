@@ -80,9 +80,8 @@ class Runs:
         """Read finished runs from disk again, because sessions may have been renamed or trashed."""
         before = self._of_this_start
         found = await asyncio.to_thread(_read_all, self.root)
-        ours = [run for run in self.all if run in (*before, *self._of_this_start)]
-        known = {run.key for run in ours}
-        self.all = [*ours, *(run for run in found if run.key not in known)]
+        ours = {run.key: run for run in self.all if run in (*before, *self._of_this_start)}
+        self.all = [*ours.values(), *(run for run in found if run.key not in ours)]
         self._tell(None)
 
     def add(
@@ -98,14 +97,13 @@ class Runs:
             out = self.out(command, session)
         command.arguments(session, out, options)
         run = Run(kind=command.name, session=session, out=out, options=options, owner=OWN)
-        others = [other for other in self.all if other.key != run.key]
         for same in self.all:
-            if same not in others and not same.state.is_over:
+            if same.key == run.key and not same.state.is_over:
                 raise BadInputError(
                     f"{command.title} of {session.name} is {same.state} already",
                     hint="wait for it, or cancel it in Jobs (key 4)",
                 )
-        self.all = [run, *others]
+        self.all = [run, *(other for other in self.all if other.key != run.key)]
         self._said[run.key] = deque(maxlen=LOG_LINES)
         self._tell(run)
         if self._worker is None or self._worker.done():
@@ -114,7 +112,7 @@ class Runs:
 
     async def cancel(self, run: Run) -> None:
         """Cancel a run and remove its partial results."""
-        if not run.state.is_over and not run.is_foreign:
+        if run in self.unfinished:
             goes_on = run.state is not RunState.WAITING
             run.state, run.ended = RunState.CANCELLED, datetime.now(UTC)
             if not goes_on:
@@ -146,8 +144,8 @@ class Runs:
         """Return the last lines of a run's output."""
         if run.key not in self._said:
             with suppress(OSError):
-                text = self._file(run, ".log").read_text(errors="replace")
-                self._said[run.key] = deque(printable(text).splitlines(), maxlen=LOG_LINES)
+                lines = printable(self._file(run, ".log").read_text(errors="replace")).splitlines()
+                self._said[run.key] = deque(lines, maxlen=LOG_LINES)
         return self._said.get(run.key, ())
 
     def count_time(self) -> None:
@@ -211,11 +209,10 @@ class Runs:
             if step := ProgressStep.parse(line):
                 run.step = step
 
-        module, arguments = run.command.module, run.command.arguments(run.session, run.out, run.options)
-        child = await Child.start(
-            run.command.title, (module, *arguments), on_line=hear, niceness=LOWEST_PRIORITY
+        words = run.command.module, *run.command.arguments(run.session, run.out, run.options)
+        self._child = child = await Child.start(
+            run.command.title, words, on_line=hear, niceness=LOWEST_PRIORITY
         )
-        self._child = child
         try:
             if run.state is RunState.CANCELLED:
                 return ""
@@ -257,27 +254,24 @@ class Runs:
 
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, pretty_json(msgspec.to_builtins(run, enc_hook=shorten)))
+        path.with_suffix(".log").unlink(missing_ok=True)
         if run.state.is_over:
             log = "".join(f"{line}\n" for line in self._said[run.key])
             write_atomic(path.with_suffix(".log"), log.encode(errors="replace"))
-        else:
-            path.with_suffix(".log").unlink(missing_ok=True)
 
 
 def _processor_s() -> float:
     """Return the CPU time in seconds of this process's ended children."""
-    times = os.times()
-    return times.children_user + times.children_system
+    return sum(os.times()[2:4])
 
 
 def _is_alive(owner: str) -> bool:
     """Return whether the screen of a run is running on this machine."""
     host, _, process = owner.rpartition(":")
-    try:
+    with suppress(OSError, ValueError, OverflowError):
         os.kill(int(process), 0)
-    except (OSError, ValueError, OverflowError):
-        return False
-    return host == gethostname()
+        return host == gethostname()
+    return False
 
 
 def _read_all(root: Path) -> list[Run]:

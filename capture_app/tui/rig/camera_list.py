@@ -78,8 +78,7 @@ def compact_head(width: int) -> Content:
     room = compact_strip_width(width)
     strip = Content(f" {'phase over 30 s':<{room}.{room}} ")
     titles = {column.title: Content(column.title) for column in COLUMNS}
-    head = _compact(Content(f"  {'camera':<{NAME_WIDTH}}"), titles, strip, width)
-    return head.stylize("$foreground-muted")
+    return _compact(Content(f"  {'camera':<{NAME_WIDTH}}"), titles, strip, width).stylize("$foreground-muted")
 
 
 def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
@@ -100,8 +99,8 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
         (trace,) = strip_rows(errors_ns, axis, width=room, height=1, dimmed=lost)
         strip = Content.assemble(" ", trace, " ")
     else:
-        message = f" {printable(node.message):<{room + 1}}"
-        strip = Content.styled(message, SIGNS[node.state].style).truncate(room + 2, ellipsis=True)
+        message = Content.styled(f" {printable(node.message):<{room + 1}}", SIGNS[node.state].style)
+        strip = message.truncate(room + 2, ellipsis=True)
     row = _compact(_name(node, NAME_WIDTH), cells, strip, width)
     return row.stylize_before("$foreground-muted") if lost else row
 
@@ -137,8 +136,7 @@ def tall_rows(
         # Cameras on the leader's machine share its disk, whose free space is in the header.
         words.append(Content.styled(f"  {_disk(node)} free", label))
     if node.camera.model.strip():
-        model = Content.styled(f"  {printable(node.camera.model)}", label)
-        words.append(model.truncate(room, ellipsis=True))
+        words.append(Content.styled(f"  {printable(node.camera.model)}", label))
     if any(error is not None for error in errors_ns):
         strips = strip_rows(errors_ns, axis, width=strip, height=height, dimmed=lost)
         labels = [Content.styled(text, label) for text in axis.labels(height)]
@@ -163,11 +161,9 @@ def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
     }.get(node.state, "")
     lines = textwrap.wrap(text, width)
     if len(lines) > height:
-        lines = [*lines[: height - 1], " ".join(lines[height - 1 :])]
-    top = (height - len(lines)) // 2
-    style = "$foreground-muted" if node.state is NodeState.LOST else SIGNS[node.state].style
-    styled = [Content.styled(line, style).truncate(width, ellipsis=True) for line in lines]
-    return _filled([Content("")] * top + styled, height)
+        lines[height - 1 :] = [" ".join(lines[height - 1 :])]
+    styled = [Content.styled(line, SIGNS[node.state].style).truncate(width, ellipsis=True) for line in lines]
+    return _filled([Content("")] * ((height - len(lines)) // 2) + styled, height)
 
 
 def _name(node: NodeStatus, width: int) -> Content:
@@ -179,7 +175,7 @@ def _name(node: NodeStatus, width: int) -> Content:
 def _state(node: NodeStatus) -> Content:
     sign = SIGNS[node.state]
     if node.state is NodeState.LOST:
-        return Content(f"{sign.glyph} lost {_ago(node.last_seen_ns)}")
+        return Content(f"{sign} {_ago(node.last_seen_ns)}")
     return Content.styled(str(sign), sign.style)
 
 
@@ -212,8 +208,7 @@ def _drops_style(node: NodeStatus) -> str:
 
 
 def _exposure(node: NodeStatus) -> str:
-    ns = node.exposure_ns
-    if not ns:
+    if not (ns := node.exposure_ns):
         return NO_VALUE
     return f"{ns / 1e9:.1f} s" if ns >= 300_000_000 else f"1/{1e9 / ns:.0f} s"
 
@@ -223,17 +218,14 @@ def _settings(cameras: Sequence[NodeStatus]) -> str:
     here = [node for node in cameras if node.state is not NodeState.LOST and node.exposure_ns]
     if len(here) < 2:
         return ""
-    exposures, gains = [node.exposure_ns or 0 for node in here], [node.gain or 0.0 for node in here]
+    settings: dict[str, Sequence[float]] = {
+        "exposure": [node.exposure_ns or 0 for node in here],
+        "gain": [node.gain or 0 for node in here],
+    }
     # Cameras round what they are set to, each in its own steps.
-    different = [
-        what
-        for what, values in (("exposure", exposures), ("gain", gains))
-        if max(values) > EQUAL_RATIO * min(values)
-    ]
-    if different:
+    if different := [what for what, values in settings.items() if max(values) > EQUAL_RATIO * min(values)]:
         return f" · different {' and '.join(different)}"
-    gain = NO_VALUE if here[0].gain is None else f"{here[0].gain:.2g}"
-    return f" · {_exposure(here[0])}, gain {gain}"
+    return f" · {_exposure(here[0])}, gain {NO_VALUE if here[0].gain is None else f'{here[0].gain:.2g}'}"
 
 
 def _disk(node: NodeStatus) -> str:
@@ -293,10 +285,8 @@ class CameraList(Vertical, can_focus=True):
         rows: list[Content] = []
         for node in self._members:
             errors = phases_at(self._record.phases.get(node.name, ()), times)
-            if height > 1:
-                lines = tall_rows(node, errors, axis, width=width, height=height)
-            else:
-                lines = [compact_row(node, errors, axis, width)]
+            tall = tall_rows(node, errors, axis, width=width, height=height) if height > 1 else None
+            lines = tall or [compact_row(node, errors, axis, width)]
             rows += [chosen_line(line, width) for line in lines] if node.name == self._chosen else lines
         self._head.show([compact_head(width)] if height == 1 else [])
         self._rows.show(rows)
@@ -307,10 +297,9 @@ class CameraList(Vertical, can_focus=True):
 
     def action_move(self, steps: int) -> None:
         """Move the cursor to another camera."""
-        names = [node.name for node in self._members]
-        if names:
-            at = names.index(self._chosen) + steps
-            self._choose(max(0, min(len(names) - 1, at)))
+        if self._members:
+            at = [node.name for node in self._members].index(self._chosen) + steps
+            self._choose(max(0, min(len(self._members) - 1, at)))
 
     def action_open(self) -> None:
         """Open the selected camera's screen."""
@@ -328,8 +317,7 @@ class CameraList(Vertical, can_focus=True):
     def _choose(self, at: int) -> None:
         self._chosen = self._members[at].name
         self.draw(self._room)
-        region = Region(0, at * self._height, 1, self._height)
-        self._scroll.scroll_to_region(region, animate=False)
+        self._scroll.scroll_to_region(Region(0, at * self._height, 1, self._height), animate=False)
 
 
 def _height_for(cameras: int, room: int) -> int:

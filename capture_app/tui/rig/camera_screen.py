@@ -1,14 +1,12 @@
 """Details of one camera, over the mode from which it was opened."""
 
 import asyncio
-import textwrap
 from typing import ClassVar
 
 from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
-from textual.notifications import SeverityLevel
 
 from capture_app.common.camera_facts import Control, describe, describe_stamp
 from capture_app.common.errors import SimulshotError
@@ -70,6 +68,7 @@ class CameraScreen(Dialog[None]):
     def on_mount(self) -> None:
         """Start requesting details."""
         self._panels[1].border_title = "picture"
+        self._panels[3].border_title = "log"
         self._ask()
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
@@ -101,7 +100,7 @@ class CameraScreen(Dialog[None]):
 
     def action_move(self, step: int) -> None:
         """Switch to another camera."""
-        names = [node.name for node in self._record.status.nodes] if self._record.status else []
+        names = [node.name for node in self._members]
         if names:
             at = names.index(self._camera) if self._camera in names else 0
             self._camera = names[(at + step) % len(names)]
@@ -117,23 +116,24 @@ class CameraScreen(Dialog[None]):
         with showing_errors(self):
             found = await self._source.match_cameras(self._camera)
             problems = [
-                f"{name}: {why}"
+                f"\n{name}: {why}"
                 for name, state in found.items()
                 for why in dict.fromkeys(state.problems.values())
             ]
             words = f"{count(len(found), 'camera')} set like {self._camera}"
-            if problems:
-                words += ", except:\n" + "\n".join(problems)
-            severity: SeverityLevel = "warning" if problems else "information"
-            self.notify(printable(words), severity=severity, markup=False, timeout=20)
+            self.notify(
+                printable("".join([words, ", except:" if problems else "", *problems])),
+                severity="warning" if problems else "information",
+                markup=False,
+                timeout=20,
+            )
 
     @work(exclusive=True, group="detail")
     async def _ask(self) -> None:
         while True:
             if self.is_current:
                 try:
-                    request = DetailRequest(camera=self._camera)
-                    self._detail = await self._source.ask(request, NodeDetail)
+                    self._detail = await self._source.ask(DetailRequest(camera=self._camera), NodeDetail)
                     self._problem = ""
                 except SimulshotError as error:
                     self._problem = printable(str(error))
@@ -148,48 +148,47 @@ class CameraScreen(Dialog[None]):
     # Drawing
 
     @property
+    def _members(self) -> tuple[NodeStatus, ...]:
+        return self._record.status.nodes if self._record.status else ()
+
+    @property
     def _node(self) -> NodeStatus | None:
-        nodes = self._record.status.nodes if self._record.status else ()
-        return next((node for node in nodes if node.name == self._camera), None)
+        return next((node for node in self._members if node.name == self._camera), None)
 
     def _draw(self) -> None:
         self._draw_facts()
         node, detail = self._node, self._detail
         tolerance = (node and node.tolerance_ns) or TYPICAL_TOLERANCE_NS
         wedge, _, histogram, log = self._panels
-        titles = (
-            (wedge, wedge_title(detail.samples)),
-            (histogram, histogram_title(detail.phase_errors_ns, tolerance)),
-            (log, "log"),
-        )
-        for panel, title in titles:
+        titles = {
+            wedge: wedge_title(detail.samples),
+            histogram: histogram_title(detail.phase_errors_ns, tolerance),
+        }
+        for panel, title in titles.items():
             if panel.border_title != title:  # setting it redraws the panel
                 panel.border_title = title
         self._wedge.show(wedge_rows(detail.samples, *wedge.size))
         self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
         lines = log_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
         if self._problem:
-            lines = [
-                Content.styled(line, "$warning") for line in textwrap.wrap(self._problem, log.size.width or 1)
-            ]
+            lines = Content.styled(self._problem, "$warning").wrap(log.size.width or 1)
         self._log.show(lines or [Content.styled("No log lines yet.", "$foreground-muted")])
 
     def _draw_facts(self) -> None:
         node, detail = self._node, self._detail
         if node is None:
-            words = f"{printable(self._camera)} has left the rig."
-            self._facts.show([Content.styled(words, "bold"), Content(""), Content("")])
+            words = Content.styled(f"{printable(self._camera)} has left the rig.", "bold")
+            self._facts.show([words, Content(""), Content("")])
             return
         sign = SIGNS[node.state]
         first = [(f"{printable(node.name)}  ", "bold $primary"), (str(sign), f"bold {sign.style}")]
         if node.message:
             first.append((f"  {printable(node.message)}", sign.style))
+        bound = "" if node.hard_bound_ns is None else f", at most ±{duration(node.hard_bound_ns)}"
         clock = f"clock ±{duration(node.uncertainty_ns)}" if node.uncertainty_ns is not None else "clock –"
-        if node.hard_bound_ns is not None:
-            clock += f", at most ±{duration(node.hard_bound_ns)}"
         second = [
             f"phase {duration(node.phase_error_ns, signed=True).replace('-', '−')}",
-            clock,
+            clock + bound,
             f"{NO_VALUE if node.fps is None else f'{node.fps:.3g}'} fps",
             count(node.drops, "drop"),
             f"clock offset {clock_offset(node.offset_ns)}",
@@ -208,11 +207,8 @@ class CameraScreen(Dialog[None]):
             third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
         if detail.spool:
             third.append(f"unsent images in {printable(detail.spool)}")
-        width = self._facts.size.width
-        self._facts.show(
-            [
-                Content.assemble(*first),
-                Content("   ").join(fitting(map(Content, second), "   ", width)),
-                Content("   ").join(fitting(map(Content, third), "   ", width)).stylize("$foreground-muted"),
-            ]
-        )
+        lines = [
+            Content("   ").join(fitting(map(Content, facts), "   ", self._facts.size.width))
+            for facts in (second, third)
+        ]
+        self._facts.show([Content.assemble(*first), lines[0], lines[1].stylize("$foreground-muted")])

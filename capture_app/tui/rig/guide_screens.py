@@ -2,15 +2,13 @@
 
 import asyncio
 import textwrap
-import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import segno
-from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
@@ -27,7 +25,6 @@ from capture_app.common.address import (
 from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
-from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
 from capture_app.panel.screen import DEFAULT_PORT as PANEL_PORT
 from capture_app.panel.screen import served_page
 from capture_app.protocol.orders import (
@@ -41,9 +38,6 @@ from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import RecordChanged
 from capture_app.tui.widgets.lines import Lines, log_lines
 
-if TYPE_CHECKING:
-    from capture_app.web.paired_page import ListeningPage
-
 DEVICE = "v4l2:/dev/video0"
 QUIET = 2
 """Light margin around the code, in modules; scanning from a screen needs only two."""
@@ -55,10 +49,15 @@ _PHONE_STEPS = (
     "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
     "3  Start the camera and allow access. Place the phone and plug it in.",
 )
-_MONITOR_STEPS = (
+MONITOR_STEPS = (
     "1  Scan the code with a phone or tablet, and open the page.",
     _PHONE_STEPS[1],
     "3  It shows all cameras, and takes. It works until this screen ends.",
+)
+_USED = ("The last code was used or has expired. For the next device:", "$success")
+_CHECK = (
+    "Each code admits one device and expires after ten minutes. On an untrusted network, compare the "
+    "certificate's SHA-256 in its browser with:"
 )
 _PANEL_LIMITS = (
     "An open page keeps running when this is closed. A screen resolves part of its refresh interval "
@@ -68,8 +67,7 @@ _PANEL_LIMITS = (
 
 def large(code: str) -> list[str]:
     """Return a numeric code in digits three lines high."""
-    places = [DIGITS.index(letter) * 3 for letter in code]
-    return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)]
+    return ["".join(DIGITS3X3[DIGITS.index(letter) * 3 + row] for letter in code) for row in range(3)]
 
 
 def joining_line(leader: str) -> str:
@@ -177,10 +175,10 @@ async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
 def phones_screen(source: RigLink) -> GuideScreen:
     """Return the dialog with the next phone's QR code; the server keeps running when it is closed."""
     ask = partial(source.ask, InvitePhone(), PhoneInvited)
-    return GuideScreen("phones", "Phones as cameras", 36, partial(_show_codes, ask, _PHONE_STEPS))
+    return GuideScreen("phones", "Phones as cameras", 36, partial(show_codes, ask, _PHONE_STEPS))
 
 
-async def _show_codes(
+async def show_codes(
     ask: Callable[[], Awaitable[PhoneInvited]], steps: tuple[str, ...], screen: GuideScreen
 ) -> None:
     """Show the code of a page for the next device, forever; it changes with each device that joins."""
@@ -189,31 +187,21 @@ async def _show_codes(
         try:
             invited = await ask()
             if invited.url != shown:
-                show_steps(screen, invited, steps, came=bool(shown))
+                screen.show(
+                    invited.url,
+                    *([_USED] if shown else []),
+                    *((step, "") for step in steps),
+                    ("", ""),
+                    (invited.url, "bold $secondary"),
+                    ("", ""),
+                    (_CHECK, "$foreground-muted"),
+                    (invited.fingerprint, "$foreground-muted"),
+                )
                 shown = invited.url
         except SimulshotError as error:
             shown = ""
             screen.show("", (str(error), "$warning"))
         await asyncio.sleep(LOOK_EVERY_S)
-
-
-def show_steps(screen: GuideScreen, invited: PhoneInvited, steps: tuple[str, ...], *, came: bool) -> None:
-    """Show a page's code and the steps; `came`: the code before it was used or has expired."""
-    begin = ("The last code was used or has expired. For the next device:", "$success")
-    screen.show(
-        invited.url,
-        *([begin] if came else []),
-        *((step, "") for step in steps),
-        ("", ""),
-        (invited.url, "bold $secondary"),
-        ("", ""),
-        (
-            "Each code admits one device and expires after ten minutes. On an untrusted network, compare the "
-            "certificate's SHA-256 in its browser with:",
-            "$foreground-muted",
-        ),
-        (invited.fingerprint, "$foreground-muted"),
-    )
 
 
 def panel_screen() -> GuideScreen:
@@ -244,38 +232,3 @@ async def _serve_panel(screen: GuideScreen) -> None:
             ("capture-app panel sketch --out panel", "$foreground-muted"),
         )
         await asyncio.Event().wait()
-
-
-class MonitorServer:
-    """Server of the monitors of this screen's rig, started when its code is first shown."""
-
-    def __init__(self, source: RigLink, *, local: bool) -> None:
-        self._source, self._local = source, local
-        self._page: ListeningPage | None = None
-
-    def guide(self) -> GuideScreen:
-        """Return the dialog with the QR code for the next monitor; each monitor that joins renews it."""
-        return GuideScreen("monitor", "A monitor in your hand", 36, self._show_codes)
-
-    async def _show_codes(self, screen: GuideScreen) -> None:
-        try:
-            page = self._page or self._start(screen.app)
-        except SimulshotError as error:
-            screen.show("", (str(error), "$warning"))
-        else:
-            await _show_codes(page.invitation, _MONITOR_STEPS, screen)
-
-    def _start(self, app: App[object]) -> "ListeningPage":
-        from capture_app.web.admission import Admission
-        from capture_app.web.paired_page import ListeningPage
-
-        admission = Admission(time.monotonic, "monitor")
-        self._page = page = ListeningPage(admission, ANY_HOST[1], None, MONITOR_PORT)
-        app.run_worker(self._serve(page), group="monitor", exit_on_error=False)
-        return page
-
-    async def _serve(self, page: "ListeningPage") -> None:
-        from capture_app.monitor.monitor_page import serving_monitor  # heavy: a web server
-
-        async with serving_monitor(self._source.another(), page, is_local=self._local):
-            await asyncio.Event().wait()

@@ -1,9 +1,11 @@
 """Mode Rig: the rig's readiness with advice, its cameras, and its log."""
 
+import asyncio
 import re
 import textwrap
+import time
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
@@ -15,6 +17,7 @@ from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
+from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
 from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
@@ -22,12 +25,15 @@ from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.guide_screens import MonitorServer, panel_screen
+from capture_app.tui.rig.guide_screens import MONITOR_STEPS, GuideScreen, panel_screen, show_codes
 from capture_app.tui.rig.start import StartPanel
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
+from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
 from capture_app.tui.widgets.lines import Lines, log_lines
+
+if TYPE_CHECKING:
+    from capture_app.web.paired_page import ListeningPage
 
 SCROLLBAR = 1
 ADVICE_LINES = 2
@@ -38,25 +44,6 @@ CALM_S, MAX_CALM_S = 0.8, 10.0
 """Redraw interval of a synchronized rig in seconds: per camera, and maximum."""
 REDRAW_S = 0.5
 """Redraw interval of changing numbers in seconds; a change of state is drawn at once."""
-
-
-class LogPane(VerticalScroll, can_focus=True):
-    """Log with the newest line at the bottom; follows it unless the user has scrolled back."""
-
-    def __init__(self, record: RigRecord) -> None:
-        self._record, self._lines = record, Lines()
-        super().__init__(self._lines, id="log")
-        self.border_title = "log"
-
-    def on_mount(self) -> None:
-        """Follow the newest line."""
-        self.anchor()
-
-    def draw(self) -> None:
-        """Draw the log."""
-        self._lines.show(log_lines(self._record.log, self.size.width - SCROLLBAR))
-
-    on_resize = draw
 
 
 class RigView(ModeView):
@@ -108,11 +95,14 @@ class RigView(ModeView):
     ) -> None:
         """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
         self._source, self._sessions, self._local = source, sessions, local
-        self._monitor = MonitorServer(source, local=local)
+        self._monitor_page: ListeningPage | None = None
+        """Page of the monitors of this screen's rig, served since its code was first shown."""
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(source, record)
-        self._event_log = LogPane(record)
+        self._log_lines = Lines()
+        self._event_log = VerticalScroll(self._log_lines, id="log")
+        self._event_log.border_title = "log"
         self._start = StartPanel(source, settings, sessions, samples, local=local)
         self._adding: int | None = None
         """Number of cameras when the user chose to add more; None otherwise."""
@@ -123,7 +113,8 @@ class RigView(ModeView):
         super().__init__(self._advice, self._start, self._cameras, self._event_log)
 
     def on_mount(self) -> None:
-        """Start the periodic redraws."""
+        """Start the periodic redraws; the log follows its newest line until the user scrolls back."""
+        self._event_log.anchor()
         self.set_interval(REDRAW_S, self._let_time_pass)
 
     def focus_first(self) -> None:
@@ -137,7 +128,7 @@ class RigView(ModeView):
         """Draw what happened while hidden."""
         super().on_mode_shown()
         self._draw()
-        self._event_log.draw()
+        self._draw_log()
 
     def on_resize(self) -> None:
         """Divide the space again."""
@@ -147,7 +138,7 @@ class RigView(ModeView):
         """Draw changes at once, unless only numbers differ."""
         match message.what:
             case LogLine():
-                self._event_log.draw()
+                self._draw_log()
             case LinkLost():
                 self._drawn = ()
                 self._draw()
@@ -186,10 +177,11 @@ class RigView(ModeView):
         small = self.size.height < SMALL
         self.set_class(small, "-small")
         room = self.size.height - len(advice) - (3 if small else 8)
-        height = CameraList.rows_needed(len(status.nodes), room)
-        if self._cameras.styles.height is None or self._cameras.styles.height.value != height:
-            self._cameras.styles.height = height
+        self._cameras.styles.height = CameraList.rows_needed(len(status.nodes), room)
         self._cameras.draw(room)
+
+    def _draw_log(self) -> None:
+        self._log_lines.show(log_lines(self._record.log, self._event_log.size.width - SCROLLBAR))
 
     def _advise(self, status: RigStatus) -> list[Content]:
         if self._record.lost:
@@ -218,19 +210,19 @@ class RigView(ModeView):
             self._cameras.display = self._event_log.display = not starting
             self.focus_first()
             self.refresh_bindings()
-            self.call_after_refresh(self._draw)  # a widget has no size before it is displayed
+            self.call_after_refresh(self.on_mode_shown)  # a widget has no size before it is displayed
 
     # Actions
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Return whether an action is available, given the visible panel and the focus."""
-        if action == "remove":
-            return self._cameras.has_focus
         if action in ("add", "log", "panel", "phones", "monitor", "invite"):
             return self._cameras.display
-        if action == "start":
-            return bool(self._record.lost) and self._local
-        return self._adding is not None or self._event_log.has_focus if action == "back" else True
+        return {
+            "remove": self._cameras.has_focus,
+            "start": bool(self._record.lost) and self._local,
+            "back": self._adding is not None or self._event_log.has_focus,
+        }.get(action, True)
 
     def action_add(self) -> None:
         """Show the start panel to add cameras."""
@@ -253,11 +245,10 @@ class RigView(ModeView):
         self._starting, connecting = f"starting a leader at {leader} …", ""
         self._draw()
         with showing_errors(self):
-            host = LOOPBACK_HOSTS[1] if alone else ANY_HOST[1]
-            await start_rig(sessions=self._sessions, host=host, port=leader.port)
+            hosts = LOOPBACK_HOSTS if alone else ANY_HOST
+            await start_rig(sessions=self._sessions, host=hosts[1], port=leader.port)
             nodes = status.nodes if status is not None else ()
-            simulated = sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes)
-            if simulated:
+            if simulated := sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes):
                 await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
             connecting = f"the leader at {leader} runs again, connecting …"
         self._starting = connecting
@@ -273,7 +264,30 @@ class RigView(ModeView):
 
     def action_monitor(self) -> None:
         """Show how a phone or tablet becomes a monitor."""
-        self.app.push_screen(self._monitor.guide())
+        self.app.push_screen(GuideScreen("monitor", "A monitor in your hand", 36, self._guide_monitors))
+
+    async def _guide_monitors(self, screen: GuideScreen) -> None:
+        try:
+            page = self._monitor_page or self._start_monitor()
+        except SimulshotError as error:
+            screen.show("", (str(error), "$warning"))
+        else:
+            await show_codes(page.invitation, MONITOR_STEPS, screen)
+
+    def _start_monitor(self) -> "ListeningPage":
+        from capture_app.web.admission import Admission
+        from capture_app.web.paired_page import ListeningPage
+
+        admission = Admission(time.monotonic, "monitor")
+        self._monitor_page = page = ListeningPage(admission, ANY_HOST[1], None, MONITOR_PORT)
+        self.app.run_worker(self._serve_monitor(page), group="monitor", exit_on_error=False)
+        return page
+
+    async def _serve_monitor(self, page: "ListeningPage") -> None:
+        from capture_app.monitor.monitor_page import serving_monitor  # heavy: a web server
+
+        async with serving_monitor(self._source.another(), page, is_local=self._local):
+            await asyncio.Event().wait()
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""
@@ -287,15 +301,15 @@ class RigView(ModeView):
     async def action_remove(self) -> None:
         """Remove the selected camera from the rig."""
         node = self._cameras.chosen
-        if node is not None and node.state is not NodeState.LOST:
-            if not node.on_leader and node.camera.kind != PHONE:
-                words = f"{node.name} runs on another machine, {node.address}"
-                self.post_message(ActionFailed(SimulshotError(words, hint="stop it there with Ctrl-C")))
-                return
-            answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
-            question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
-            if await self.app.push_screen_wait(question) != "end":
-                return
-        if node is not None:
-            with showing_errors(self):
-                await self._source.order(RemoveCamera(name=node.name))
+        if node is None:
+            return
+        with showing_errors(self):
+            if node.state is not NodeState.LOST:
+                if not node.on_leader and node.camera.kind != PHONE:
+                    words = f"{node.name} runs on another machine, {node.address}"
+                    raise SimulshotError(words, hint="stop it there with Ctrl-C")
+                answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
+                question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
+                if await self.app.push_screen_wait(question) != "end":
+                    return
+            await self._source.order(RemoveCamera(name=node.name))

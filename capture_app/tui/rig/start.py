@@ -30,10 +30,6 @@ from capture_app.tui.rig_record import SessionsRequested, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
-SCENES = {scene: len(views) for scene, views in VIEWS.items()}
-"""Scenes of simulated cameras, each with its max number of cameras."""
-
-
 TITLE_WIDTH = 26
 """Cells of a title; leaves space for the code beside the list in a narrow terminal."""
 CAMERA_KEYS = "cefgmpuvwxyz"
@@ -101,6 +97,7 @@ class StartPanel(Vertical):
 
     def on_mount(self) -> None:
         """Show the list and search for cameras."""
+        self._title.show([Content.styled("Add cameras", "bold $primary")])
         self._offer()
         self.action_rescan()
 
@@ -116,10 +113,11 @@ class StartPanel(Vertical):
 
     # Choices
 
-    def _offer(self) -> None:
-        """Fill the list, with the last choice first."""
+    def _offer(self, selected: str = "") -> None:
+        """Fill the list, with the last choice first, and select a choice; by default the one selected now."""
         last = self._settings.recall(CHOICE, "")
-        selected = self._chosen if self._list.highlighted else None  # None before the user moves the cursor
+        if not selected and self._list.highlighted:  # the user has moved the cursor
+            selected = self._chosen
         options = [
             Option(
                 Content.assemble(
@@ -161,19 +159,19 @@ class StartPanel(Vertical):
             yield _Choice("samples", "b", "Browse the samples", what, self.action_samples)
 
     @property
-    def _chosen(self) -> str | None:
+    def _chosen(self) -> str:
         option = self._list.highlighted_option
-        return None if option is None else option.id
+        return "" if option is None else option.id or ""
 
     @property
     def _cameras(self) -> int:
-        return min(max(self._settings.recall(CAMERAS, 5), 1), SCENES[self.scene])
+        return min(max(self._settings.recall(CAMERAS, 5), 1), len(VIEWS[self.scene]))
 
     @property
     def scene(self) -> str:
         """Scene of simulated cameras, as last chosen."""
         scene = self._settings.recall(SCENE, "")
-        return scene if scene in SCENES else next(iter(SCENES))
+        return scene if scene in VIEWS else next(iter(VIEWS))
 
     def _explain(self) -> None:
         if not self.is_attached:
@@ -183,7 +181,6 @@ class StartPanel(Vertical):
         width, style = max(min(self.size.width, MAX_WIDTH) - MARGIN, 20), "$foreground-muted"
         if self._busy:
             words, style = self._busy, "$warning"
-        self._title.show([Content.styled("Add cameras", "bold $primary")])
         self._meaning.show(Content.styled(each, style) for each in textwrap.wrap(printable(words), width))
         said = [joining_place(self._leader)] if self._leader else []
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
@@ -222,21 +219,19 @@ class StartPanel(Vertical):
 
     def action_simulate(self) -> None:
         """Start simulated cameras."""
-        words = f"Starting {count(self._cameras, 'simulated camera')} …"
-        self._start("simulated", AddSimulated(cameras=self._cameras, scene=self.scene), words)
+        order = AddSimulated(cameras=self._cameras, scene=self.scene)
+        self._start("simulated", order, f"Starting {count(self._cameras, 'simulated camera')} …")
 
     def action_more(self, step: int) -> None:
         """Change the number of simulated cameras."""
-        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self.scene]))
-        self._offer()
-        self._highlight("simulated")
+        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), len(VIEWS[self.scene])))
+        self._offer("simulated")
 
     def action_scene(self) -> None:
         """Switch to the next scene of the simulated cameras."""
-        scenes = list(SCENES)
+        scenes = list(VIEWS)
         self._settings.remember(SCENE, scenes[(scenes.index(self.scene) + 1) % len(scenes)])
-        self._offer()
-        self._highlight("simulated")
+        self._offer("simulated")
 
     def action_sessions(self) -> None:
         """Show the sessions of the sessions folder."""

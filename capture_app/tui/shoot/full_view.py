@@ -144,8 +144,7 @@ class FullView(WholeScreen[str]):
             if message.what.camera in self._previews:
                 self._previews[message.what.camera].append(message.what)
         elif message.what.camera == self.camera:
-            idle = self._newest is None
-            self._newest = message.what
+            idle, self._newest = self._newest is None, message.what
             if idle:
                 self._measure()
 
@@ -157,8 +156,7 @@ class FullView(WholeScreen[str]):
         self._picture.show(None)
         self._show_title()
         self._show_meters()
-        asking = self._ask(PAIR_FPS if self._blinks else FULL_FPS)
-        self.run_worker(asking, exclusive=True, group="previews")
+        self.run_worker(self._ask(PAIR_FPS if self._blinks else FULL_FPS), exclusive=True, group="previews")
 
     def _blink(self) -> None:
         if (pair := self._pair) is not None:
@@ -182,12 +180,11 @@ class FullView(WholeScreen[str]):
     def _show_title(self) -> None:
         shown = self._partner if self._shows_second else self.camera
         cameras = () if self._record.status is None else cameras_of(self._record.status)
-        node = next((node for node in cameras if node.name == shown), None)
         parts = [Content.styled(printable(shown), "bold $primary")]
-        if node is not None:
-            sign = SIGNS[node.state]
-            parts.append(Content.styled(f"{sign.glyph} {sign.word}", sign.style))
-            parts += [Content(text) for text in _about(node)]
+        for node in cameras:
+            if node.name == shown:
+                sign = SIGNS[node.state]
+                parts += [Content.styled(str(sign), sign.style), *map(Content, _about(node))]
         if self._blinks:
             pair = self._pair
             apart = "waiting for both" if pair is None else f"{duration(pair[0])} apart"

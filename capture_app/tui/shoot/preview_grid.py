@@ -30,8 +30,7 @@ def grid_columns(cameras: int, width: int, height: int) -> int:
     """Return the number of columns that makes this many pictures largest; a cell is twice as high as wide."""
 
     def picture_width(columns: int) -> float:
-        rows = math.ceil(cameras / columns)
-        return min(width / columns, (height / rows - 1) * 2 / ASPECT)
+        return min(width / columns, (height / math.ceil(cameras / columns) - 1) * 2 / ASPECT)
 
     return max(range(1, max(cameras, 1) + 1), key=lambda columns: (picture_width(columns), -columns))
 
@@ -70,7 +69,7 @@ class PreviewTile(Vertical):
             (printable(node.name), "bold"),
         )
         rate = "" if node.fps is None else f" {node.fps:.1f} fps"
-        more = (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted"))
+        more = Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")
         # Parts that do not fit are omitted rather than cut.
         self._title.show([Content("").join(fitting((title, *more), "", self.size.width))])
 

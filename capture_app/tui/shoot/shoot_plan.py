@@ -8,11 +8,11 @@ from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from capture_app.common.names import is_name
+from capture_app.common.names import check_name, is_name
 from capture_app.common.text import duration, printable
 from capture_app.rig.motion_watch import WHOLE, Region
 from capture_app.rig.taking import TakePlan
-from capture_app.session.library.changes import MAX_NOTE
+from capture_app.session.library.changes import check_note
 from capture_app.tui.question import TextQuestion
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
@@ -81,10 +81,12 @@ class TakeSettings:
     def recall(cls, settings: Settings) -> Self:
         """Return the stored settings."""
         stored = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._stored().items()}
-        stored["mode"] = stored["mode"] if stored["mode"] in MODES else "single"
-        stored["region"] = stored["region"] if stored["region"] in REGIONS else cls().region
-        stored["name"] = stored["name"] if is_name(stored["name"]) else ""
-        return cls(**stored)
+        valid = {
+            "mode": stored["mode"] in MODES,
+            "region": stored["region"] in REGIONS,
+            "name": is_name(stored["name"]),
+        }
+        return cls(**{name: value for name, value in stored.items() if valid.get(name, True)})
 
     def remember(self, settings: Settings) -> None:
         """Store the settings for the next start, except the note, which belongs to one take."""
@@ -110,16 +112,16 @@ class TakeSettings:
 
     def plan(self) -> TakePlan:
         """Return the plan of a take with these settings."""
-        plan: dict[str, Any] = {"name": self.name, "note": self.note, "countdown_s": self.countdown_s}
+        plan: dict[str, Any] = {"frames": self.frames, "before": self.before}
         if self.mode == "recording":
-            return TakePlan(video=True, seconds=self.seconds or None, **plan)
+            plan = {"video": True, "seconds": self.seconds or None}
         if self.mode in _SERIES:
             plan["repeat"] = self.takes
         if self.mode in ("interval", "motion"):
             plan["every_s"] = self.every_s
         if self.mode == "motion":
             plan["on_motion"] = REGIONS[self.region]
-        return TakePlan(frames=self.frames, before=self.before, **plan)
+        return TakePlan(name=self.name, note=self.note, countdown_s=self.countdown_s, **plan)
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -226,11 +228,9 @@ class PlanPanel(Lines, can_focus=True):
     def on_click(self, event: events.Click) -> None:
         """Select a setting; on the selected one, decrease it on the left half, increase it on the right."""
         at = event.y - 1
-        if 0 <= at < len(self._rows()):
-            if at == self._chosen and self._rows()[at].change is None:
-                self.action_edit()
-            elif at == self._chosen:
-                self.action_change(1 if event.x > self.size.width // 2 else -1)
+        if at == self._chosen:
+            self.action_change(1 if event.x > self.size.width // 2 else -1)
+        elif 0 <= at < len(self._rows()):
             self._chosen = at
             self._show()
 
@@ -256,11 +256,10 @@ class PlanPanel(Lines, can_focus=True):
 
     def action_change(self, by: int) -> None:
         """Change the selected setting."""
-        row = self._rows()[self._chosen]
-        if row.change is None:
+        if (change := self._rows()[self._chosen].change) is None:
             self.action_edit()
         else:
-            self.change(row.change(self.settings, by))
+            self.change(change(self.settings, by))
 
     @work(group="asking")
     async def action_edit(self, what: str = "") -> None:
@@ -269,39 +268,31 @@ class PlanPanel(Lines, can_focus=True):
         if what == "name":
             text = "Name of the following takes and of their folders. Default: burst."
             question = TextQuestion(text, self.settings.name, check=_check_name, title="Name")
+            if (name := await self.app.push_screen_wait(question)) is not None:
+                self.change(replace(self.settings, name=name.strip()))
         elif what == "notes":
             text = "Note saved with each following take."
-            question = TextQuestion(
-                text,
-                self.settings.note,
-                check=lambda note: f"at most {MAX_NOTE} characters" if len(note) > MAX_NOTE else "",
-                title="Notes",
-            )
-        else:
-            return
-        if (typed := await self.app.push_screen_wait(question)) is not None:
-            words = typed.strip()
-            settings = self.settings
-            self.change(replace(settings, name=words) if what == "name" else replace(settings, note=words))
+            question = TextQuestion(text, self.settings.note, check=check_note, title="Notes")
+            if (note := await self.app.push_screen_wait(question)) is not None:
+                self.change(replace(self.settings, note=note.strip()))
 
     def _rows(self) -> tuple[_Row, ...]:
         return tuple(row for row in ROWS if self.settings.mode in row.modes)
 
     def _show(self) -> None:
-        lines = []
-        for at, row in enumerate(self._rows()):
-            value = printable(row.text(self.settings, self._period_ns))
-            here = at == self._chosen and self.has_focus
-            if here and row.change is not None:
-                value = f"‹ {value} ›"
-            elif here:
-                value = f"{value} …"
-            label = (f"{row.label:<{LABEL}}", "$foreground-muted")
-            lines.append(Content.assemble(label, (value, "bold $primary" if here else "$foreground")))
-        self.show(lines)
+        self.show(
+            self._line(row, is_here=at == self._chosen and self.has_focus)
+            for at, row in enumerate(self._rows())
+        )
+
+    def _line(self, row: _Row, *, is_here: bool) -> Content:
+        value = printable(row.text(self.settings, self._period_ns))
+        if is_here:
+            value = f"{value} …" if row.change is None else f"‹ {value} ›"
+        label = (f"{row.label:<{LABEL}}", "$foreground-muted")
+        return Content.assemble(label, (value, "bold $primary" if is_here else "$foreground"))
 
 
-def _check_name(name: str) -> str:
-    if not name.strip() or is_name(name.strip()):
-        return ""
-    return "Use up to 64 letters, digits, '_', '.' and '-', starting with a letter or a digit."
+def _check_name(name: str) -> None:
+    if name.strip():
+        check_name(name.strip(), "take")

@@ -239,10 +239,11 @@ class ShootView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only actions available for the newest take."""
-        if action == "explain":
-            return self._newest_sheet is not None
-        run = take_depth.run_of(self._depth_runs, self._newest_sheet) if action == "open_depth" else None
-        return action != "open_depth" or (run is not None and run.report is not None)
+        run = take_depth.run_of(self._depth_runs, self._newest_sheet)
+        return {
+            "explain": self._newest_sheet is not None,
+            "open_depth": run is not None and run.report is not None,
+        }.get(action, True)
 
     def action_explain(self) -> None:
         """Explain the verdict on the newest take."""
@@ -330,8 +331,7 @@ class ShootView(ModeView):
         take = next((take for take in self.takes if take.name == status.name), None)
         was_done = take is not None and take.status.done
         if take is None:
-            is_new = not status.done or plan is not None
-            take = Take(status, is_new=is_new, begun_s=self._record.clock())
+            take = Take(status, is_new=not status.done or plan is not None, begun_s=self._record.clock())
             self.takes = [*self.takes, take][-MAX_TAKES:]
         take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
         if not was_done:
@@ -347,8 +347,7 @@ class ShootView(ModeView):
         except SimulshotError as error:
             take.problem = f"the take cannot be shown: {error}"
         shown = self._shown
-        newer = shown is None or self.takes.index(take) > self.takes.index(shown)
-        if take.sheet is not None and newer:
+        if take.sheet is not None and (shown is None or self.takes.index(take) > self.takes.index(shown)):
             # Start at the instant of the key press, which the photographer meant.
             self.stage.load_sheet(take.sheet, 0 if take.plan is None else take.plan.before)
             if take.is_new and not self._taking.is_open:
@@ -367,8 +366,7 @@ class ShootView(ModeView):
     @property
     def _shown(self) -> Take | None:
         """The take whose sheet is loaded."""
-        sheet = self.stage.sheet.sheet
-        return next((take for take in self.takes if take.sheet is sheet is not None), None)
+        return next((take for take in self.takes if take.sheet is self.stage.sheet.sheet is not None), None)
 
     @work(group="trash")
     async def _trash(self, take: Take, sheet: TakeSheet) -> None:
@@ -380,15 +378,12 @@ class ShootView(ModeView):
 
     def _show_course(self) -> None:
         """Show the current activity in the takes pane and in the line below."""
-        now_s = self._record.clock()
-        sheet = self._newest_sheet
-        runs = self._depth_runs
-        depth = list(take_depth.lines(runs, sheet))
-        self.take_panel.show(self.takes, now_s, depth, take_depth.picture(runs, sheet))
+        now_s, of_newest = self._record.clock(), (self._depth_runs, self._newest_sheet)
+        depth = list(take_depth.lines(*of_newest))
+        self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))
         # The sheet hides that pane in a narrow window.
         self.stage.border_subtitle = depth[0] if depth and self.has_class("narrow", "sheet") else ""
-        line = self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
-        self._line.show([line])
+        self._line.show([self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)])
 
     def _words(self, now_s: float) -> Content:
         """Return the line's text: the pending activity, a failure, the verdict, or the rig's advice."""
@@ -396,8 +391,8 @@ class ShootView(ModeView):
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
         if newest is not None and not newest.status.done and not newest.problem:
-            far = progress_words(newest, now_s)
-            return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
+            words = f"◔ {printable(newest.name)}: {progress_words(newest, now_s)}"
+            return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
         if self.has_class("narrow", "sheet") and self.stage.sheet.sheet is not None:
@@ -409,12 +404,11 @@ class ShootView(ModeView):
         if not self.is_attached:  # a take may end while the screen closes
             return
         self.stage.want_previews(self.screen.is_active)
-        is_seen = self.screen.is_active and self.stage.current == LIVE
-        goes_on = self._depth is not None and not self._depth.is_finished
-        if self._wants_depth and is_seen and not goes_on and self._record.status is not None:
-            self._depth = self._show_depth(self._record.status)
-        elif self._depth is not None and not (self._wants_depth and is_seen):
+        wants_depth = self._wants_depth and self.screen.is_active and self.stage.current == LIVE
+        if self._depth is not None and not wants_depth:
             self._depth.cancel()
+        elif wants_depth and self._record.status and (self._depth is None or self._depth.is_finished):
+            self._depth = self._show_depth(self._record.status)
 
     on_mode_hidden = _want_previews
 
@@ -427,8 +421,7 @@ def is_settling(node: NodeStatus) -> bool:
 
 def cancellable_bursts(status: RigStatus) -> dict[int, str]:
     """Return the cancellable bursts in words, by number: the one being saved, then the scheduled ones."""
-    offers = {}
-    newest = status.burst
+    offers, newest = {}, status.burst
     if newest is not None and newest.burst and not newest.done:
         offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images received"
     for burst in sorted(status.ahead, key=lambda burst: burst.first_leader_ns):

@@ -67,9 +67,9 @@ class Stage(ContentSwitcher):
         words = [f"Live · {printable(depth.problem) or f'depth of {printable(depth.camera)}'}"]
         if not depth.problem:
             self._depths.append((self._record.clock(), depth.moving_confirmed))
-        if not depth.problem and len(self._depths) > 1:
-            rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)
-            words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
+            if len(self._depths) > 1:
+                rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)
+                words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
         if moving := [fraction for _, fraction in self._depths if fraction is not None]:
             words.append(f"{100 * mean(moving):.0f} % of moving pixels have depth")
         self.border_title = Content(" · ".join(words))

@@ -38,7 +38,7 @@ async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
 def _is_slow(runs: Runs) -> bool:
     # Wall time would include waiting for other jobs.
     max_s = SLOW_S * (os.cpu_count() or 1)
-    return any(run.processor_s > max_s for run in runs.all if run.kind == MOMENT.name)
+    return any(run.kind == MOMENT.name and run.processor_s > max_s for run in runs.all)
 
 
 def run_of(runs: Runs | None, sheet: TakeSheet | None) -> Run | None:
@@ -52,8 +52,9 @@ def lines(runs: Runs | None, sheet: TakeSheet | None) -> Iterator[Content]:
     run = run_of(runs, sheet)
     if run is None:
         if runs is not None and sheet is not None and _is_slow(runs):
-            slow = f"no automatic depth: it takes over {SLOW_S:.0f} s here"
-            yield Content.styled(slow, "$foreground-muted")
+            yield Content.styled(
+                f"no automatic depth: it takes over {SLOW_S:.0f} s here", "$foreground-muted"
+            )
     elif not run.state.is_over:
         yield Content.styled(f"◔ depth {progress_words(run) or run.state}", "$primary")
     elif run.state is RunState.DONE:

@@ -58,8 +58,7 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
 
 def progress_words(take: Take, now_s: float) -> str:
     """Return the progress of a take that is not done, in words."""
-    until_s = now_s if take.ended_s is None else take.ended_s
-    status, seconds = take.status, until_s - take.begun_s
+    status, seconds = take.status, (now_s if take.ended_s is None else take.ended_s) - take.begun_s
     if status.recording and not status.done:
         length = f"{int(seconds) // 60}:{int(seconds) % 60:02}"
         if take.ended_s is not None:
@@ -176,10 +175,8 @@ def _in_short(take: Take, now_s: float) -> Content:
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.sheet is None:
-        status = take.status
-        state = progress_words(take, now_s)
-        if status.done:
-            state = "saved" if status.session else "no session"
+        saved = "saved" if take.status.session else "no session"
+        state = saved if take.status.done else progress_words(take, now_s)
         return Content.assemble(name, (state, "$foreground-muted"))
     return Content.assemble(name, _short_verdict(take.sheet.verdict))
 

@@ -85,8 +85,9 @@ class CellPicture:
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the displayed colours: rows x columns x the 4 quarters of a cell x RGB."""
-        inked = _INKED[self.glyphs].astype(bool)[..., None]
-        return np.where(inked, self.inks[:, :, None, 0], self.inks[:, :, None, 1])
+        return np.where(
+            _INKED[self.glyphs][..., None] > 0, self.inks[:, :, None, 0], self.inks[:, :, None, 1]
+        )
 
 
 def palette_of(app: App[object]) -> Palette:
@@ -150,8 +151,7 @@ def keep_equal_cells(shown: CellPicture, new: CellPicture, threshold: int) -> Ce
     """
     if new.palette is Palette.DOTS or (shown.palette, shown.glyphs.shape) != (new.palette, new.glyphs.shape):
         return new
-    difference = np.abs(new.pixels().astype(np.int16) - shown.pixels())
-    equal = difference.max(axis=(2, 3)) <= threshold
+    equal = np.abs(new.pixels().astype(np.int16) - shown.pixels()).max(axis=(2, 3)) <= threshold
     return CellPicture(
         new.palette,
         np.where(equal, shown.glyphs, new.glyphs),
@@ -167,11 +167,9 @@ def changed_spans(shown: CellPicture, new: CellPicture) -> list[tuple[int, int, 
     if shown.glyphs.shape != new.glyphs.shape:
         return None
     differs = (shown.glyphs != new.glyphs) | (shown.inks != new.inks).any(axis=(2, 3))
-    spans = []
-    for row in np.flatnonzero(differs.any(axis=1)):
-        where = np.flatnonzero(differs[row])
-        spans.append((int(row), int(where[0]), int(where[-1]) + 1))
-    return spans
+    rows = np.flatnonzero(differs.any(axis=1)).tolist()
+    ends = [(row, np.flatnonzero(differs[row])[[0, -1]].tolist()) for row in rows]
+    return [(row, first, last + 1) for row, (first, last) in ends]
 
 
 @lru_cache(maxsize=16384)
@@ -200,8 +198,7 @@ def _split_in_two(quarters: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDA
     # Prefer the half block when a quarter gains nothing, so that rounding does not make glyphs flicker.
     explained[..., 0] += 4.0
     glyphs = explained.argmax(axis=2)
-    chosen = glyphs[..., None, None]
-    front = np.take_along_axis(inked, chosen, axis=2)[:, :, 0]
+    front = np.take_along_axis(inked, glyphs[..., None, None], axis=2)[:, :, 0]
     number = numbers[0, 0, :, 0][glyphs][..., None]
     inks = np.stack([front / number, (total[:, :, 0] - front) / (4 - number)], axis=2)
     return glyphs.astype(np.uint8), np.clip(np.round(inks), 0, 255).astype(np.uint8)
@@ -211,8 +208,8 @@ def _nearest_of_256(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return the nearest colours in xterm's 216-colour cube and its 24 greys; the last axis is RGB."""
     middles = (_CUBE[1:].astype(np.int16) + _CUBE[:-1]) // 2
     cube = _CUBE[np.searchsorted(middles, rgb, side="left")]
-    mean = rgb.mean(axis=-1, keepdims=True)
-    grey = np.broadcast_to((8 + 10 * np.clip(np.round((mean - 8) / 10), 0, 23)).astype(np.uint8), rgb.shape)
+    step = np.clip(np.round((rgb.mean(axis=-1, keepdims=True) - 8) / 10), 0, 23)
+    grey = np.broadcast_to((8 + 10 * step).astype(np.uint8), rgb.shape)
 
     def error(of: NDArray[np.uint8]) -> NDArray[np.int32]:
         return np.asarray(((rgb.astype(np.int32) - of) ** 2).sum(axis=-1, keepdims=True), np.int32)
@@ -226,6 +223,5 @@ def _dots(scaled: Image, *, light: bool) -> NDArray[np.uint8]:
     contrast = np.asarray(cv2.addWeighted(grey, 1.8, cv2.GaussianBlur(grey, (0, 0), 2.0), -0.8, 0), np.uint8)
     rows, columns = grey.shape[0] // 4, grey.shape[1] // 2
     limits = np.tile((_BAYER + 0.5) * 16, (rows, columns // 2 + 1))[:, : 2 * columns]
-    lit = (contrast[: 4 * rows, : 2 * columns] > limits) ^ light
-    blocks = lit.reshape(rows, 4, columns, 2)
+    blocks = ((contrast[: 4 * rows, : 2 * columns] > limits) ^ light).reshape(rows, 4, columns, 2)
     return np.asarray(np.einsum("rycx,yx->rc", blocks.astype(np.int32), _BRAILLE), np.uint8)

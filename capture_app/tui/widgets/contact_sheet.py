@@ -69,8 +69,7 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def show(self, sheet: TakeSheet | None) -> None:
         """Show another take from its first picture."""
-        self.sheet, self.cursor = sheet, Offset(0, 0)
-        self._zoom = 1.0
+        self.sheet, self.cursor, self._zoom = sheet, Offset(0, 0), 1.0
         self.scroll_to(0, 0, animate=False)
         self._lay_out()
 
@@ -120,7 +119,7 @@ class ContactSheet(ScrollView, can_focus=True):
         )
         if at.x < len(self.sheet.cameras) and at.y < self.sheet.instants:
             opens = at == self.cursor
-            self._put_cursor(at.x, at.y)
+            self._put_cursor(*at)
             if opens:
                 self.action_look()
 
@@ -141,8 +140,8 @@ class ContactSheet(ScrollView, can_focus=True):
             if instant >= sheet.instants:
                 return Strip.blank(width, plain)
             gutter, content = self._gutter(sheet, instant, line), self._row(sheet, cameras, instant, line)
-        line_of_cells = Strip.join([gutter, content.crop(beyond, beyond + room)])
-        return line_of_cells.adjust_cell_length(width, plain)
+        cells = [gutter, content.crop(beyond, beyond + room)]
+        return Strip.join(cells).adjust_cell_length(width, plain)
 
     def _lay_out(self) -> None:
         self._thumbs.clear()
@@ -159,10 +158,11 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
         room = self.thumb_size.width + 1
-        styles = ["sheet--cursor" if at == self.cursor.x else "sheet--label" for at in cameras]
         return Strip.join(
-            self._words(sheet.cameras[at], room, style, gap=1)
-            for at, style in zip(cameras, styles, strict=True)
+            self._words(
+                sheet.cameras[at], room, "sheet--cursor" if at == self.cursor.x else "sheet--label", gap=1
+            )
+            for at in cameras
         )
 
     def _gutter(self, sheet: TakeSheet, instant: int, line: int) -> Strip:
@@ -185,10 +185,9 @@ class ContactSheet(ScrollView, can_focus=True):
             if line < size.height:
                 parts.append(self._thumb_line(at, instant, line))
             else:
-                note = sheet.note(sheet.cameras[at], instant)
-                style = "sheet--note" if note else "sheet--frame" if here else "sheet--label"
-                mark = "! " if note else ""
-                text = mark + printable(note) if note else "▀" * size.width if here else ""
+                text, style = ("▀" * size.width, "sheet--frame") if here else ("", "sheet--label")
+                if note := sheet.note(sheet.cameras[at], instant):
+                    text, style = f"! {printable(note)}", "sheet--note"
                 parts.append(self._words(text, size.width, style))
             edge = "▌" if here else "▐" if self.cursor == (at + 1, instant) else " "
             parts.append(self._words(edge if line < size.height else " ", 1, "sheet--frame"))
@@ -205,8 +204,7 @@ class ContactSheet(ScrollView, can_focus=True):
                     self._load()
             text = ("no picture" if known else "loading …") if line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
-        empty = self.get_component_rich_style("sheet--empty")
-        return strip_of_middle(thumb, line, size, self._plain, empty)
+        return strip_of_middle(thumb, line, size, self._plain, self.get_component_rich_style("sheet--empty"))
 
     def _words(self, text: str, width: int, style: str, *, gap: int = 0) -> Strip:
         look: Style = self.get_component_rich_style(style)
@@ -243,8 +241,7 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _refresh_region(self, region: Region, *, scrolls_sideways: bool = True) -> None:
         left = self.scroll_offset.x if scrolls_sideways else 0
-        seen = region.translate((-left, -self.scroll_offset.y)).intersection(self.size.region)
-        if seen:
+        if seen := region.translate((-left, -self.scroll_offset.y)).intersection(self.size.region):
             self.refresh(seen)
 
     @work(exclusive=True, group="thumbs")

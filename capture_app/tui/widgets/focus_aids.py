@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeAlias
 
 import cv2
@@ -32,15 +33,8 @@ CLIPPED = 0.01
 """Fraction of clipped pixels from which a warning is shown."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Pixels of an image to paint over, striped or solid."""
-
-    mask: NDArray[np.bool_]
-    colour: Bgr
-    striped: bool = False
-
-
+Mark: TypeAlias = tuple[NDArray[np.bool_], Bgr, bool]
+"""Mask of the pixels of an image to paint over, their colour, and whether they are striped."""
 Aid: TypeAlias = Callable[[Image], Sequence[Mark]]
 
 
@@ -70,16 +64,13 @@ def sharpness(image: Image) -> float:
 def peaking(image: Image) -> Sequence[Mark]:
     """Mark sharp edges."""
     second = np.abs(cv2.Laplacian(cv2.GaussianBlur(grey_of(image), (3, 3), 0), cv2.CV_32F))
-    return (Mark(second >= SHARP_EDGE, PEAK_COLOUR),)
+    return ((second >= SHARP_EDGE, PEAK_COLOUR, False),)
 
 
 def zebra(image: Image) -> Sequence[Mark]:
     """Mark clipped highlights and shadows with stripes."""
     shadows, highlights = _clipped(image)
-    return (
-        Mark(highlights, HIGHLIGHT_COLOUR, striped=True),
-        Mark(shadows, SHADOW_COLOUR, striped=True),
-    )
+    return (highlights, HIGHLIGHT_COLOUR, True), (shadows, SHADOW_COLOUR, True)
 
 
 def exposure_of(image: Image, bins: int = 64) -> Exposure:
@@ -102,12 +93,12 @@ def paint_marks(scaled: Image, image: Image, aids: Sequence[Aid]) -> Image:
         return scaled
     painted = cv2.cvtColor(scaled, cv2.COLOR_GRAY2BGR) if scaled.ndim == 2 else scaled.copy()
     height, width = scaled.shape[:2]
-    for mark in marks:
-        cover = cv2.resize(mark.mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+    for mask, colour, striped in marks:
+        cover = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
         where = cover >= SHOWN_FROM
-        if mark.striped:
+        if striped:
             where &= np.add.outer(np.arange(height), np.arange(width)) % 4 < 2
-        painted[where] = mark.colour
+        painted[where] = colour
     return np.asarray(painted, np.uint8)
 
 
@@ -151,13 +142,9 @@ def exposure_line(exposure: Exposure) -> Content:
 
 def histogram_lines(exposure: Exposure, width: int, height: int) -> list[Content]:
     """Return the histogram in lines, dark left; a square-root scale keeps small bins visible."""
-    shares = exposure.histogram
-    columns = []
-    for column in range(width):
-        first = column * len(shares) // width
-        last = max((column + 1) * len(shares) // width, first + 1)
-        columns.append(max(shares[first:last]))
+    bins = exposure.histogram
+    firsts = [column * len(bins) // width for column in range(width + 1)]
+    columns = [max(bins[first : max(end, first + 1)]) for first, end in pairwise(firsts)]
     highest = max(columns, default=0.0) or 1.0
-    eighths = [round((fraction / highest) ** 0.5 * 8 * height) for fraction in columns]
-    eighths = [max(value, 1) if fraction > 0 else 0 for value, fraction in zip(eighths, columns, strict=True)]
+    eighths = [max(round((one / highest) ** 0.5 * 8 * height), 1) if one > 0 else 0 for one in columns]
     return [Content.styled(row, "$primary") for row in bar_rows(eighths, height)]

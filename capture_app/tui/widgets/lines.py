@@ -24,18 +24,13 @@ INDENT = 11
 def strip_of_line(widget: Widget, line: Content) -> Strip:
     """Return a styled line as a widget's strip for the terminal."""
     parse = widget.app.stylesheet.parse_style
-    return Strip(
-        Segment(text, style.rich_style)
-        for text, style in line.render(
-            widget.visual_style, end="", parse_style=lambda style: parse(str(style))
-        )
-    )
+    rendered = line.render(widget.visual_style, end="", parse_style=lambda style: parse(str(style)))
+    return Strip(Segment(text, style.rich_style) for text, style in rendered)
 
 
 def justified(left: Content, right: Content, width: int) -> Content:
     """Return a line of a width, `left` at its start, truncated if needed, and `right` at its end."""
-    room = width - right.cell_length - (1 if right.cell_length else 0)
-    left = left.truncate(max(0, room), ellipsis=True)
+    left = left.truncate(max(0, width - right.cell_length - bool(right.cell_length)), ellipsis=True)
     return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
 
 

@@ -83,9 +83,13 @@ class LookScreen(WholeScreen[tuple[str, int]]):
     @property
     def shown(self) -> tuple[str, int]:
         """Camera and instant on display."""
-        frames = self._frames()
-        camera, instant = frames[self._step % len(frames)]
+        camera, instant = self._frame
         return self._sheet.cameras[camera], instant
+
+    @property
+    def _frame(self) -> tuple[int, int]:
+        frames = self._frames()
+        return frames[self._step % len(frames)]
 
     def action_close(self) -> None:
         """Close the screen."""
@@ -101,8 +105,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
     def action_motion(self, motion: Motion) -> None:
         """Start blinking, wiggling or playing; the same key stops at the current picture."""
         if motion == self.motion:
-            frames = self._frames()
-            self._camera, self._instant = frames[self._step % len(frames)]
+            self._camera, self._instant = self._frame
             motion = "still"
         self.motion, self._step = motion, 0
         self._rate = _MOVING[motion][1] if motion in _MOVING else 0.0
@@ -117,9 +120,8 @@ class LookScreen(WholeScreen[tuple[str, int]]):
     def _start(self) -> None:
         if self._timer is not None:
             self._timer.stop()
-            self._timer = None
-        if self.motion != "still" and len(self._frames()) > 1:
-            self._timer = self.set_interval(1 / self._rate, self._advance)
+        moves = self.motion != "still" and len(self._frames()) > 1
+        self._timer = self.set_interval(1 / self._rate, self._advance) if moves else None
         self._show()
 
     on_mount = _start
@@ -157,8 +159,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         yield Content(f"instant {instant + 1} of {self._sheet.instants}")
         yield Content(duration(self._sheet.since_start_ns(instant), signed=True))
         if image is not None:
-            error = image.uncertainty_ns
-            bar = "" if error is None else f" ±{duration(error)}"
+            bar = "" if image.uncertainty_ns is None else f" ±{duration(image.uncertainty_ns)}"
             yield Content(f"{duration(image.residual_ns, signed=True)}{bar} from it")
         if note:
             yield Content.styled(f"! {printable(note)}", "$warning")

@@ -128,9 +128,7 @@ def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ
 
 def sharp_terminal_of(app: App[Any]) -> SharpTerminal | None:
     """Return an app's sender of pixel pictures, in full colour only: colours encode the picture's id."""
-    found = getattr(app, "sharp_terminal", None)
-    usable = isinstance(found, SharpTerminal) and palette_of(app) is Palette.TRUECOLOR
-    return found if usable else None
+    return getattr(app, "sharp_terminal", None) if palette_of(app) is Palette.TRUECOLOR else None
 
 
 Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
@@ -140,9 +138,7 @@ Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
 class Picture(Widget):
     """Image as large as fits at its aspect ratio; without one, `words` are shown."""
 
-    DEFAULT_CSS = """
-    Picture { width: 1fr; height: 1fr; }
-    """
+    DEFAULT_CSS = "Picture { width: 1fr; height: 1fr; }"
 
     def __init__(
         self,
@@ -161,11 +157,9 @@ class Picture(Widget):
         """Cells on display."""
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
-        self._sharpening = False
         self._request = 0
         """Counter of requests, which identifies outdated work."""
         self._drawing = False
-        self._stale = False
 
     def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
         """Show this image, unless it is already shown.
@@ -201,11 +195,10 @@ class Picture(Widget):
         drawn = self._sharp or self.cells
         if drawn is not None:
             return strip_of_middle(drawn, y, self.size, plain, plain)
-        words = self._words if y == self.size.height // 2 else ""
-        return Strip([Segment(words[:width].center(width), plain)], width)
+        words = self._words[:width] if y == self.size.height // 2 else ""
+        return Strip([Segment(words.center(width), plain)], width)
 
     def _draw_again(self) -> None:
-        self._stale = True
         self._request += 1
         if not self._drawing and self.is_mounted and self.size:
             self._drawing = True
@@ -216,43 +209,33 @@ class Picture(Widget):
     @work
     async def _draw(self) -> None:
         """Draw the newest image until no newer one is waiting; intermediate ones are skipped."""
+        drawn = 0
         try:
-            while self._stale and self.size:
-                self._stale = False
-                size, palette = (self.size.width, self.size.height), palette_of(self.app)
-                light = not self.app.current_theme.dark
-                new = await asyncio.to_thread(_fit, self._source, *size, self._aids, palette, light=light)
-                self._put(new)
+            while drawn != self._request and self.size:
+                drawn, palette, light = self._request, palette_of(self.app), not self.app.current_theme.dark
+                self._put(
+                    await asyncio.to_thread(_fit, self._source, *self.size, self._aids, palette, light=light)
+                )
         finally:
             self._drawing = False
-        if not self._sharpening and self._sharp_source is not None:
-            self._sharpening = True
-            self._sharpen()
+        if self._sharp_source is not None:
+            self._sharpen(self._sharp_source, self._request)
 
     @work
-    async def _sharpen(self) -> None:
+    async def _sharpen(self, source: Source, request: int) -> None:
         """Replace the glyphs by pixels, unless another picture is requested meanwhile."""
-        try:
-            while self._sharp is None and self.size:
-                terminal, source, request = sharp_terminal_of(self.app), self._sharp_source, self._request
-                if terminal is None or source is None:
-                    return
-                await asyncio.sleep(REST_S)
-                if request != self._request:
-                    continue
-                sent = await asyncio.to_thread(_send, terminal, source, self.size.width, self.size.height)
-                if sent is None:
-                    return
-                if request == self._request:
-                    self._put_sharp(sent)
-                else:
-                    sent.forget()
-        finally:
-            self._sharpening = False
+        await asyncio.sleep(REST_S)
+        terminal = sharp_terminal_of(self.app)
+        if terminal is None or request != self._request or not self.size:
+            return
+        sent = await asyncio.to_thread(_send, terminal, source, *self.size)
+        if sent is not None and request == self._request:
+            self._put_sharp(sent)
+        elif sent is not None:
+            sent.forget()
 
     def _put(self, new: CellPicture | None) -> None:
-        was_sharp = self._put_sharp(None)
-        shown = None if was_sharp else self.cells
+        shown = None if self._put_sharp(None) else self.cells
         if shown is not None and new is not None:
             new = keep_equal_cells(shown, new, self._noise)
         self.cells = new
@@ -298,6 +281,5 @@ def _fit(
     if image is None:
         return None
     across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
-    width, height = across * palette.pixels[0], down * palette.pixels[1]
-    scaled = resample(np.ascontiguousarray(image), width, height)
+    scaled = resample(np.ascontiguousarray(image), across * palette.pixels[0], down * palette.pixels[1])
     return draw_cells(paint_marks(scaled, image, aids), palette, light=light)

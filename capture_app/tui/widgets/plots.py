@@ -82,9 +82,8 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
     """Return the title of the histogram."""
     if not errors_ns:
         return "phase error"
-    inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
-    fraction = 100 * inside / len(errors_ns)
-    return f"phase, {fraction:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
+    fraction = sum(abs(error) <= tolerance_ns for error in errors_ns) / len(errors_ns)
+    return f"phase, {100 * fraction:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
 
 
 def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -> list[Content]:
@@ -182,8 +181,8 @@ def band_fraction(height: int) -> float:
 def times_of(width: int, now_s: float) -> list[float]:
     """Return the times (s) of the `width` cells of a plot that ends at `now_s`, on a fixed grid."""
     step = SPAN_S / width
-    last = int(now_s / step)
-    return [(last - width + 1 + n) * step for n in range(width)]
+    end = int(now_s / step) + 1
+    return [n * step for n in range(end - width, end)]
 
 
 def strip_rows(
@@ -196,11 +195,10 @@ def strip_rows(
     for x, error in enumerate(errors_ns):
         y = None
         if error is not None:
-            y = min(int((1 - axis.place(error, band)) * levels), levels - 1)
-        if y is not None:
+            begin = y = min(int((1 - axis.place(error, band)) * levels), levels - 1)
             # A jump over half of the axis is a phase that wrapped around, so the points are not joined.
-            joined = before is not None and abs(y - before) <= levels // 2
-            begin = y if before is None or not joined else before + (y > before) - (y < before)
+            if before is not None and abs(y - before) <= levels // 2:
+                begin = before + (y > before) - (y < before)
             for level in range(min(begin, y), max(begin, y) + 1):
                 trace.put(x, level)
         before = y
@@ -214,7 +212,6 @@ def strip_rows(
         style = "$foreground-muted" if dimmed else "$success" if inside else "$warning"
         empty = EMPTY[y == height // 2]
         cells = ((each, "$foreground 25%" if each == empty else style) for each in trace.row(y, empty))
-        row = joined_cells(cells)
-        tinted = inside and not dimmed and height > 1
-        rows.append(row.stylize_before("on $success 9%") if tinted else row)
+        tint = "on $success 9%" if inside and not dimmed and height > 1 else ""
+        rows.append(joined_cells(cells).stylize_before(tint))
     return rows

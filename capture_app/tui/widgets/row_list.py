@@ -136,14 +136,12 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         return self._lines(self.keys[at])[line]
 
     def _lines(self, key: str) -> list[Strip]:
-        lines = self._drawn.get(key)
-        if lines is None:
+        if key not in self._drawn:
             width, plain = self.size.width, self.rich_style
             drawn = self._draw_row(self.items[key], width, key == self.chosen)
             strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
-            lines = [strip.adjust_cell_length(width, plain) for strip in strips]
-            self._drawn[key] = lines
-        return lines
+            self._drawn[key] = [strip.adjust_cell_length(width, plain) for strip in strips]
+        return self._drawn[key]
 
     def _go(self, at: int) -> None:
         at = max(0, min(at, len(self.keys) - 1))
@@ -157,10 +155,8 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         self._scroll_to_chosen()
 
     def _scroll_to_chosen(self) -> None:
-        top = self._at * self.row_height
-        highest, lowest = top + self.row_height - self.size.height, top
-        y = min(max(self.scroll_offset.y, highest), lowest)
-        self.scroll_to(y=y, animate=False)
+        region = Region(0, self._at * self.row_height, 1, self.row_height)
+        self.scroll_to_region(region, animate=False, x_axis=False)
 
     def _fit(self) -> None:
         self.virtual_size = Size(self.size.width, len(self.keys) * self.row_height)

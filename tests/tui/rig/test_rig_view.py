@@ -12,7 +12,6 @@ from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.guide_screens import large
-from capture_app.tui.rig.rig_view import LogPane
 from capture_app.tui.rig_record import RigRecord
 from tests.facts import make_facts
 from tests.tui.driving import lines, make_app, settle, text, toasts
@@ -138,7 +137,7 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         await settle(pilot)
         assert lines(app, "#log Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
         await pilot.press("n")
-        assert isinstance(app.focused, LogPane)
+        assert app.focused is app.screen.query_one("#log")
         await pilot.press("n")
         assert isinstance(app.focused, CameraList)
         await pilot.press("n", "escape")
@@ -158,7 +157,7 @@ async def test_the_newest_line_of_the_log_is_visible_after_another_mode() -> Non
         await pilot.press("1")
         rig.lose_link("192.168.1.5:47010 does not answer")
         await settle(pilot)
-        log = app.screen.query_one(LogPane)
+        log = app.screen.query_one("#log")
         assert 0 < log.scroll_y == log.max_scroll_y
         await pilot.press("n", "up", "up")
         await settle(pilot)

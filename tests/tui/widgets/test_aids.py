@@ -30,22 +30,22 @@ def test_the_focus_number_does_not_depend_on_the_light() -> None:
 def test_peaking_marks_edges_in_focus_only() -> None:
     half = checkers()
     half[:, 160:] = checkers(4)[:, 160:]
-    (mark,) = peaking(half)
-    assert mark.mask[:, :150].mean() > 0.1
-    assert not mark.mask[:, 170:].any()
+    ((mask, _, _),) = peaking(half)
+    assert mask[:, :150].mean() > 0.1
+    assert not mask[:, 170:].any()
 
 
 def test_zebra_marks_what_is_clipped() -> None:
     image = np.full((40, 80, 3), 120, np.uint8)
     image[:, :20] = 0
     image[:, 60:, 2] = 255
-    highlights, shadows = zebra(image)
-    assert highlights.mask[:, 60:].all()
-    assert highlights.mask.sum() == 40 * 20
-    assert shadows.mask[:, :20].all()
-    assert shadows.mask.sum() == 40 * 20
+    (highlights, colour, _), (shadows, _, _) = zebra(image)
+    assert highlights[:, 60:].all()
+    assert highlights.sum() == 40 * 20
+    assert shadows[:, :20].all()
+    assert shadows.sum() == 40 * 20
     painted = paint_marks(image, image, [zebra])
-    striped = (painted[:, 60:] == highlights.colour).all(axis=2)
+    striped = (painted[:, 60:] == colour).all(axis=2)
     assert striped.mean() == pytest.approx(0.5)
     assert np.array_equal(painted[:, 20:60], image[:, 20:60])
     assert image[:, :20].max() == 0, "what is measured is not painted on"
@@ -69,8 +69,8 @@ def test_marks_survive_the_way_to_few_cells() -> None:
     line = np.full((480, 640, 3), 100, np.uint8)
     line[:, 320:] = 200
     small = cv2.resize(line, (64, 48), interpolation=cv2.INTER_AREA)
-    (mark,) = peaking(line)
+    ((_, colour, _),) = peaking(line)
     painted = paint_marks(small, line, [peaking])
-    marked = (painted == mark.colour).all(axis=2)
+    marked = (painted == colour).all(axis=2)
     assert marked[:, 31:33].any(axis=1).all()
     assert marked.sum() <= 2 * 48

@@ -179,6 +179,8 @@ class PhoneNodes:
                 self._talk(f"{phone.name}: {error}")
                 await phone.report_state("failed", str(error))
                 await asyncio.sleep(RETRY_S)
+            else:
+                self._talk(f"{phone.name}: it has left")
 
 
 async def _until_disconnected(phone: Phone) -> None:

@@ -61,16 +61,23 @@ def size_above_features(width: int, height: int) -> float:
 
 
 def detect_features(
-    image: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS, contrast: float = CLEAR_CONTRAST
+    image: Array,
+    side_px: int = MAX_SIDE_PX,
+    points: int = MAX_POINTS,
+    contrast: float = CLEAR_CONTRAST,
+    allowed: Array | None = None,
 ) -> Features:
     """Detect SIFT points of a grey image (uint8), reduced to `side_px`.
 
-    Returns at most `points` points, of at least `contrast`.
+    Returns at most `points` points, of at least `contrast`, inside the mask `allowed` (bool).
     """
     scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    mask = None
+    if allowed is not None:
+        mask = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=contrast)
-    keypoints, descriptors = sift.detectAndCompute(small, None)
+    keypoints, descriptors = sift.detectAndCompute(small, mask)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
     positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5

@@ -6,8 +6,9 @@ the lamp's own rise time), bent by the camera's tone curve. Rising and falling e
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -67,41 +68,75 @@ LIGHT = "light"
 NO_LAMP = "it sees no blinking lamp"
 
 
+Ramp = tuple[float, float]
+"""Duration for which rows show an edge, ms, and the exponent of the tone curve."""
+
+
 @dataclass(frozen=True)
 class BlinkEdge:
-    """One switching of the lamp, in the few images around it.
+    """One switching of the lamp, in the rows (n,) that show it in the few images around it.
 
-    `images` are instants. `lit` (images, rows) is a row's level from dark (0) to bright (1), and NaN for rows
-    that do not show the lamp. `sd` is its error.
+    `row` counts from the top. `times_ms` are mid-exposure times. `lit` is a row's level from dark (0) to
+    bright (1). `sd` is its error.
     """
 
     rising: bool
-    images: tuple[int, ...]
+    row: Array
+    times_ms: Array
     lit: Array
     sd: Array
 
+    @cached_property
+    def rough_ms(self) -> float:
+        """The time that best splits the rows into unlit before and lit after, or the other way round."""
+        order = np.argsort(self.times_ms)
+        times_ms, lit = self.times_ms[order], np.clip(self.lit[order], 0, 1)
+        lit = lit if self.rising else 1 - lit
+        before = np.concatenate([[0], np.cumsum(lit**2)])
+        after = np.concatenate([np.cumsum(((1 - lit) ** 2)[::-1])[::-1], [0]])
+        best = int((before + after).argmin())
+        return float((times_ms[max(0, best - 1)] + times_ms[min(best, len(lit) - 1)]) / 2)
 
-def find_blink_edges(dataset: Dataset, camera: str) -> list[BlinkEdge]:
-    """Find every switching of a lamp in a camera's images, in order."""
+    def every(self, step: int) -> "BlinkEdge":
+        """Return the edge in every `step`-th row of the images only."""
+        rows = self.row % step == 0
+        return BlinkEdge(self.rising, self.row[rows], self.times_ms[rows], self.lit[rows], self.sd[rows])
+
+    def place(self, near: float, half_width: float, ramp: Ramp) -> tuple[float, float]:
+        """Return the best-fitting time of the ramp within `half_width` of `near`, and its cost."""
+        places = near + np.linspace(-1, 1, STEPS) * half_width
+        misses = self.level((self.times_ms[None] - places[:, None]) / ramp[0] + 0.5, ramp) - self.lit[None]
+        costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)
+        k = int(costs.argmin())
+        place = float(places[k])
+        if 0 < k < STEPS - 1:
+            a, b, c = costs[k - 1], costs[k], costs[k + 1]
+            if a + c > 2 * b:
+                place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
+        return place, float(costs[k])
+
+    def level(self, part: Array, ramp: Ramp) -> Array:
+        """Return the level of rows at a given fraction of the ramp."""
+        past = np.clip(part, 0, 1)
+        return np.asarray(past ** ramp[1] if self.rising else (1 - past) ** ramp[1])
+
+
+def find_blink_edges(dataset: Dataset, camera: str, rows_ms: Mapping[int, Array]) -> list[BlinkEdge]:
+    """Find every switching of a lamp in a camera's images, in order; `rows_ms` are each image's row times."""
     there = dataset.instants(camera)
     if len(there) < 2 * (STEP + BESIDE):
         return []
-    brightness = np.array([float(dataset.grey(camera, k).mean()) for k in there])
-    changes = _changes(brightness)
+    changes = _changes(np.array([float(dataset.grey(camera, k).mean()) for k in there]))
+    borders = [-BESIDE, *(at for at, _ in changes), len(there) + BESIDE]
     found = []
-    for number, (at, rising) in enumerate(changes):
-        before = changes[number - 1][0] if number else -BESIDE
-        after = changes[number + 1][0] if number + 1 < len(changes) else len(there) + BESIDE
+    for (at, rising), before, after in zip(changes, borders, borders[2:], strict=False):
         # Each change shows in the image that it falls into and in both neighbours.
         first, last = at - 1, at + 1
-        early = [k for k in range(first - BESIDE, first) if k > before + 1 and k >= 0]
-        late = [k for k in range(last + 1, last + 1 + BESIDE) if k < after - 1 and k < len(there)]
-        if early and late and first >= 0 and last < len(there):
-            instants = [there[k] for k in range(first, last + 1)]
-            edge = _edge(
-                dataset, camera, rising, instants, [there[k] for k in early], [there[k] for k in late]
-            )
-            found.append(edge)
+        early = there[max(first - BESIDE, before + 2, 0) : first]
+        late = there[last + 1 : min(last + 1 + BESIDE, after - 1)]
+        if early and late:
+            shown = {k: rows_ms[k] for k in there[first : last + 1]}
+            found.append(_edge(dataset, camera, rising, shown, early, late))
     return found
 
 
@@ -131,19 +166,21 @@ def _edge(
     dataset: Dataset,
     camera: str,
     rising: bool,
-    images: Sequence[int],
+    shown: Mapping[int, Array],
     early: Sequence[int],
     late: Sequence[int],
 ) -> BlinkEdge:
-    before, after = (
-        np.mean([dataset.grey(camera, k).astype(np.float32) for k in of], axis=0) for of in (early, late)
+    dark, bright = (
+        np.mean([dataset.grey(camera, k).astype(np.float32) for k in of], axis=0)
+        for of in ((early, late) if rising else (late, early))
     )
-    dark, bright = (before, after) if rising else (after, before)
     rise = bright - dark
     usable = (rise > MIN_RISE) & (bright < WHITE)
-    shares = [_lit_rows(dataset.grey(camera, k), dark, rise, usable) for k in images]
-    lit, sd = (np.stack(of) for of in zip(*shares, strict=True))
-    return BlinkEdge(rising, tuple(images), lit, sd)
+    lit, sd = np.stack([_lit_rows(dataset.grey(camera, k), dark, rise, usable) for k in shown], axis=1)
+    known = np.isfinite(lit)
+    return BlinkEdge(
+        rising, np.nonzero(known)[1], np.stack(list(shown.values()))[known], lit[known], sd[known]
+    )
 
 
 def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Array, Array]:
@@ -163,23 +200,6 @@ def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Ar
 
 
 @dataclass(frozen=True)
-class RowTimes:
-    """Mid-exposure times of a camera's rows, ms: each instant's first row, and the time from row to row."""
-
-    start_ms: dict[int, float]
-    row_ms: float
-
-    def of(self, edge: BlinkEdge) -> Array:
-        """Return the mid-exposure times (images, rows) of an edge's rows, ms."""
-        starts = np.array([self.start_ms[k] for k in edge.images])
-        return np.asarray(starts[:, None] + self.row_ms * np.arange(edge.lit.shape[1]))
-
-
-Ramp = tuple[float, float]
-"""Duration for which rows show an edge, ms, and the exponent of the tone curve."""
-
-
-@dataclass(frozen=True)
 class EdgeTime:
     """Time of an edge, ms, and the row whose mid-exposure was at that time."""
 
@@ -188,130 +208,62 @@ class EdgeTime:
     sd_ms: float
 
 
-def rough_time(edge: BlinkEdge, times: Array) -> float | None:
-    """Return the time (ms) that best splits rows into unlit before and lit after; None with too few rows.
+def fit_ramp(edges: Sequence[BlinkEdge], height: int) -> Ramp:
+    """Fit the brightness ramp that all edges share; at most `MAX_FITTED` edges are used.
 
-    `times` are the rows' times, in the shape of `edge.lit`. A falling edge is split the other way round.
+    `height` is the number of rows of the images.
     """
-    known = np.isfinite(edge.lit)
-    if known.sum() < MIN_ROWS:
-        return None
-    order = np.argsort(times[known])
-    lit = np.clip(edge.lit[known][order], 0, 1)
-    lit = lit if edge.rising else 1 - lit
-    at = times[known][order]
-    before = np.concatenate([[0], np.cumsum(lit**2)])
-    after = np.concatenate([np.cumsum(((1 - lit) ** 2)[::-1])[::-1], [0]])
-    best = int((before + after).argmin())
-    return float((at[max(0, best - 1)] + at[min(best, len(at) - 1)]) / 2)
+    chosen = [edges[int(k)] for k in np.linspace(0, len(edges) - 1, min(MAX_FITTED, len(edges)))]
+    thinned = [(edge.every(max(1, height // FITTED_ROWS)), edge.rough_ms) for edge in chosen]
 
+    def residual(ramp: Ramp) -> float:
+        return sum(edge.place(near, ramp[0], ramp)[1] for edge, near in thinned)
 
-def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
-    """Fit the brightness ramp that all edges share; None if every edge is visible in too few rows.
-
-    At most `MAX_FITTED` edges are used.
-    """
-    chosen = [edge for edge in edges if rough_time(edge, rows.of(edge)) is not None]
-    chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MAX_FITTED, len(chosen)))]
-    if not chosen:
-        return None
-    thinned = []
-    for edge in chosen:
-        thin = np.s_[:, :: max(1, edge.lit.shape[1] // FITTED_ROWS)]
-        times = rows.of(edge)
-        near = rough_time(edge, times)
-        thinned.append((_Samples.of(edge, times, thin), near))
-
-    def residual(width: float, bend: float) -> float:
-        return sum(one.place(near, width, width, bend)[1] for one, near in thinned if near is not None)
-
-    best = min((residual(width, bend), width, bend) for width in WIDTHS_MS for bend in BENDS)
+    best = min((residual(ramp), ramp) for ramp in product(WIDTHS_MS, BENDS))
     for finer in (0.1, 0.05, 0.025):
-        _, width, bend = best
-        near_by = [(width * (1 + a * finer), bend + b * finer) for a in (-1, 0, 1) for b in (-2, 0, 2)]
-        best = min(best, min((residual(w, b), w, b) for w, b in near_by))
-    return best[1], best[2]
+        width, bend = best[1]
+        near_by = product(
+            (width * (1 + a * finer) for a in (-1, 0, 1)), (bend + b * finer for b in (-2, 0, 2))
+        )
+        best = min(best, *((residual(ramp), ramp) for ramp in near_by))
+    return best[1]
 
 
-def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | None:
+def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     """Find when the lamp switched; None if too few rows show the change, or if it is not shaped as a ramp."""
-    times = rows.of(edge)
-    near = rough_time(edge, times)
-    if near is None:
-        return None
-    samples = _Samples.of(edge, times)
-    width_ms, bend = ramp
-    half_width = width_ms
-    at = near
+    width_ms = half_width = ramp[0]
+    at = edge.rough_ms
     for _ in range(3):
-        at, _ = samples.place(at, half_width, width_ms, bend)
+        at, _ = edge.place(at, half_width, ramp)
         half_width /= STEPS / 6
-    known = np.isfinite(edge.lit)
-    part = (times - at) / width_ms + 0.5
-    inside = known & (part > 0) & (part < 1)
-    covered = np.unique(np.floor(part[inside] * 20)).size / 20
-    if inside.sum() < MIN_ROWS or covered < COVERED:
+    part = (edge.times_ms - at) / width_ms + 0.5
+    inside = (part > 0) & (part < 1)
+    if inside.sum() < MIN_ROWS or np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:
         return None
-    miss = (_shape(part, bend, edge.rising) - edge.lit)[inside]
+    miss = (edge.level(part, ramp) - edge.lit)[inside]
     residual = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
     if residual > MAX_RESIDUAL:
         return None
     # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
     precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / SHARED_ROWS)
-    weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
-    row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
-    return EdgeTime(at, row, float(np.hypot(1 / precision, RAMP_ERROR * width_ms)))
-
-
-@dataclass(frozen=True)
-class _Samples:
-    """Rows that show an edge: times, levels and errors (n,)."""
-
-    rising: bool
-    times: Array
-    lit: Array
-    sd: Array
-
-    @classmethod
-    def of(cls, edge: BlinkEdge, times: Array, part: Any = np.s_[:]) -> Self:
-        known = np.isfinite(edge.lit[part])
-        return cls(edge.rising, times[part][known], edge.lit[part][known], edge.sd[part][known])
-
-    def place(self, near: float, half_width: float, width: float, bend: float) -> tuple[float, float]:
-        """Return the best-fitting time of the ramp within `half_width` of `near`, and its cost."""
-        places = near + np.linspace(-1, 1, STEPS) * half_width
-        parts = (self.times[None] - places[:, None]) / width + 0.5
-        misses = _shape(parts, bend, self.rising) - self.lit[None]
-        costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)
-        k = int(costs.argmin())
-        place = float(places[k])
-        if 0 < k < STEPS - 1:
-            a, b, c = costs[k - 1], costs[k], costs[k + 1]
-            if a + c > 2 * b:
-                place += float(0.5 * (a - c) / (a + c - 2 * b) * (places[1] - places[0]))
-        return place, float(costs[k])
-
-
-def _shape(part: Array, bend: float, rising: bool) -> Array:
-    """Return the level of rows at a given fraction of the ramp."""
-    past = np.clip(part, 0, 1)
-    return np.asarray(past**bend if rising else (1 - past) ** bend)
+    row = np.average(edge.row, weights=np.maximum(0, 1 - np.abs(2 * part - 1)))
+    return EdgeTime(at, float(row), float(np.hypot(1 / precision, RAMP_ERROR * width_ms)))
 
 
 @dataclass(frozen=True)
 class SeenLamp:
     """Lamp edges seen by one camera: rough times (ms, its own) and directions of all, exact times of some.
 
-    `recorded`: the session records the camera's row time.
+    `row_ms` is the time from row to row. `recorded`: the session records it.
     """
 
-    rows: RowTimes
+    row_ms: float
     recorded: bool
     height: int
     rough_ms: Array
     rising: Array
     exact: Mapping[int, EdgeTime]
-    reason: str = ""
+    reason: str
 
 
 def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dict[str, CameraTime]:
@@ -337,47 +289,44 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
 
 def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
     """Find all lamp edges in one camera's images; the result has a reason if they cannot be used."""
-    rows, recorded = _row_times(dataset, camera)
-    found = find_blink_edges(dataset, camera)
-    rough = [(edge, rough_time(edge, rows.of(edge))) for edge in found]
-    known = [(edge, at) for edge, at in rough if at is not None]
-    seen = SeenLamp(
-        rows=rows,
-        recorded=recorded,
-        height=dataset.size(camera)[1],
-        rough_ms=np.array([at for _, at in known]),
-        rising=np.array([edge.rising for edge, _ in known], bool),
-        exact={},
-        reason=NO_LAMP,
-    )
-    if not found:
-        return seen
-    ramp = fit_ramp([edge for edge, _ in known], rows)
-    if ramp is None:
-        return replace(seen, reason="too few rows of its pictures show the lamp's light")
-    exposures = [dataset.record(camera, k).exposure_ns for k in rows.start_ms]
-    exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
-    if ramp[0] > exposure_ms + SLOW_MS:
-        return replace(seen, reason=f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge")
-    exact = {k: at for k, (edge, _) in enumerate(known) if (at := find_edge_time(edge, rows, ramp))}
-    few = f"only {len(exact)} of the lamp's edges fall onto its rows; {MIN_EDGES} are needed"
-    return replace(seen, exact=exact, reason="" if len(exact) >= MIN_EDGES else few)
-
-
-def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
-    """Return the mid-exposure times of a camera's rows, and whether the session records them."""
+    rows_ms, row_ms, recorded = _row_times(dataset, camera)
     height = dataset.size(camera)[1]
-    epoch_ns = dataset.instants_ns[0]
+    found = find_blink_edges(dataset, camera, rows_ms)
+    edges = [edge for edge in found if len(edge.row) >= MIN_ROWS]
+    exact: dict[int, EdgeTime] = {}
+    reason = "too few rows of its pictures show the lamp's light" if found else NO_LAMP
+    if edges:
+        ramp = fit_ramp(edges, height)
+        exposures = [dataset.record(camera, k).exposure_ns for k in rows_ms]
+        exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
+        if ramp[0] > exposure_ms + SLOW_MS:
+            reason = f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge"
+        else:
+            exact = {k: at for k, edge in enumerate(edges) if (at := find_edge_time(edge, ramp))}
+            few = f"only {len(exact)} of the lamp's edges fall onto its rows; {MIN_EDGES} are needed"
+            reason = few if len(exact) < MIN_EDGES else ""
+    rough_ms = np.array([edge.rough_ms for edge in edges])
+    rising = np.array([edge.rising for edge in edges], bool)
+    return SeenLamp(row_ms, recorded, height, rough_ms, rising, exact, reason)
+
+
+def _row_times(dataset: Dataset, camera: str) -> tuple[dict[int, Array], float, bool]:
+    """Return the mid-exposure times of each image's rows, and the time from row to row, ms.
+
+    Also returns whether the session records them.
+    """
+    height, epoch_ns = dataset.size(camera)[1], dataset.instants_ns[0]
     record = dataset.session.camera(camera)
     images = {k: dataset.record(camera, k) for k in dataset.instants(camera)}
     known = {k: rows for k, image in images.items() if (rows := row_exposures(record, image)) is not None}
-    if images and len(known) == len(images):
-        recorded_ms = (record.facts.row_time_ns or 0) / 1e6
-        starts = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
-        return RowTimes(starts, recorded_ms * record.facts.height / height), True
-    row_ms: float = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
-    starts = {k: (image.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, image in images.items()}
-    return RowTimes(starts, row_ms), False
+    recorded = bool(known) and len(known) == len(images)
+    if recorded:
+        row_ms = (record.facts.row_time_ns or 0) / 1e6 * record.facts.height / height
+        first_ms = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
+    else:
+        row_ms = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
+        first_ms = {k: (one.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, one in images.items()}
+    return {k: at + row_ms * np.arange(height) for k, at in first_ms.items()}, row_ms, recorded
 
 
 def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
@@ -405,26 +354,24 @@ def _solve(
     """
     names = list(edges)
     numbers = sorted({number for of in edges.values() for number in of})
-    count, spare = len(numbers), sum(map(len, edges.values())) - len(numbers) - len(names)
-    design = np.zeros((sum(map(len, edges.values())), count + 3 * len(names)))
-    values, sds, priors = np.zeros(len(design)), np.zeros(len(design)), np.zeros(design.shape[1])
-    line = 0
-    for camera, name in enumerate(names):
-        of, at = seen[name], count + 3 * camera
-        priors[at + 1] = 1 / (RECORDED_ROW_SD if of.recorded else ASSUMED_ROW_SD) ** 2
-        priors[at + 2] = 1 / BEND_MS**2
-        for number, one in edges[name].items():
-            from_row = one.row - (0.0 if of.recorded else of.height / 2)
-            direction = 1 if seen[first].rising[number] else -1
-            design[line, numbers.index(number)] = 1
-            design[line, at : at + 3] = (-1, -of.rows.row_ms * from_row, direction)
-            values[line], sds[line] = one.at_ms, max(one.sd_ms, SYSTEMATIC_MS)
-            line += 1
+    rows = [(camera, number, one) for camera, of in enumerate(edges.values()) for number, one in of.items()]
+    count, spare = len(numbers), len(rows) - len(numbers) - len(names)
+    row_sds = [RECORDED_ROW_SD if seen[name].recorded else ASSUMED_ROW_SD for name in names]
+    priors = np.concatenate([np.zeros(count), *([0.0, 1 / sd**2, 1 / BEND_MS**2] for sd in row_sds)])
+    design = np.zeros((len(rows), len(priors)))
+    for line, (camera, number, one) in enumerate(rows):
+        of, at = seen[names[camera]], count + 3 * camera
+        from_row = one.row - (0.0 if of.recorded else of.height / 2)
+        direction = 1 if seen[first].rising[number] else -1
+        design[line, numbers.index(number)] = 1
+        design[line, at : at + 3] = (-1, -of.row_ms * from_row, direction)
+    values = np.array([one.at_ms for _, _, one in rows])
+    sds = np.array([max(one.sd_ms, SYSTEMATIC_MS) for _, _, one in rows])
     priors[count + 3 * names.index(first)] = 1e12
     found, found_sd = _robust_fit(design, values, sds, priors, spare)
     solved = {}
     for camera, name in enumerate(names):
-        at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms
+        at, row_ns = count + 3 * camera, 1e6 * seen[name].row_ms
         solved[name] = CameraTime(
             offset_ms=0.0 if name == first else float(found[at]),
             sd_ms=0.0 if name == first else float(np.hypot(found_sd[at], SYSTEMATIC_MS)),

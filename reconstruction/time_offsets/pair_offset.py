@@ -1,7 +1,7 @@
 """Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 
 import cv2
@@ -11,7 +11,7 @@ from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
-from reconstruction.pairs import match_at_rest, match_descriptors
+from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
@@ -22,6 +22,7 @@ from reconstruction.time_offsets.crossings import (
     Crossings,
     OffsetFit,
     Path,
+    StillErrors,
     find_crossings,
     fit_offset,
     median_px,
@@ -64,46 +65,6 @@ OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
 
 
-@dataclass(frozen=True)
-class MovingPoints:
-    """Points of one image: `at` (n, 2) px, unit descriptors (n, 128), `before` and `after` (n, 2) px.
-
-    `before` and `after` are the positions in the previous and the next image, NaN where tracking failed.
-    """
-
-    at: Array
-    descriptors: Array
-    before: Array
-    after: Array
-
-
-def find_moving_points(
-    image: Array, moving: Array, before: Array | None, after: Array | None
-) -> MovingPoints:
-    """Detect SIFT points (RootSIFT) in the moving regions of a grey image (uint8), tracked by Lucas-Kanade.
-
-    Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
-    """
-    nothing = np.zeros((0, 2))
-    if not moving.any():
-        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
-    ys, xs = np.nonzero(moving)
-    left, top = max(0, int(xs.min()) - MARGIN_PX), max(0, int(ys.min()) - MARGIN_PX)
-    part = np.s_[top : int(ys.max()) + MARGIN_PX, left : int(xs.max()) + MARGIN_PX]
-    small, allowed = np.ascontiguousarray(image[part]), np.ascontiguousarray(moving[part]).astype(np.uint8)
-    scale = min(1.0, MAX_SIDE_PX / max(small.shape))
-    if scale < 1:
-        small = cv2.resize(small, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        allowed = cv2.resize(allowed, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.01)
-    keypoints, raw = sift.detectAndCompute(small, allowed)
-    if raw is None:
-        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
-    at = (np.array([point.pt for point in keypoints]) + 0.5) / scale - 0.5 + np.array([left, top])
-    roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7)).astype(np.float32)
-    return MovingPoints(at, roots, _follow(image, before, at), _follow(image, after, at))
-
-
 def _follow(image: Array, other: Array | None, at: Array) -> Array:
     """Track points (n, 2) to another image; NaN where they do not return."""
     if other is None or not len(at):
@@ -114,12 +75,12 @@ def _follow(image: Array, other: Array | None, at: Array) -> Array:
 
 Image = tuple[str, int]
 """A camera and an instant."""
+MovingPoints = tuple[Array, Array]
+"""Unit descriptors (n, 128) of points; positions (3, n, 2) px in the previous image, their own and the next.
 
-
+Positions are NaN where tracking failed."""
 RoughOffset = tuple[float, float]
 """Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
-
-
 MovingMatches = tuple[Array, Array, Array]
 """Matches (n, 2) px in two cameras at the same time, and their speeds (n, 2) in the second, px/ms."""
 
@@ -131,8 +92,7 @@ class PairOffsets:
         self.rig = rig
         self.dataset = rig.dataset
         self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
-        min_instants, max_instants = INSTANTS
-        self.max_instants = min(max_instants, max(min_instants, IMAGES // len(self.dataset.cameras)))
+        self.max_instants = int(np.clip(IMAGES // len(self.dataset.cameras), *INSTANTS))
         self._points = lru_cache(maxsize=None)(self._find_points)
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
         self._stays = lru_cache(maxsize=None)(self._find_staying)
@@ -140,8 +100,7 @@ class PairOffsets:
 
     def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
         """Return the cameras that move while they record; they have no static background."""
-        found = {name: self._motion(name) for name in cameras}
-        return {name: one for name, one in found.items() if one is not None and one.moves}
+        return {name: one for name in cameras if (one := self._motion(name)) is not None and one.moves}
 
     def measure(
         self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None
@@ -152,28 +111,26 @@ class PairOffsets:
         `rough` is an approximate offset to search around, instead of 0.
         """
         views = self.rig.views
-        for name in (first, second):
-            if name not in views:
-                return OffsetFit(reason=f"{name} has no calibration")
+        if missing := [name for name in (first, second) if name not in views]:
+            return OffsetFit(reason=f"{missing[0]} has no calibration")
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return OffsetFit(reason="both cameras are at the same place")
         times = ImageTimes(self.dataset, (first, second))
         near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
         others = {other: times.at_ms(second, other) + near_ms for other in self.dataset.instants(second)}
         all_moves = bool(self.moving((first, second)))
-        cameras: Sequence[str] = (first, second)
-        asked: Sequence[int] = self.dataset.instants(*cameras)
+        cameras = (first, second) if rough is None else (first,)
+        asked = self.dataset.instants(*cameras)
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
-            cameras = (first,)
-            asked = [k for k in self.dataset.instants(first) if low <= times.at_ms(first, k) <= high]
+            asked = tuple(k for k in asked if low <= times.at_ms(first, k) <= high)
         limit = limit or self.max_instants
         if all_moves or not asked:
-            asked = evenly_spaced(asked, limit)
+            chosen = evenly_spaced(asked, limit)
         else:
-            asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
+            chosen = choose_moving_instants(self.rig.motion, cameras, asked, limit)
         apart_ms = {
-            (now, other): at_ms - times.at_ms(first, now) for now in asked for other, at_ms in others.items()
+            (now, other): at_ms - times.at_ms(first, now) for now in chosen for other, at_ms in others.items()
         }
         paths = partial(self._paths, times, (first, second), all_moves)
         period_ms = self.dataset.period_ns / 1e6
@@ -195,7 +152,8 @@ class PairOffsets:
         pair = views[first], views[second]
         if all_moves:
             return fit_in_motion(pair, period_ms, cross, in_motion).later(near_ms)
-        return _fit_at_rest(pair, period_ms, cross, self._still_matches(first, second)).later(near_ms)
+        pair, still, recorded_px = _correct_at_rest(pair, *self._still_matches(first, second))
+        return fit_offset(cross(pair), still, period_ms, recorded_px).later(near_ms)
 
     def _paths(
         self, times: "ImageTimes", cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]
@@ -203,12 +161,12 @@ class PairOffsets:
         """Return the paths of what moves in both images, with `counts` and `shared_px` as in `Crossings`."""
         a, b = zip(cameras, instants, strict=True)
         here, there = self._points(*a, all_moves), self._points(*b, all_moves)
-        corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
+        corners = match_descriptors(here[0], there[0], MATCH_RATIO)
         objects = similar_objects(self._outlines(*a), self._outlines(*b))
         if all_moves:
             objects = np.zeros(0, int), np.zeros(0, int)
-        first = self._path(times, a, here, corners[0], objects[0])
-        second = self._path(times, b, there, corners[1], objects[1])
+        first = self._path(times, a, here[1][:, corners[0]], objects[0])
+        second = self._path(times, b, there[1][:, corners[1]], objects[1])
         counts = np.concatenate([np.ones(len(corners[0])), np.full(len(objects[0]), OUTLINE_COUNTS)])
         errors_px = np.hypot(
             self._outlines(*a).errors_px[objects[0]], self._outlines(*b).errors_px[objects[1]]
@@ -216,51 +174,53 @@ class PairOffsets:
         shared_px = np.concatenate([np.zeros(len(corners[0])), errors_px])
         return (first, second), counts, shared_px
 
-    def _path(
-        self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, objects: Array
-    ) -> Path:
-        """Return the positions, before, at and after an image, of its selected points and objects."""
-        camera, instant = image
-        before, after = self._neighbours(camera, instant)
-        outlines = self._outlines(camera, instant)
+    def _path(self, times: "ImageTimes", image: Image, corners: Array, objects: Array) -> Path:
+        """Return the positions of corners (3, n, 2) and selected objects before, at and after an image."""
+        outlines = self._outlines(*image)
+        before, after = self._neighbours(*image)
         path, when = [], []
-        for k, at in ((before, points.before), (instant, points.at), (after, points.after)):
-            there = None if k is None else self._outlines(camera, k)
-            middles = outlines.at if k == instant else outlines.nearest(there)
-            both = np.concatenate([at[corners], middles[objects]])
-            path.append(both)
-            when.append(np.full(len(both), np.nan) if k is None else times.of_rows_ms(camera, k, both[:, 1]))
+        for k, at in zip((before, image[1], after), corners, strict=True):
+            there = None if k is None else self._outlines(image[0], k)
+            middles = outlines.at if k == image[1] else outlines.nearest(there)
+            path.append(np.concatenate([at, middles[objects]]))
+            when.append(times.of_rows_ms(image[0], k, path[-1][:, 1]))
         return np.stack(path), np.stack(when)
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
         """Return the camera's previous and next image; recordings paired without common times have gaps."""
-        data, found = self.dataset, []
-        for step in (-1, 1):
-            near = (instant + step * k for k in range(1, 4))
-            other = next((k for k in near if data.has_image(camera, k)), None)
-            if other is not None:
-                apart_ns = data.record(camera, other).leader_ns - data.record(camera, instant).leader_ns
-                if abs(apart_ns) > MAX_TRACK_PERIODS * data.period_ns:
-                    other = None
-            found.append(other)
-        return found[0], found[1]
+        data = self.dataset
+
+        def near(k: int) -> bool:
+            """Return whether there is an image, near enough in time for tracking."""
+            if not data.has_image(camera, k):
+                return False
+            apart_ns = data.record(camera, k).leader_ns - data.record(camera, instant).leader_ns
+            return abs(apart_ns) <= MAX_TRACK_PERIODS * data.period_ns
+
+        before = next(filter(near, range(instant - 1, instant - 4, -1)), None)
+        return before, next(filter(near, range(instant + 1, instant + 4)), None)
 
     def _find_points(self, camera: str, instant: int, all_moves: bool) -> MovingPoints:
-        data = self.dataset
-        before, after = (
-            None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant)
-        )
-        image, moving = data.grey(camera, instant), None
-        if not all_moves:
-            moving = self.rig.motion.widened_moving(camera, instant)
-        return find_moving_points(
-            image, np.ones(image.shape, bool) if moving is None else moving, before, after
-        )
+        """Detect points in the moving regions of an image, and track them by Lucas-Kanade.
+
+        Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
+        """
+        data, motion = self.dataset, self.rig.motion
+        image = data.grey(camera, instant)
+        moving = np.ones(image.shape, bool) if all_moves else motion.widened_moving(camera, instant)
+        left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
+        corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
+        part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
+        found = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, moving[part])
+        at, raw = found.positions + corner, found.descriptors
+        roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
+        others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))
+        before, after = (_follow(image, other, at) for other in others)
+        return roots, np.stack([before, at, after])
 
     def _find_outlines(self, camera: str, instant: int) -> Outlines:
-        motion = self.rig.motion
-        moving = motion.widened_moving(camera, instant)
-        return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), moving)
+        motion, image = self.rig.motion, self.dataset.grey(camera, instant)
+        return find_outlines(image, motion.background(camera), motion.widened_moving(camera, instant))
 
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
@@ -283,18 +243,18 @@ class PairOffsets:
             return np.asarray(np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX)
 
 
-def _fit_at_rest(
-    pair: tuple[View, View],
-    period_ms: float,
-    cross: Callable[[tuple[View, View]], Crossings],
-    at_rest: tuple[Array, Array],
-) -> OffsetFit:
-    """Fit the offset of cameras that stand still, with a calibration corrected by static matches."""
-    still = still_errors(pair, *at_rest)
+def _correct_at_rest(
+    pair: tuple[View, View], at_a: Array, at_b: Array
+) -> tuple[tuple[View, View], StillErrors, float]:
+    """Correct a calibration by static matches if it does not fit them.
+
+    Returns the views, the errors of the matches, and their median, px, with the recorded calibration.
+    """
+    still = still_errors(pair, at_a, at_b)
     recorded_px = median_px(still[0])
-    if recorded_px > TYPICAL_AT_REST_PX and (correction := correct_views(pair, *at_rest)) is not None:
-        pair, still = correction.views, still_errors(correction.views, *at_rest)
-    return fit_offset(cross(pair), still, period_ms, recorded_px)
+    if recorded_px > TYPICAL_AT_REST_PX and (correction := correct_views(pair, at_a, at_b)) is not None:
+        return correction.views, still_errors(correction.views, at_a, at_b), recorded_px
+    return pair, still, recorded_px
 
 
 def fit_in_motion(
@@ -307,6 +267,7 @@ def fit_in_motion(
 
     `in_motion` returns the matches at an offset, ms.
     """
+
     matches = in_motion(0.0)
     nothing = still_errors(pair, matches[0][:0], matches[1][:0])
     recorded_px = _off_px(pair, matches)
@@ -325,16 +286,14 @@ def fit_in_motion(
             correction = _correct_in_motion(pair, period_ms, in_motion, fit.offset_ms)
         if correction is None:
             return misfit(len(matches[0]), "matched points", max(left_px, recorded_px))
-    off_px = _off_px(pair, in_motion(correction.late_ms))
-    fit = fit_offset(cross(correction.views), nothing, period_ms, off_px)
+    recorded_px = _off_px(pair, in_motion(correction.late_ms))
+    fit = fit_offset(cross(correction.views), nothing, period_ms, recorded_px)
+    if fit.offset_ms is None:
+        return fit
     sd_ms = float(np.hypot(fit.sd_ms or 0.0, correction.sd_ms))
-    if fit.offset_ms is not None and abs(fit.offset_ms - correction.late_ms) > DISAGREEING * sd_ms:
+    if abs(fit.offset_ms - correction.late_ms) > DISAGREEING * sd_ms:
         return OffsetFit(reason="the moving points do not agree on one offset")
-    return fit if fit.offset_ms is None else replace(fit, sd_ms=sd_ms)
-
-
-def _off_px(pair: tuple[View, View], matches: MovingMatches) -> float:
-    return median_px(epipolar_errors_px(*pair, *matches[:2])) if len(matches[0]) else 0.0
+    return replace(fit, sd_ms=sd_ms)
 
 
 def _correct_in_motion(
@@ -352,6 +311,10 @@ def _correct_in_motion(
         if abs(found.late_ms) < period_ms / 2:
             return found._replace(late_ms=near_ms)
     return None
+
+
+def _off_px(pair: tuple[View, View], matches: MovingMatches) -> float:
+    return median_px(epipolar_errors_px(*pair, *matches[:2])) if len(matches[0]) else 0.0
 
 
 class ImageTimes:
@@ -375,12 +338,11 @@ class ImageTimes:
 
     def middle_ms(self, camera: str, instant: int) -> float:
         """Return the time of the image's middle row."""
-        middle = self.dataset.size(camera)[1] / 2
-        return float(self.of_rows_ms(camera, instant, np.array([middle]))[0])
+        return float(self.of_rows_ms(camera, instant, np.array([self.dataset.size(camera)[1] / 2]))[0])
 
-    def of_rows_ms(self, camera: str, instant: int, rows: Array) -> Array:
-        """Return the times of rows (n,), px from the top; NaN if there is no such image."""
-        if not self.dataset.has_image(camera, instant):
+    def of_rows_ms(self, camera: str, instant: int | None, rows: Array) -> Array:
+        """Return the times of rows (n,), px from the top; NaN if there is no image (None)."""
+        if instant is None:
             return np.full(len(rows), np.nan)
         known = self._rows(camera, instant) if self._by_rows else None
         if known is None:
@@ -391,5 +353,4 @@ class ImageTimes:
         return np.asarray(start_ms + row_ms * rows)
 
     def _rows(self, camera: str, instant: int) -> RowExposures | None:
-        dataset = self.dataset
-        return row_exposures(dataset.session.camera(camera), dataset.record(camera, instant))
+        return row_exposures(self.dataset.session.camera(camera), self.dataset.record(camera, instant))

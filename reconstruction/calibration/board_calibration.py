@@ -7,7 +7,6 @@ Adjustment - A Modern Synthesis, 2000), with OpenCV's derivatives. The errors of
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -38,6 +37,8 @@ LENS = 6
 """Number of lens parameters, fx, fy, cx, cy, k1, k2.
 
 Few boards, or boards at one angle, do not determine the higher terms."""
+CAMERA = LENS + 6
+"""Number of a camera's parameters: its lens, rotation vector and translation."""
 BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
 """Maximum moments of each camera and pair, and in total, in the adjustment; its time is cubic in them."""
 
@@ -55,11 +56,9 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
         )
     seen = evenly_spaced(list(seen), MAX_BOARDS)
     points = [board.places[sorted(corners)] for corners in seen]
-    pixels = [np.array([corners[i] for i in sorted(corners)], np.float32) for corners in seen]
-    # Few boards, or boards at one angle, do not determine the higher terms of distortion.
-    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    pixels = [_pixels(corners, sorted(corners)) for corners in seen]
     _, matrix, distortion, _, _ = cv2.calibrateCamera(
-        points, pixels, size, np.eye(3), np.zeros(5), flags=flags
+        points, pixels, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     )
     return np.asarray(matrix), np.asarray(distortion).ravel()[:5]
 
@@ -106,51 +105,61 @@ def adjust_bundle(
     views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
 ) -> dict[str, View]:
     """Fit all views to all corners together; the first view's pose and lenses in `keep_lenses` stay fixed."""
-    names = list(views)
-    cameras = {name: _pose(view.rotation, view.translation) for name, view in views.items()}
-    lenses = dict(views)
     boards = _first_boards(views, seen)
-    column = {name: LENS * i for i, name in enumerate(names)}
-    first = LENS * len(names)
-    place = {name: first + 6 * (i - 1) for i, name in enumerate(names) if i}
-    first += 6 * (len(names) - 1)
-    held = {moment: first + 6 * i for i, moment in enumerate(boards)}
-    size = first + 6 * len(boards)
-    damping, loss = 1e-3, _loss(lenses, cameras, boards, seen)
-    for _ in range(MAX_STEPS):
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
+    of_camera = {name: CAMERA * i for i, name in enumerate(views)}
+    of_board = {moment: CAMERA * len(views) + 6 * i for i, moment in enumerate(boards)}
+    values = np.concatenate([*map(_camera_values, views.values()), *boards.values()])
+    free = np.ones(len(values), bool)
+    free[LENS:CAMERA] = False
+    for name in keep_lenses:
+        free[of_camera[name] : of_camera[name] + LENS] = False
+
+    def linearize(values: Array) -> tuple[float, Array, Array]:
+        """Return the loss, and the normal equations of its reweighted least squares."""
+        loss, normal, gradient = 0.0, np.zeros((len(values), len(values))), np.zeros(len(values))
         for (name, moment), (points, pixels) in seen.items():
-            error, parts = _linearized(lenses[name], cameras[name], boards[moment], points, pixels)
-            weight = np.sqrt(np.minimum(1, HUBER_PX / np.linalg.norm(error, axis=1).clip(1e-9)))
-            rows = np.repeat(weight, 2)[:, None]
-            of_lens = parts[0] * (name not in keep_lenses)
-            blocks = [(column[name], of_lens), (held[moment], parts[2])]
-            if name in place:
-                blocks.append((place[name], parts[1]))
-            where = np.concatenate([np.arange(at, at + part.shape[1]) for at, part in blocks])
-            jacobian = rows * np.hstack([part for _, part in blocks])
+            camera, board = of_camera[name], of_board[moment]
+            where = np.r_[camera : camera + CAMERA, board : board + 6]
+            error, jacobian = _residuals(views[name], values[where], points, pixels)
+            size = np.linalg.norm(error, axis=1)
+            loss += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
+            weight = np.repeat(np.sqrt(np.minimum(1, HUBER_PX / size.clip(1e-9))), 2)
+            jacobian = weight[:, None] * jacobian * free[where]
             normal[np.ix_(where, where)] += jacobian.T @ jacobian
-            gradient[where] += jacobian.T @ (rows[:, 0] * error.ravel())
+            gradient[where] += jacobian.T @ (weight * error.ravel())
+        return loss, normal, gradient
+
+    damping, (loss, normal, gradient) = 1e-3, linearize(values)
+    for _ in range(MAX_STEPS):
         before = loss
         while damping < 1e8:
-            scaled = normal + damping * np.diag(np.diag(normal).clip(1e-12))
-            step = -np.linalg.solve(scaled, gradient)
-            new_lenses = {n: _stepped_lens(lenses[n], step[column[n] : column[n] + LENS]) for n in names}
-            new_cameras = {
-                n: cameras[n] + step[place[n] : place[n] + 6] if n in place else cameras[n] for n in names
-            }
-            new_boards = {m: boards[m] + step[held[m] : held[m] + 6] for m in boards}
-            if (new := _loss(new_lenses, new_cameras, new_boards, seen)) < loss:
-                lenses, cameras, boards, loss = new_lenses, new_cameras, new_boards, new
+            # Fixed values have no slope: the damping alone keeps their equations solvable.
+            damped = normal + damping * np.diag(np.diag(normal).clip(1e-12))
+            stepped = values - np.linalg.solve(damped, gradient)
+            found = linearize(stepped)
+            if found[0] < loss:
+                values, (loss, normal, gradient) = stepped, found
                 damping /= 5
                 break
             damping *= 5
         if before - loss < ENOUGH * before:
             break
-    return {
-        name: replace(lenses[name], rotation=cv2.Rodrigues(at[:3])[0], translation=at[3:])
-        for name, at in cameras.items()
-    }
+    return {name: _adjusted(view, values[of_camera[name] :]) for name, view in views.items()}
+
+
+def _camera_values(view: View) -> Array:
+    """Return the values of a camera (CAMERA,) that are adjusted: fx, fy, cx, cy, k1, k2 and its pose."""
+    lens = np.append(view.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], view.distortion[: LENS - 4])
+    return np.append(lens, _pose(view.rotation, view.translation))
+
+
+def _adjusted(view: View, values: Array) -> View:
+    """Return the view with the first `CAMERA` of these values."""
+    matrix, distortion = view.matrix.copy(), view.distortion.copy()
+    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] = values[:4]
+    distortion[: LENS - 4] = values[4:LENS]
+    rotation, _ = cv2.Rodrigues(values[LENS : LENS + 3])
+    return View(view.width, view.height, matrix, distortion, rotation, values[LENS + 3 : CAMERA])
 
 
 def _pose(rotation: Array, translation: Array) -> Array:
@@ -160,53 +169,26 @@ def _pose(rotation: Array, translation: Array) -> Array:
 
 def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array]:
     """Return `rig_from_board` of each moment, from the camera that sees most corners."""
-    best: dict[int, tuple[int, str]] = {}
-    for (name, moment), (points, _) in seen.items():
-        best[moment] = max(best.get(moment, (0, "")), (len(points), name))
     boards = {}
-    for moment, (_, name) in sorted(best.items()):
+    for moment in sorted({moment for _, moment in seen}):
+        _, name = max((len(points), name) for (name, k), (points, _) in seen.items() if k == moment)
         points, pixels = seen[name, moment]
         view = views[name]
         _, rvec, tvec = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
         rotation = view.rotation.T @ cv2.Rodrigues(rvec)[0]
-        translation = view.rotation.T @ (tvec.ravel() - view.translation)
-        boards[moment] = _pose(rotation, translation)
+        boards[moment] = _pose(rotation, view.rotation.T @ (tvec.ravel() - view.translation))
     return boards
 
 
-def _linearized(
-    view: View, camera: Array, board: Array, points: Array, pixels: Array
-) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Return the residuals (n, 2), px, and their derivatives (2n, .) by lens, camera and board."""
+def _residuals(view: View, values: Array, points: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the residuals (n, 2), px, and their derivatives (2n, CAMERA + 6) by a camera and a board."""
+    camera, board = values[LENS:CAMERA], values[CAMERA:]
+    lens = _adjusted(view, values)
     rvec, tvec, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
-    found, by = cv2.projectPoints(points, rvec, tvec, view.matrix, view.distortion)
-    rvec_by_board, _, rvec_by_camera, _, tvec_by_rvec_board, tvec_by_tvec_board = rates[:6]
-    tvec_by_rvec_camera, tvec_by_tvec_camera = rates[6:8]
-    of_camera = np.hstack([by[:, :3] @ rvec_by_camera + by[:, 3:6] @ tvec_by_rvec_camera,
-                           by[:, 3:6] @ tvec_by_tvec_camera])  # fmt: skip
-    of_board = np.hstack([by[:, :3] @ rvec_by_board + by[:, 3:6] @ tvec_by_rvec_board,
-                          by[:, 3:6] @ tvec_by_tvec_board])  # fmt: skip
-    return found.reshape(-1, 2) - pixels, (by[:, 6 : 6 + LENS], of_camera, of_board)
-
-
-def _loss(
-    lenses: Mapping[str, View], cameras: Mapping[str, Array], boards: Mapping[int, Array], seen: Sightings
-) -> float:
-    total = 0.0
-    for (name, moment), (points, pixels) in seen.items():
-        camera, board, view = cameras[name], boards[moment], lenses[name]
-        rvec, tvec = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])[:2]
-        found, _ = cv2.projectPoints(points, rvec, tvec, view.matrix, view.distortion)
-        size = np.linalg.norm(found.reshape(-1, 2) - pixels, axis=1)
-        total += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
-    return total
-
-
-def _stepped_lens(view: View, step: Array) -> View:
-    matrix, distortion = view.matrix.copy(), view.distortion.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
-    distortion[:2] += step[4:6]
-    return replace(view, matrix=matrix, distortion=distortion)
+    found, by = cv2.projectPoints(points, rvec, tvec, lens.matrix, lens.distortion)
+    # OpenCV's order: the composed rotation by both poses, board first, then the composed translation.
+    by_poses = np.block([[*rates[2:4], *rates[:2]], [*rates[6:8], *rates[4:6]]])
+    return found.reshape(-1, 2) - pixels, np.hstack([by[:, 6 : 6 + LENS], by[:, :6] @ by_poses])
 
 
 BoardCorners = dict[tuple[str, int], Corners]
@@ -317,10 +299,8 @@ def _rig_poses(
             ids = sorted(seen[a].keys() & seen[b].keys())
             if len(ids) >= MIN_CORNERS:
                 shared.setdefault(frozenset((a, b)), []).append((k, ids))
-    first = dataset.cameras[0]
-    poses = {first: (np.eye(3), np.zeros(3))}
-    while len(poses) < len(dataset.cameras):
-        left = [b for b in dataset.cameras if b not in poses]
+    poses = {dataset.cameras[0]: (np.eye(3), np.zeros(3))}
+    while left := [b for b in dataset.cameras if b not in poses]:
         links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]
         shared_boards, a, b = max(links, key=lambda link: link[0])
         if shared_boards < MIN_BOARDS:
@@ -331,8 +311,9 @@ def _rig_poses(
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
-        points = [places[ids] for _, ids in together]
-        rotation, translation = _relative_pose(points, (in_a, in_b), (lenses[a], lenses[b]))
+        rotation, translation = _relative_pose(
+            [places[ids] for _, ids in together], (in_a, in_b), (lenses[a], lenses[b])
+        )
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses
 

@@ -4,9 +4,10 @@ A camera that turned along the line to its neighbour violates no epipolar constr
 therefore also uses points that three cameras see.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import replace
+from itertools import chain, combinations
 
 import cv2
 import numpy as np
@@ -88,44 +89,37 @@ class RigCheck(Struct, frozen=True, kw_only=True):
         return ", ".join(map(str, self.moved)) or "no camera has moved"
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Two or three cameras, their pixels (k, n, 2) of common points, and the reprojection errors of these."""
-
-    cameras: tuple[str, ...]
-    pixels: Array
-    errors: Array
-    """Reprojection errors (k, n), px."""
-
-    @property
-    def deviation(self) -> float:
-        """Median standard deviation of the pixels: k views have 2k - 3 more measurements than unknowns."""
-        freedom = 2 * len(self.cameras) - 3
-        return float(np.median(np.sqrt((self.errors**2).sum(0) / freedom)))
-
-
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> RigCheck:
     """Check the views against features at rest, all of one instant."""
-    pixels = _shared_points(views, features)
-    groups = [_measured(views, names, at) for names, at in pixels.items()]
+    groups = _shared_points(views, features)
+    errors = {names: _errors_px(views, names, at) for names, at in groups.items()}
+    deviations = {names: _deviation_px(found) for names, found in errors.items()}
     limit = _refused_px(views)
-    shared = {name for group in groups for name in group.cameras}
-    guilty = _blamed(groups, limit * INCONSISTENT_PX / REFUSED_PX)
-    moved = [MovedCamera(cameras=names, shift_px=_shift(views, names, groups, guilty)) for names in guilty]
+    guilty = _blamed(deviations, limit * INCONSISTENT_PX / REFUSED_PX)
+    moved = [
+        MovedCamera(cameras=names, shift_px=_shift(views, names, groups, errors, guilty)) for names in guilty
+    ]
     return RigCheck(
-        points=sum(at.shape[1] for names, at in pixels.items() if len(names) == 2),
-        error_px=float(np.median([group.deviation for group in groups])) if groups else None,
-        unchecked=tuple(name for name in views if name not in shared),
+        points=sum(at.shape[1] for names, at in groups.items() if len(names) == 2),
+        error_px=float(np.median(list(deviations.values()))) if groups else None,
+        unchecked=tuple(name for name in views if name not in set().union(*groups)),
         moved=tuple(moved),
         holds=all(camera.shift_px <= limit for camera in moved),
     )
 
 
 def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:
-    """Return the pixels of points that pairs and triples of neighbours share."""
-    matches = {pair: _sure_matches(views, pair, features) for pair in _neighbours(views, features)}
-    matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
-    return {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
+    """Return the pixels of points that pairs and triples of neighbours share.
+
+    Matches must fit one epipolar geometry, independent of the calibration.
+    """
+    matches: Groups = {}
+    for a, b in _neighbours(views, features):
+        at = match_features(features[a], features[b])
+        sure = consistent_matches((views[a], views[b]), *at)
+        if sure is not None and sure.sum() >= MIN_PAIR_POINTS:
+            matches[a, b] = np.stack(at)[:, sure]
+    return matches | _triples(matches)
 
 
 def _refused_px(views: Mapping[str, View]) -> float:
@@ -146,15 +140,6 @@ def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> 
     return sorted((a, b) for a, b in found)
 
 
-def _sure_matches(
-    views: Mapping[str, View], pair: tuple[str, str], features: Mapping[str, Features]
-) -> tuple[Array, Array]:
-    """Return the matches that fit one epipolar geometry, independent of the calibration."""
-    at_a, at_b = match_features(features[pair[0]], features[pair[1]])
-    sure = consistent_matches((views[pair[0]], views[pair[1]]), at_a, at_b)
-    return (at_a[:0], at_b[:0]) if sure is None else (at_a[sure], at_b[sure])
-
-
 def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Array | None:
     """Return which matches (n, 2) px fit one epipolar geometry, independent of the views' poses (bool).
 
@@ -169,13 +154,13 @@ def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Ar
     return np.asarray(inliers.ravel().astype(bool))
 
 
-def _triples(matches: Mapping[tuple[str, str], tuple[Array, Array]]) -> dict[tuple[str, ...], Array]:
+def _triples(matches: Groups) -> Groups:
     """Return, for three cameras, the pixels (3, n, 2) of points on which all three pairs agree."""
     partner = {
         pair: {tuple(x): tuple(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)}
         for pair, (a, b) in matches.items()
     }
-    found: dict[tuple[str, ...], Array] = {}
+    found: Groups = {}
     for a, b, c in combinations(sorted({name for pair in matches for name in pair}), 3):
         if not {(a, b), (b, c), (a, c)} <= partner.keys():
             continue
@@ -189,10 +174,18 @@ def _triples(matches: Mapping[tuple[str, str], tuple[Array, Array]]) -> dict[tup
     return found
 
 
-def _measured(views: Mapping[str, View], names: Sequence[str], pixels: Array) -> _Group:
+def _errors_px(views: Mapping[str, View], names: Sequence[str], pixels: Array) -> Array:
+    """Return the reprojection errors (k, n) of the points, px, that k cameras see at pixels (k, n, 2)."""
     points = triangulate([views[name] for name in names], pixels)
-    errors = [reprojection_errors(views[name], points, at) for name, at in zip(names, pixels, strict=True)]
-    return _Group(tuple(names), pixels, np.stack(errors))
+    return np.stack([reprojection_errors(views[n], points, at) for n, at in zip(names, pixels, strict=True)])
+
+
+def _deviation_px(errors: Array) -> float:
+    """Return the median standard deviation of pixels whose reprojection errors (k, n) are given.
+
+    k views have 2k - 3 more measurements than unknowns.
+    """
+    return float(np.median(np.sqrt((errors**2).sum(0) / (2 * len(errors) - 3))))
 
 
 def triangulate(views: Sequence[View], pixels: Array) -> Array:
@@ -221,58 +214,49 @@ def reprojection_errors(view: View, points: Array, at: Array) -> Array:
     return np.asarray(np.where(front, distance, FAR_PX).clip(0, FAR_PX))
 
 
-def _blamed(groups: Sequence[_Group], limit: float) -> list[tuple[str, ...]]:
-    """Return few moved cameras that explain all inconsistencies, found greedily.
+def _blamed(deviations: Mapping[tuple[str, ...], float], limit: float) -> list[tuple[str, ...]]:
+    """Return few moved cameras that explain all inconsistent groups of cameras, found greedily.
 
     An entry with several names means one of these cameras: the points cannot tell which.
     """
     blamed: list[tuple[str, ...]] = []
-    left = list(groups)
-    while bad := [group for group in left if group.deviation > limit]:
-        names = sorted({name for group in bad for name in group.cameras})
-        counts = {
-            name: (
-                sum(name in group.cameras for group in bad) / sum(name in group.cameras for group in left),
-                sum(name in group.cameras for group in bad),
-            )
-            for name in names
-        }
+    left = list(deviations)
+    while bad := [group for group in left if deviations[group] > limit]:
+        in_bad, in_left = (Counter(chain.from_iterable(groups)) for groups in (bad, left))
+        counts = {name: (number / in_left[name], number) for name, number in sorted(in_bad.items())}
         worst_counts = max(counts.values())
         if worst_counts[0] < MIN_BLAME:
             break
-        worst = tuple(name for name in names if counts[name] == worst_counts)
+        worst = tuple(name for name in counts if counts[name] == worst_counts)
         blamed.append(worst)
-        left = [group for group in left if not set(worst) & set(group.cameras)]
+        left = [group for group in left if set(worst).isdisjoint(group)]
     return blamed
 
 
 def _shift(
     views: Mapping[str, View],
     names: tuple[str, ...],
-    groups: Sequence[_Group],
+    groups: Groups,
+    errors: Mapping[tuple[str, ...], Array],
     blamed: Sequence[tuple[str, ...]],
 ) -> float:
     """Return a camera's median distance from points that others triangulate, else from epipolar lines, px."""
     (name, *unsure) = names
-    guilty = {camera for group in blamed for camera in group}
+    guilty = set(chain.from_iterable(blamed)) - {name}
+    triples = [group for group in groups if len(group) == 3 and name in group and guilty.isdisjoint(group)]
     distances = []
-    for group in () if unsure else groups:
-        others = [i for i, camera in enumerate(group.cameras) if camera != name]
-        if len(group.cameras) - len(others) != 1 or len(others) != 2:
-            continue
-        if {group.cameras[i] for i in others} & guilty:
-            continue
-        first, second = (views[group.cameras[i]] for i in others)
-        points = triangulate([first, second], group.pixels[others])
-        rays = points - first.centre, points - second.centre
-        clear = angles_deg(*rays) > MIN_RAY_ANGLE_DEG
-        at = group.pixels[group.cameras.index(name)]
+    for group in () if unsure else triples:
+        others = [place for place, camera in enumerate(group) if camera != name]
+        first, second = (views[group[place]] for place in others)
+        points = triangulate([first, second], groups[group][others])
+        clear = angles_deg(points - first.centre, points - second.centre) > MIN_RAY_ANGLE_DEG
         if clear.any():
+            at = groups[group][group.index(name)]
             distances.append(reprojection_errors(views[name], points[clear], at[clear]))
     if distances and len(found := np.concatenate(distances)) >= MIN_TRACKS:
         return float(np.median(found))
-    concerned = [group for group in groups if set(names) & set(group.cameras)]
-    return max(float(np.median(group.errors.sum(0))) for group in concerned)
+    concerned = [found for group, found in errors.items() if not set(names).isdisjoint(group)]
+    return max(float(np.median(found.sum(0))) for found in concerned)
 
 
 Views = dict[str, View]
@@ -301,13 +285,13 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
         for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2):
             changes.append(({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged")))
-        tried = [_odd(now | changed, groups, limit) for changed, _ in changes]
-        best = min(range(len(tried)), key=lambda k: len(tried[k]))
-        if len(tried[best]) >= len(left):
+        tried = [(_odd(now | changed, groups, limit), changed, fault) for changed, fault in changes]
+        fewest, changed, fault = min(tried, key=lambda one: len(one[0]))
+        if len(fewest) >= len(left):
             break
-        left = tried[best]
-        now |= changes[best][0]
-        faults.append(changes[best][1])
+        left = fewest
+        now |= changed
+        faults.append(fault)
     if not left:
         return faults
     min_fraction, min_error = OTHER_RIG
@@ -328,14 +312,13 @@ def _mixed_up_px(views: Views) -> float:
 
 
 def _odd(views: Views, groups: Groups, limit: float) -> list[tuple[str, ...]]:
-    return [names for names, at in groups.items() if _measured(views, names, at).deviation > limit]
+    return [names for names, at in groups.items() if _deviation_px(_errors_px(views, names, at)) > limit]
 
 
 def _turned(name: str, views: Views) -> tuple[str, str]:
     # With two cameras it cannot be decided which one is wrong.
-    pair = len(views) == 2
-    who = " or ".join(views) if pair else name
-    return "" if pair else name, f"the pictures of {who} are upside down against the calibration"
+    fault, who = ("", " or ".join(views)) if len(views) == 2 else (name, name)
+    return fault, f"the pictures of {who} are upside down against the calibration"
 
 
 def upside_down(view: View) -> View:
@@ -343,11 +326,10 @@ def upside_down(view: View) -> View:
     rotation_180 = np.diag([-1.0, -1.0, 1.0])
     matrix = view.matrix.copy()
     matrix[:2, 2] = (view.width - 1, view.height - 1) - matrix[:2, 2]
-    distortion = view.distortion * np.array([1, 1, -1, -1, 1])
     return replace(
         view,
         matrix=matrix,
-        distortion=distortion,
+        distortion=view.distortion * np.array([1, 1, -1, -1, 1]),
         rotation=rotation_180 @ view.rotation,
         translation=rotation_180 @ view.translation,
     )
@@ -368,24 +350,23 @@ class CalibrationQuality(Struct, frozen=True, kw_only=True):
 
 def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> CalibrationQuality:
     """Judge a calibration by the reprojection errors of triangulated points (Hartley and Sturm, linear)."""
-    errors, angles, fits = [], [], []
+    errors, angles = [np.zeros(0)], [np.zeros(0)]
     cells: dict[str, set[tuple[int, int]]] = {name: set() for name in views}
     for (a, b), (at_a, at_b) in shared.items():
         if a not in views or b not in views or len(at_a) < MIN_MATCHES:
             continue
-        error, angle = _triangulate(views[a], views[b], at_a, at_b)
-        good = error < INLIER_PX
-        errors.append(error[good])
-        angles.append(angle[good])
-        fits.append(good)
+        errors.append(_errors_px(views, (a, b), np.stack((at_a, at_b))).max(0))
+        rays_a, rays_b = (views[name].rays(at) @ views[name].rotation for name, at in ((a, at_a), (b, at_b)))
+        angles.append(angles_deg(rays_a, rays_b))
         for name, at in ((a, at_a), (b, at_b)):
-            cells[name] |= grid_cells(at[good], views[name].width, views[name].height)
-    every = np.concatenate(fits) if fits else np.zeros(0, bool)
+            cells[name] |= grid_cells(at[errors[-1] < INLIER_PX], views[name].width, views[name].height)
+    error, angle = np.concatenate(errors), np.concatenate(angles)
+    good = error < INLIER_PX
     return CalibrationQuality(
-        points=len(every),
-        inlier_share=float(every.mean()) if len(every) else 0.0,
-        reprojection_error_px=float(np.median(np.concatenate(errors))) if every.any() else None,
-        triangulation_angle_deg=float(np.median(np.concatenate(angles))) if every.any() else None,
+        points=len(good),
+        inlier_share=float(good.mean()) if len(good) else 0.0,
+        reprojection_error_px=float(np.median(error[good])) if good.any() else None,
+        triangulation_angle_deg=float(np.median(angle[good])) if good.any() else None,
         coverage={name: len(found) / CELLS for name, found in cells.items()},
     )
 
@@ -420,10 +401,3 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int, advice: st
             f"this calibration is not good enough: {why}",
             hint="record a board from several places, in front of this rig, and calibrate again" + advice,
         )
-
-
-def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:
-    """Return each point's larger reprojection error, px, and the angle between its rays, degrees."""
-    points = triangulate((a, b), np.stack((at_a, at_b)))
-    error = np.maximum(reprojection_errors(a, points, at_a), reprojection_errors(b, points, at_b))
-    return error, angles_deg(a.rays(at_a) @ a.rotation, b.rays(at_b) @ b.rotation)

@@ -9,7 +9,7 @@ from typing import Any
 
 _PUBLIC = {
     "CalibrateOptions": "calibration.calibration_run",
-    "CalibrationSource": "calibration.calibration_sources",
+    "CalibrationSource": "calibration.calibration_run",
     "CompareOptions": "compare.comparison",
     "Condition": "session.conditions",
     "MultiviewOptions": "multiview.instant_model",

@@ -1,5 +1,5 @@
 from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
-from reconstruction.calibration.calibration_sources import CalibrationSource as CalibrationSource
+from reconstruction.calibration.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.compare.comparison import CompareOptions as CompareOptions
 from reconstruction.multiview.instant_model import MultiviewOptions as MultiviewOptions
 from reconstruction.panorama.panorama_run import PanoramaOptions as PanoramaOptions

@@ -1,37 +1,48 @@
 """`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
-from dataclasses import dataclass
+import tempfile
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import combinations
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from capture_app.board.boards import DEFAULT_BOARD
+from capture_app.board.boards import DEFAULT_BOARD, Checkerboard
 from capture_app.board.coverage import BoardCoverage
-from capture_app.board.detector import Board
+from capture_app.board.detector import Board, BoardDetector
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import CALIBRATION
-from reconstruction.calibration.board_calibration import count_coverage, detect_board
-from reconstruction.calibration.calibrated_rig import calibrated_views
-from reconstruction.calibration.calibration_sources import (
-    CalibrationSource,
-    Candidate,
-    from_board,
-    from_elsewhere,
-    from_still_points,
-    open_recordings,
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST
+from capture_app.session.importing.calibrations import fit_calibration, read_views
+from reconstruction.calibration.board_calibration import (
+    calibrate_from_board,
+    count_coverage,
+    detect_board,
+    lenses_of_recordings,
+    refuse_other_sizes,
+    shared_corners,
 )
+from reconstruction.calibration.calibrated_rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.calibration.consistency import (
+    MAX_AXIS_ANGLE_DEG,
     CalibrationQuality,
     RigCheck,
+    SharedPoints,
+    check_rig,
     judge_calibration,
     refuse_bad_calibration,
 )
-from reconstruction.calibration.stored import keep_calibration, write_calibration
-from reconstruction.calibration.structure_from_motion import GIVE_LENSES, GUESS
+from reconstruction.calibration.stored import (
+    camera_modes,
+    find_calibration,
+    keep_calibration,
+    write_calibration,
+)
+from reconstruction.calibration.structure_from_motion import GIVE_LENSES, GUESS, calibrate_from_images
 from reconstruction.calibration.world import (
     Marks,
     World,
@@ -41,7 +52,33 @@ from reconstruction.calibration.world import (
     world_of_board,
     world_of_marks,
 )
+from reconstruction.common.geometry import View, angle_deg
+from reconstruction.pairs import match_features
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
+
+TRIED_IMAGES = 4
+"""Images of each camera that are searched for the board with columns and rows exchanged."""
+
+
+class CalibrationSource(StrEnum):
+    """Source of a calibration: stored in the session, computed from its images, or kept from an earlier one.
+
+    Instead of a source, a command accepts a path: another session, or a calibration file to import.
+    """
+
+    SESSION = "session"
+    SFM = "sfm"
+    BOARD = "board"
+    CHARUCO = "charuco"
+    """Another name of `BOARD`."""
+    KEPT = "kept"
+
+    @classmethod
+    def named(cls, text: str) -> "CalibrationSource | Path":
+        """Return the source of this name, else a path."""
+        return cls(text) if text in set(cls) else Path(text)
+
 
 FOUND_HERE = (CalibrationSource.SFM, CalibrationSource.BOARD, CalibrationSource.CHARUCO)
 
@@ -113,16 +150,15 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    candidate = _candidate(dataset, options)
-    found = candidate.calibration
+    found, shared, board, check = _candidate(dataset, options)
     views = calibrated_views(dataset, found)
-    quality = judge_calibration(views, candidate.shared)
+    quality = judge_calibration(views, shared)
     if options.source in FOUND_HERE or own:
         advice = f", {GIVE_LENSES}" if GUESS in found.source else ""
         refuse_bad_calibration(quality, len(dataset.cameras), advice)
-    if candidate.check is not None and not candidate.check.holds:
+    if check is not None and not check.holds:
         raise BadInputError(
-            f"this calibration no longer holds: {candidate.check}",
+            f"this calibration no longer holds: {check}",
             hint="calibrate the rig again, from a board",
         )
     if options.rescales:
@@ -137,8 +173,8 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         missing=tuple(name for name in dataset.cameras if name not in views),
         unit=found.unit,
         quality=quality,
-        check=candidate.check,
-        board=candidate.board,
+        check=check,
+        board=board,
         stored=stores,
         kept=keeps and _keep(dataset, found),
     )
@@ -155,14 +191,38 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
     return count_coverage(dataset, options.board, corners)
 
 
-def _candidate(dataset: Dataset, options: CalibrateOptions) -> Candidate:
+def _candidate(
+    dataset: Dataset, options: CalibrateOptions
+) -> tuple[Calibration, SharedPoints, BoardCoverage | None, RigCheck | None]:
+    """Return a calibration, and pixels of points that pairs of cameras share, by which it is judged.
+
+    Also returns what a board covered, and for a calibration not computed here a check for moved cameras.
+    """
     match options.source:
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
-            return from_board(dataset, options.board, options.recordings, options.lens_recordings)
+            return *_from_board(dataset, options), None
         case CalibrationSource.SFM:
-            return from_still_points(dataset, options.field_of_view_deg)
+            with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+                rig = Rig(dataset, Path(scratch))
+                found = calibrate_from_images(rig.motion, options.field_of_view_deg)
+                return found, _still_points(rig, calibrated_views(dataset, found)), None, None
         case _:
-            return from_elsewhere(dataset, options.source)
+            found, shared, check = _from_elsewhere(dataset, options.source)
+            return found, shared, None, check
+
+
+def _from_board(
+    dataset: Dataset, options: CalibrateOptions
+) -> tuple[Calibration, SharedPoints, BoardCoverage]:
+    """Calibrate from recordings of a board, or from the session itself; its corners judge the result."""
+    board, recordings = options.board, open_recordings(dataset, options.recordings)
+    corners = detect_board(recordings, board)
+    if not corners:
+        _refuse_turned_board(recordings[0], board)
+    _say_if_ambiguous(dataset, board)
+    lenses = lenses_of_recordings(dataset, board, options.lens_recordings)
+    found = calibrate_from_board(recordings[0], board, corners, lenses)
+    return found, shared_corners(corners), count_coverage(dataset, board, corners)
 
 
 def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -> Calibration:
@@ -198,3 +258,103 @@ def _keep(dataset: Dataset, calibration: Calibration) -> bool:
         talk(f"the calibration is not kept for later sessions: {error}")
         return False
     return True
+
+
+def _say_if_ambiguous(dataset: Dataset, board: Board) -> None:
+    if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
+        talk(
+            f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
+            "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
+        )
+
+
+def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
+    """Raise BadInputError if the images show the board with columns and rows exchanged."""
+    detector = BoardDetector(replace(board, across=board.down, down=board.across))
+    for name in dataset.cameras:
+        for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
+            if detector.detect(dataset.grey(name, instant)):
+                turned = f"{board.down}x{board.across}"
+                raise BadInputError(
+                    f"{name} shows a board of {turned} squares, not {board.shape}", hint=f"--board {turned}"
+                )
+
+
+def _from_elsewhere(
+    dataset: Dataset, source: CalibrationSource | Path
+) -> tuple[Calibration, SharedPoints, RigCheck]:
+    """Load a calibration of the session, its rig or another session, and check it against static points."""
+    if source is CalibrationSource.SESSION:
+        found = dataset.calibration()
+        if found is None:
+            raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
+    elif source is CalibrationSource.KEPT:
+        stored = find_calibration(camera_modes(dataset))
+        if stored is None:
+            modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
+            raise BadInputError(
+                f"no calibration is kept of these cameras in these modes: {', '.join(modes)}",
+                hint="reconstruct calibrate keeps one; another session's can be given by its path",
+            )
+        found = stored.with_origin
+    else:
+        found = read_calibration(dataset, Path(source))
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig, (views, faults) = Rig(dataset, Path(scratch)), sound_views(dataset, found)
+        # A calibration that is judged, and may be stored, must have no fault at all.
+        refuse_faults(dataset, (), faults)
+        return found, _still_points(rig, views), check_rig(views, rig.middle_features)
+
+
+def read_calibration(dataset: Dataset, path: Path) -> Calibration:
+    """Read the calibration of another session's folder, or any calibration file that can be imported.
+
+    Raises:
+        BadInputError: there is no calibration, or that session's cameras had other image sizes.
+    """
+    if path.is_file() or not (path / MANIFEST).is_file():
+        sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
+        return fit_calibration(read_views([("", path)], dataset.cameras), sizes)
+    other = Dataset.open(path)
+    found = other.calibration()
+    if found is None:
+        raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
+    ours, theirs = camera_modes(dataset), camera_modes(other)
+    for name in ours.keys() & theirs.keys():
+        if ours[name] != theirs[name]:
+            what = ", ".join(
+                f"{mode.model} {mode.width}x{mode.height} in {where.name}"
+                for where, mode in ((dataset, ours[name]), (other, theirs[name]))
+            )
+            raise BadInputError(
+                f"{name} is not the same camera in the same mode: {what}",
+                hint="calibrate in the session's own mode, from a board: --recording BOARD_SESSION",
+            )
+    return msgspec.structs.replace(found, source=f"{found.source or 'unknown'}, given by {other.name}")
+
+
+def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
+    """Open the sessions that show the board to a session's cameras; without paths the session itself.
+
+    Raises:
+        BadInputError: a recording is of other cameras, or of other image sizes.
+    """
+    recordings = [Dataset.open(path) for path in paths] or [dataset]
+    for recording in recordings:
+        if recording.cameras != dataset.cameras:
+            raise BadInputError(
+                f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
+                hint=f"give recordings by the cameras of {dataset.name}: {', '.join(dataset.cameras)}",
+            )
+        refuse_other_sizes(recording, dataset, dataset.cameras)
+    return recordings
+
+
+def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
+    """Return points at rest that pairs of cameras share, at the middle of the burst."""
+    features = rig.middle_features
+    return {
+        (a, b): match_features(features[a], features[b])
+        for a, b in combinations([name for name in features if name in views], 2)
+        if angle_deg(views[a].axis, views[b].axis) < MAX_AXIS_ANGLE_DEG
+    }

@@ -130,9 +130,8 @@ def calibrate(
 
     docs/calibration.md shows all steps, beginning with the board to print (reconstruct board).
     """
-    from reconstruction.calibration.calibration_run import CalibrateOptions, cover
+    from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.calibration.calibration_run import calibrate as run
-    from reconstruction.calibration.calibration_sources import CalibrationSource
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")

@@ -1,6 +1,7 @@
-"""Detection of moving pixels: differences over time in the images of a static camera, and mask files."""
+"""Detection of motion: moving pixels in the images of a static camera, mask files, and moving cameras."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,9 @@ from capture_app.console.terminal import Progress
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
+from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.memory import ByteCache, memory_budget
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 
 MIN_AREA_PX = 24
@@ -27,6 +30,20 @@ BACKGROUND_ROWS = 256
 MARGIN_PX = 5
 CACHE_FRACTION = 0.05
 """Fraction of the memory budget for each cache of masks or backgrounds."""
+GRID = (8, 6)
+"""Cells across and down; each counts once, so that a highly textured object does not dominate."""
+CELL_POINTS = 6
+MIN_CELLS = 8
+"""Minimum number of cells in which points can be tracked; with fewer the motion is unknown."""
+PAIRS = 4
+"""Number of image pairs that are compared."""
+APART_NS = 500_000_000
+"""Minimum time between the images of a pair; half the burst if that is shorter."""
+MIN_STILL = 0.25
+"""Minimum static fraction of the image; below it the camera moves, or moving objects fill its view."""
+SIDE_PX = 640
+"""Longer side to which larger images are reduced."""
+TRACKED_PX = 15
 
 
 def median_background(images: Sequence[Array]) -> Array:
@@ -51,17 +68,18 @@ def detect_moving(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     # Robust standard deviation of the differences of static pixels.
     noise = max(float(np.median(difference)) for difference in differences) * 1.4826
     mask = (change > max(MIN_GREY_STEP, 4.0 * noise) + SHAKE_PX * _gradient(still)).astype(np.uint8)
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
+    for how, size_px in ((cv2.MORPH_OPEN, 3), (cv2.MORPH_CLOSE, 9)):
+        mask = cv2.morphologyEx(mask, how, _disc(size_px))
     return _fill_spots(mask)
 
 
 def dilate(mask: Array, radius_px: int) -> Array:
     """Return a mask (bool) dilated by a radius, px."""
-    size = 2 * radius_px + 1
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), _disc(2 * radius_px + 1)) > 0)
+
+
+def _disc(size_px: int) -> Array:
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size_px, size_px))
 
 
 def _grey_difference(a: Array, b: Array) -> Array:
@@ -135,18 +153,84 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        step = max(1, len(there) // BACKGROUND_FRAMES)
-        return median_background([self.dataset.grey(camera, k) for k in there[::step]])
+        thinned = there[:: max(1, len(there) // BACKGROUND_FRAMES)]
+        return median_background([self.dataset.grey(camera, k) for k in thinned])
 
     def _detect_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels, packed eight to a byte."""
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
-        if not near:
-            near = [k for k in there if k != instant][:1]
-        others = [self.dataset.grey(camera, k) for k in near]
-        found = detect_moving(self.dataset.grey(camera, instant), others, self.background(camera))
-        return np.packbits(found)
+        near = near or [k for k in there if k != instant][:1]
+        image, *others = (self.dataset.grey(camera, k) for k in (instant, *near))
+        return np.packbits(detect_moving(image, others, self.background(camera)))
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """Motion of a camera's image: `still_fraction` of it is static; its median motion is `px` in `ms`."""
+
+    still_fraction: float
+    px: float
+    ms: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moved, or nearly everything in its view did, which looks the same."""
+        return self.still_fraction < MIN_STILL
+
+
+def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
+    """Track points between some of a camera's images; None if too few can be tracked."""
+    times = [dataset.instants_ns[k] for k in dataset.instants(camera)]
+    if len(times) < 2:
+        return None
+    # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
+    for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
+        found = _follow_pairs(dataset, camera, max(1, apart_ns))
+        if found:
+            return CameraMotion(*(float(np.median(values)) for values in zip(*found, strict=True)))
+    return None
+
+
+def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[float, float, float]]:
+    """Return static fraction, median motion (px) and time (ms) of image pairs at least `apart_ns` apart."""
+    there, times = dataset.instants(camera), dataset.instants_ns
+    later = {k: next((j for j in there if times[j] - times[k] >= apart_ns), None) for k in there}
+    pairs = [(k, j) for k, j in later.items() if j is not None]
+    found = []
+    for before, after in evenly_spaced(pairs, PAIRS):
+        moved = _cell_motions(dataset.grey(camera, before), dataset.grey(camera, after))
+        if len(moved) >= MIN_CELLS:
+            ms = (times[after] - times[before]) / 1e6
+            found.append((float((moved < SHAKE_PX).mean()), float(np.median(moved)), ms))
+    return found
+
+
+def _cell_motions(before: Array, after: Array) -> Array:
+    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked."""
+    scale = min(1.0, SIDE_PX / max(before.shape))
+    if scale < 1:
+        before, after = (
+            cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            for image in (before, after)
+        )
+    height, width = before.shape
+    across, down = width // GRID[0], height // GRID[1]
+    corners = []
+    for row, column in np.ndindex(*reversed(GRID)):
+        left, top = column * across, row * down
+        part = np.ascontiguousarray(before[top : top + down, left : left + across])
+        some = cv2.goodFeaturesToTrack(part, CELL_POINTS, 0.1, 5)
+        if some is not None:
+            corners.append(some.reshape(-1, 2) + np.array([left, top], np.float32))
+    if not corners:
+        return np.zeros(0)
+    start = np.concatenate(corners)
+    there, drift = track_there_and_back(before, after, start, TRACKED_PX)
+    lengths = np.linalg.norm(there - start, axis=1) / scale
+    sure = np.where(drift < SHAKE_PX / 2, lengths, np.nan)
+    cells = np.split(sure, np.cumsum([len(some) for some in corners])[:-1])
+    return np.array([np.nanmedian(of) for of in cells if np.isfinite(of).sum() >= 2])
 
 
 class MovingMasks(Struct, frozen=True, kw_only=True):
@@ -180,8 +264,11 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
             for instant in dataset.instants(camera):
                 mask = motion.widened_moving(camera, instant)
                 moving.append(float(mask.mean()))
-                white = mask.astype(np.uint8) * 255
-                full = cv2.resize(white, (facts.width, facts.height), interpolation=cv2.INTER_NEAREST)
-                write_image(masks / f"{instant:06d}.png", np.asarray(full))
+                full = cv2.resize(
+                    mask.astype(np.uint8) * 255,
+                    (facts.width, facts.height),
+                    interpolation=cv2.INTER_NEAREST,
+                )
+                write_image(masks / f"{instant:06d}.png", full)
             shares[camera] = sum(moving) / len(moving)
     return MovingMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)

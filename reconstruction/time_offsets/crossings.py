@@ -111,18 +111,16 @@ def find_crossings(
     `counts` and `shared_px` (n,) are as in `Crossings`.
     """
     a, b = paths
-    later = _crossed(views, a, b)
-    earlier = _crossed(views[::-1], b, a)
-    parts = []
-    for offset_ms, across in (later, (-earlier[0], -earlier[1])):
-        good = np.isfinite(offset_ms)
-        if good.any():
-            geometry = geometry_terms(*views, a[0][1][good], b[0][1][good])
-            instants = np.full(int(good.sum()), instant)
-            parts.append(
-                Crossings(instants, offset_ms[good], across[good], counts[good], shared_px[good], geometry)
-            )
-    return Crossings.join(parts)
+    later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
+    offset_ms, across = (np.concatenate([one, -other]) for one, other in zip(later, earlier, strict=True))
+    good = np.isfinite(offset_ms)
+    if not good.any():
+        return Crossings.join(())
+    at_a, at_b, counts, shared_px = (
+        np.concatenate([of, of])[good] for of in (a[0][1], b[0][1], counts, shared_px)
+    )
+    instants, geometry = np.full(len(counts), instant), geometry_terms(*views, at_a, at_b)
+    return Crossings(instants, offset_ms[good], across[good], counts, shared_px, geometry)
 
 
 def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, Array]:
@@ -140,8 +138,7 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
         bend = np.where(both, (slope_after - slope_before) / (late - early), 0.0)
         straight = np.where(np.isfinite(slope_before), slope_before, slope_after)
         slope = np.where(both, slope_before - bend * early, straight)
-        root = np.sqrt(slope**2 - 4 * bend * now)
-        when = -2 * now / (slope + np.copysign(root, slope))
+        when = -2 * now / (slope + np.copysign(np.sqrt(slope**2 - 4 * bend * now), slope))
         first = np.where(np.isfinite(slope_before), early, -0.2 * late)
         last = np.where(np.isfinite(slope_after), late, -0.2 * early)
         inside = (when >= first) & (when <= last)
@@ -223,8 +220,8 @@ class OffsetFit:
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
         moved = tuple(structs.replace(one, late_ms=one.late_ms + by_ms) for one in self.instants)
-        offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
-        return replace(self, offset_ms=offset_ms, instants=moved)
+        found = replace(self, instants=moved)
+        return found if self.offset_ms is None else replace(found, offset_ms=self.offset_ms + by_ms)
 
 
 def misfit(count: int, points: str, off_px: float) -> OffsetFit:
@@ -258,8 +255,8 @@ def fit_offset(
     peak, votes, rival = _best_offset(seen, period_ms)
     if votes < MIN_VOTES or votes < DISTINCT * rival:
         return OffsetFit(reason="the moving points do not agree on one offset")
-    misses = (seen.offset_ms - peak) * seen.across_px_per_ms
-    near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
+    late_ms = seen.offset_ms - peak
+    near = (np.abs(late_ms * seen.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
     at_rest.values[0] = peak
     fit = _Fit(found.only(near), still, prior_sd, at_rest)
     instants = _by_instant(fit, period_ms)
@@ -268,9 +265,9 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    sd_ms = max(fit.sd_ms, _drift_sd_ms(instants))
+    sd_ms = float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS))
     off_px = recorded_px if recorded_px > MAX_AT_REST_PX else None
-    return OffsetFit(float(fit.values[0]), float(np.hypot(sd_ms, SYSTEMATIC_MS)), "", instants, votes, off_px)
+    return OffsetFit(float(fit.values[0]), sd_ms, "", instants, votes, off_px)
 
 
 def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
@@ -303,8 +300,8 @@ def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, floa
     for offset, width, count in zip(found.offset_ms, widths, found.counts, strict=True):
         votes += count * np.exp(-0.5 * ((grid - offset) / width) ** 2)
     best = int(votes.argmax())
-    elsewhere = votes[np.abs(grid - grid[best]) >= period_ms]
-    return float(grid[best]), float(votes[best]), float(elsewhere.max(initial=0.0))
+    elsewhere = np.abs(grid - grid[best]) >= period_ms
+    return float(grid[best]), float(votes[best]), float(votes[elsewhere].max(initial=0.0))
 
 
 class _Fit:
@@ -320,10 +317,10 @@ class _Fit:
         self.moving = moving
         count = len(moving.counts)
         still_px, still_geometry = still
-        rows = np.column_stack(
+        rows = np.block(
             [
-                np.concatenate([moving.across_px_per_ms, np.zeros(len(still_px))]),
-                np.concatenate([moving.geometry, still_geometry]),
+                [moving.across_px_per_ms[:, None], moving.geometry],
+                [np.zeros((len(still_px), 1)), still_geometry],
             ]
         )
         seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
@@ -333,8 +330,9 @@ class _Fit:
         if at_rest is not None:
             # Static points match to MATCH_PX; the geometry's terms do not explain larger residuals.
             shared_px2 += max(0.0, at_rest.rest_px**2 - MATCH_PX**2)
+        counts = np.append(moving.counts, np.ones(len(still_px)))
         parts = _parts(moving.geometry, moving.instant)
-        max_still = _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2
+        max_still = _parts(still_geometry, np.zeros(len(still_px))) / SHARED_PX**2
         self.values: Array = np.zeros(1 + TERMS) if at_rest is None else at_rest.values
         match_px = 2.0
         for step in range(ROUNDS):
@@ -342,9 +340,8 @@ class _Fit:
             if step:
                 match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
             rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
-            sds = np.concatenate([np.hypot(match_px, moving.shared_px), np.full(len(seen) - count, rest_px)])
-            weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
-            weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
+            sds = np.append(np.hypot(match_px, moving.shared_px), np.full(len(still_px), rest_px))
+            weights = counts / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
             # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
             weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
             # Successive instants share the error of an outline.

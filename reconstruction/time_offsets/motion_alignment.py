@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
 
 from capture_app.console.terminal import Progress
-from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
+from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
@@ -38,22 +39,18 @@ DISTINCT = 1.5
 def measure_activity(dataset: Dataset, camera: str) -> Activity:
     """Measure the change from each of a camera's images to the next, timed at the middle between them."""
     there = dataset.instants(camera)
-    epoch_ns = dataset.instants_ns[0]
-    before: Array | None = None
-    times, changes, last_ms = [], [], 0.0
-    for instant in there:
-        image = dataset.grey(camera, instant)
-        scale = SIDE_PX / max(image.shape)
-        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
-        at_ms = (dataset.record(camera, instant).leader_ns - epoch_ns) / 1e6
-        if before is not None:
-            difference = np.abs(small - before)
-            # Switching a light is not motion.
-            difference = np.clip(difference - np.median(difference), 0, None)
-            times.append((at_ms + last_ms) / 2)
-            changes.append(float(difference.mean()) / (at_ms - last_ms))
-        before, last_ms = small, at_ms
-    return np.array(times), np.array(changes)
+    scale = SIDE_PX / max(dataset.size(camera))
+    small = (
+        cv2.resize(dataset.grey(camera, k), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        for k in there
+    )
+    changes = []
+    for before, after in pairwise(small):
+        difference = cv2.absdiff(before, after).astype(np.float32)
+        # Switching a light is not motion.
+        changes.append(float(np.clip(difference - np.median(difference), 0, None).mean()))
+    times_ms = np.array([dataset.record(camera, k).leader_ns - dataset.instants_ns[0] for k in there]) / 1e6
+    return (times_ms[1:] + times_ms[:-1]) / 2, np.array(changes) / np.diff(times_ms)
 
 
 def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Sequence[float]:
@@ -90,25 +87,18 @@ def _correlation(a: Array, b: Array, lag: int) -> float:
     x, y = a[begin:end], b[begin - lag : end - lag]
     x, y = x - x.mean(), y - y.mean()
     size = float(np.linalg.norm(x) * np.linalg.norm(y))
-    if size == 0:
-        return -1.0
-    return float(x @ y) / size * float(np.sqrt(end - begin))
+    return float(x @ y) / size * float(np.sqrt(end - begin)) if size else -1.0
 
 
 class MotionAlignment:
     """Alignment of a calibrated rig's cameras in time; the points of each image are detected once."""
 
     def __init__(self, rig: Rig, progress: Progress) -> None:
-        self.rig = rig
         self.dataset = rig.dataset
         self.progress = progress
         self.offsets = PairOffsets(rig)
         self._pairs = {frozenset(pair) for pair in likely_pairs(rig)}
         self._activity = lru_cache(maxsize=None)(partial(measure_activity, self.dataset))
-
-    def measure(self) -> dict[str, CameraTimes]:
-        """Measure each camera's times relative to the first camera's, starting from the session's times."""
-        return chain_cameras(self.dataset.cameras, self.against)
 
     def against(self, first: str, second: str) -> CameraTimes:
         """Measure the second camera's times relative to the first's; the result has an offset or a reason."""
@@ -120,9 +110,7 @@ class MotionAlignment:
         if isinstance(rough, str):
             return CameraTimes(reason=rough)
         fit = self.offsets.measure(first, second, MAX_INSTANTS, rough=rough)
-        if fit.offset_ms is None:
-            return CameraTimes(reason=fit.reason)
-        return self._line(first, second, fit)
+        return CameraTimes(reason=fit.reason) if fit.offset_ms is None else self._line(first, second, fit)
 
     def _rough(self, first: str, second: str) -> RoughOffset | str:
         """Return the candidate offset on which most points agree, or the reason why there is none."""
@@ -140,9 +128,8 @@ class MotionAlignment:
             return reason
         votes, best_ms = max(tried)
         rivals = [other for other, at_ms in tried if abs(at_ms - best_ms) > period_ms]
-        if votes < DISTINCT * max(rivals, default=0.0):
-            return "the moving points fit several offsets"
-        return best_ms, 1.5 * period_ms
+        distinct = votes >= DISTINCT * max(rivals, default=0.0)
+        return (best_ms, 1.5 * period_ms) if distinct else "the moving points fit several offsets"
 
     def _line(self, first: str, second: str, fit: OffsetFit) -> CameraTimes:
         times = ImageTimes(self.dataset, (first, second))

@@ -12,10 +12,10 @@ from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
-from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.session.moving_pixels import CameraMotion, measure_camera_motion
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
     TYPICAL_AT_REST_PX,

@@ -38,16 +38,15 @@ def measure_rig_offsets(
     their epipolar lines, contribute nothing. A camera that no chain of pairs joins to the reference gets a
     reason instead of an offset. `finder` is a `PairOffsets` to reuse that has already read these images.
     """
-    data = rig.dataset
     finder = finder or PairOffsets(rig)
     pairs = likely_pairs(rig)
     progress = progress or Progress(0, silent=True)
     progress.total += len(pairs)
     measured = {}
-    for pair in pairs:
-        progress.step(f"{pair[1]} against {pair[0]}")
-        measured[pair] = finder.measure(*pair)
-    return adjust_offsets(data.cameras, reference, measured, preferred)
+    for first, second in pairs:
+        progress.step(f"{second} against {first}")
+        measured[first, second] = finder.measure(first, second)
+    return adjust_offsets(rig.dataset.cameras, reference, measured, preferred)
 
 
 def likely_pairs(rig: Rig) -> list[Pair]:
@@ -74,11 +73,7 @@ def adjust_offsets(
 
     `reference` and `preferred` are as in `measure_rig_offsets`.
     """
-    known = {
-        pair: (fit.offset_ms, fit.sd_ms)
-        for pair, fit in measured.items()
-        if fit.offset_ms is not None and fit.sd_ms is not None
-    }
+    known = {pair: (fit.offset_ms, fit.sd_ms) for pair, fit in measured.items() if fit.offset_ms is not None}
     reference = reference or max(names, key=lambda name: (len(_joined_to(name, known)), name == preferred))
     joined = _joined_to(reference, known)
     others = [name for name in names if name in joined and name != reference]
@@ -107,10 +102,7 @@ def adjust_offsets(
                 against=tuple(other for pair in its for other in pair if other != name),
                 misfit_px=max((off for pair in its if (off := measured[pair].misfit_px)), default=None),
             )
-    for name in names:
-        if name not in found:
-            found[name] = CameraTime(reason=_why(name, measured, known))
-    return {name: found[name] for name in names}
+    return {n: found[n] if n in found else CameraTime(reason=_why(n, measured, known)) for n in names}
 
 
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
@@ -127,6 +119,5 @@ def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, obj
     if any(name in pair for pair in measured if pair in known):
         return "it was measured only against cameras whose own offset is not known"
     reasons = [fit.reason for pair, fit in measured.items() if name in pair]
-    if not reasons:
-        return "it has no calibration, or its view overlaps with no other camera's"
-    return max(set(reasons), key=reasons.count)
+    alone = "it has no calibration, or its view overlaps with no other camera's"
+    return max(set(reasons), key=reasons.count) if reasons else alone

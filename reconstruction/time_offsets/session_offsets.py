@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
+from capture_app.session.alignment.clock_line import chain_cameras
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from reconstruction.calibration.calibrated_rig import Rig
@@ -61,7 +62,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     if alone:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             rig = _calibrated(dataset, Path(scratch), progress)
-            aligned = MotionAlignment(rig, progress).measure()
+            aligned = chain_cameras(dataset.cameras, MotionAlignment(rig, progress).against)
         cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, rig.source
     else:
         cameras, calibration = _common_times(dataset, reference, progress)

@@ -10,8 +10,8 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.scores.timing import measure_pair_timing
-from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import measure_camera_motion
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 

@@ -49,8 +49,8 @@ class Features:
 
     def at_rest(self, moving: Array) -> "Features":
         """Return the features of clear contrast outside a mask (bool) of the full image."""
-        last = moving.shape[1] - 1, moving.shape[0] - 1
-        columns, rows = np.floor(self.positions + 0.5).astype(int).clip(0, last).T
+        height, width = moving.shape
+        columns, rows = np.floor(self.positions + 0.5).astype(int).clip(0, (width - 1, height - 1)).T
         still = (self.contrast >= CLEAR_CONTRAST) & ~moving[rows, columns]
         return Features(self.positions[still], self.descriptors[still], self.contrast[still])
 
@@ -118,26 +118,17 @@ def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
 
 def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
     """Return the cells of `GRID` that contain pixels (n, 2) of an image of this size."""
-    last = GRID[0] - 1, GRID[1] - 1
-    cells = np.floor(at / (width, height) * GRID).clip(0, last).astype(int)
+    cells = np.floor(at / (width, height) * GRID).clip(0, np.array(GRID) - 1).astype(int)
     return {(int(x), int(y)) for x, y in cells}
-
-
-@dataclass(frozen=True)
-class Homography:
-    """Homography that fits the most static points: 3x3, pixels of the first to the second camera."""
-
-    matrix: Array
-    overlap: float
-    """Fraction of the first camera's image that the second overlaps."""
-    inliers: int
-    matches: int
 
 
 def fit_homography(
     at_a: Array, at_b: Array, size_a: tuple[int, int], size_b: tuple[int, int]
-) -> Homography | None:
-    """Fit the homography of two cameras to matched static points (n, 2); None if nothing fits."""
+) -> tuple[float, float] | None:
+    """Fit the homography of two cameras to matched static points (n, 2); None if nothing fits.
+
+    Returns the fraction of the first camera's image that the second overlaps, and that of matches that fit.
+    """
     if len(at_a) < MIN_MATCHES:
         return None
     matrix, inliers = cv2.findHomography(
@@ -145,15 +136,9 @@ def fit_homography(
     )
     if matrix is None or int(inliers.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
         return None
-    overlap = _overlap(np.linalg.inv(matrix), size_b, size_a)
-    return Homography(np.asarray(matrix), overlap, int(inliers.sum()), len(at_a))
-
-
-def _overlap(into: Array, size: tuple[int, int], frame: tuple[int, int]) -> float:
-    """Return the fraction of a frame (width, height) that an image of `size` covers after the homography."""
-    mask = np.full((size[1], size[0]), 255, np.uint8)
-    covered = cv2.warpPerspective(mask, into, frame, flags=cv2.INTER_NEAREST)
-    return float((covered > 0).mean())
+    second = np.full((size_b[1], size_b[0]), 255, np.uint8)
+    covered = cv2.warpPerspective(second, np.linalg.inv(matrix), size_a, flags=cv2.INTER_NEAREST)
+    return float((covered > 0).mean()), float(inliers.mean())
 
 
 def baseline(reference: View, other: View) -> float:
@@ -182,11 +167,9 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
     length = baseline(reference, other)
     rotation, translation = other_from_reference(reference, other)
     x = -rotation.T @ translation / length
-    lead = int(np.argmax(np.abs(x[:2])))
-    mirror = bool(x[lead] < 0)
-    if mirror:
-        x = -x
-    z = np.array([0.0, 0.0, 1.0]) + rotation.T @ np.array([0.0, 0.0, 1.0])
+    mirror = bool(x[np.argmax(np.abs(x[:2]))] < 0)
+    x = -x if mirror else x
+    z = np.array([0.0, 0.0, 1.0]) + rotation[2]
     z -= (z @ x) * x
     if np.linalg.norm(z) < 0.2:
         raise ValueError(f"the cameras stand one behind the other (baseline {length:.3g})")
@@ -208,8 +191,7 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
     aside = (
         f"baseline {length:.3g}, viewing directions {angle_deg(reference.axis, other.axis):.0f} degrees apart"
     )
-    ahead = rays[:, 2] / np.linalg.norm(rays, axis=1)
-    if not ahead.min() > MIN_AHEAD:
+    if not (rays[:, 2] / np.linalg.norm(rays, axis=1)).min() > MIN_AHEAD:
         raise ValueError(
             f"their pictures have no common plane: it would take a canvas without bounds ({aside})"
         )
@@ -248,8 +230,7 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
         "static scene has no texture"
     )
     best, choice = -np.inf, PairChoice(None, why)
-    left_out = {}
-    max_misfits = 0
+    left_out, max_misfits = {}, 0
     for a, b in combinations((name for name in points if name in views), 2):
         try:
             canvas_bounds(views[a], views[b])
@@ -291,16 +272,15 @@ def _near_epipolar_lines(a: View, b: View, at_a: Array, at_b: Array) -> Array:
 
 
 def _stereo_score(a: View, b: View, at_a: Array, at_b: Array) -> tuple[float, str]:
-    rotation = other_from_reference(a, b)[0]
+    rotation, apart = other_from_reference(a, b)[0], b.centre - a.centre
     parallax = float(np.median(angles_deg(a.rays(at_a) @ rotation.T, b.rays(at_b))))
     shared = len(grid_cells(at_a, a.width, a.height)) / CELLS
-    ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
-    angle = angle_deg(a.axis, b.axis)
+    ahead = abs(float(a.axis @ apart)) / float(np.linalg.norm(apart))
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
-    step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
+    step = np.abs(a.rotation @ apart)[:2]
     slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
     # A slanted baseline rotates the rectified images: more empty corners, and harder to look at.
-    score *= (1 - ahead**2) * np.exp(-((angle / 25) ** 2)) * (1 - slant)
+    score *= (1 - ahead**2) * np.exp(-((angle_deg(a.axis, b.axis) / 25) ** 2)) * (1 - slant)
     why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
     return float(score), why
 
@@ -317,14 +297,12 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
         found = fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])
         if found is None:
             continue
-        overlaps.append(found.overlap)
-        if not OVERLAP_LIMITS[0] <= found.overlap <= OVERLAP_LIMITS[1]:
-            continue
-        score = (1 - found.overlap) * (found.inliers / found.matches)
-        if score > best:
-            best, choice = score, PairChoice((a, b), f"{100 * found.overlap:.0f} % overlap")
+        overlap, fitting = found
+        overlaps.append(overlap)
+        score = (1 - overlap) * fitting
+        if score > best and OVERLAP_LIMITS[0] <= overlap <= OVERLAP_LIMITS[1]:
+            best, choice = score, PairChoice((a, b), f"{100 * overlap:.0f} % overlap")
     if overlaps and choice.cameras is None:
-        smallest = f"{100 * min(overlaps):.0f} % or more"
-        why = f"the cameras show too much of the same ({smallest}) for a panorama to show anything new"
-        return PairChoice(None, why)
+        why = f"the cameras show too much of the same ({100 * min(overlaps):.0f} % or more) for a panorama"
+        choice = PairChoice(None, f"{why} to show anything new")
     return choice

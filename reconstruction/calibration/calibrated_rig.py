@@ -61,9 +61,9 @@ def impossible(camera: CameraCalibration) -> str:
 
 
 def _lens_problem(camera: CameraCalibration) -> str:
-    widest = max(camera.width, camera.height)
+    shortest, longest = (limit * max(camera.width, camera.height) for limit in FOCAL_LIMITS)
     for focal in (camera.fx, camera.fy):
-        if not FOCAL_LIMITS[0] * widest <= focal <= FOCAL_LIMITS[1] * widest:
+        if not shortest <= focal <= longest:
             return f"a focal length of {focal:g} px for pictures of {camera.width}x{camera.height}"
     if not 1 / MAX_ASPECT <= camera.fx / camera.fy <= MAX_ASPECT:
         return f"focal lengths of {camera.fx:g} px across and {camera.fy:g} px down"
@@ -83,9 +83,7 @@ def _pose_problem(camera: CameraCalibration) -> str:
         )
     if np.linalg.det(rotation) < 0:
         return "its rotation is mirrored (determinant -1)"
-    if distance > MAX_CAMERA_DISTANCE:
-        return f"it stands {distance:.2g} units away"
-    return ""
+    return f"it stands {distance:.2g} units away" if distance > MAX_CAMERA_DISTANCE else ""
 
 
 def _distortion_problem(camera: CameraCalibration) -> str:
@@ -154,10 +152,10 @@ class Rig:
             NotAvailableError: COLMAP is required and is not installed here.
             BadInputError: no calibration can be found.
         """
-        found = self.dataset.calibration() or self.stages.record(
-            "calibration", Calibration, lambda: guess_calibration(self.motion)
+        self.use_calibration(
+            self.dataset.calibration()
+            or self.stages.record("calibration", Calibration, lambda: guess_calibration(self.motion))
         )
-        self.use_calibration(found)
 
     def use_calibration(self, calibration: Calibration) -> None:
         """Set the views from a given calibration.
@@ -199,22 +197,18 @@ class Rig:
         return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
 
     def _features_at_rest(self, instant: int) -> dict[str, Features]:
-        found = {}
-        for name in self.dataset.cameras:
-            if there := self.dataset.instants(name):
-                nearest = min(there, key=lambda k: abs(k - instant))
-                moving = self.motion.widened_moving(name, nearest)
-                found[name] = self.image_features(name, nearest).at_rest(moving)
-        return found
+        there = {name: self.dataset.instants(name) for name in self.dataset.cameras}
+        nearest = {name: min(of, key=lambda k: abs(k - instant)) for name, of in there.items() if of}
+        return {
+            name: self.image_features(name, k).at_rest(self.motion.widened_moving(name, k))
+            for name, k in nearest.items()
+        }
 
     def moving_share(self, instants: list[int]) -> float:
         """Return the largest fraction of moving pixels of any camera, averaged over these instants."""
-        shares = [0.0]
-        for name in self.dataset.cameras:
-            there = [k for k in instants if self.dataset.has_image(name, k)]
-            if there:
-                shares.append(float(np.mean([self.motion.detected_moving(name, k).mean() for k in there])))
-        return max(shares)
+        there = {c: [k for k in instants if self.dataset.has_image(c, k)] for c in self.dataset.cameras}
+        shares = {c: [self.motion.detected_moving(c, k).mean() for k in of] for c, of in there.items() if of}
+        return max((float(np.mean(of)) for of in shares.values()), default=0.0)
 
 
 def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
@@ -257,34 +251,32 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
         else:
             views[name] = View.from_calibration(known, *dataset.size(name))
     misplaced = _misplaced(views, calibration.unit)
-    twins = {name for name, _ in misplaced}
-    return {name: view for name, view in views.items() if name not in twins}, faults + misplaced
+    for name, _ in misplaced:
+        views.pop(name, None)
+    return views, faults + misplaced
 
 
 def _misplaced(views: Mapping[str, View], unit: str) -> list[Fault]:
     """Return the faults of the poses: cameras that have an earlier camera's pose, and a wrong unit."""
     size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
     faults: list[Fault] = []
-    nearest = dict.fromkeys(views, np.inf)
+    nearest: dict[str, float] = {}
     for (a, one), (b, other) in combinations(views.items(), 2):
         apart = float(np.linalg.norm(one.centre - other.centre))
-        turned = float(np.abs(one.rotation - other.rotation).max())
-        if apart <= SAME_FRACTION * size and turned <= SAME_FRACTION:
+        if apart <= SAME_FRACTION * size and np.abs(one.rotation - other.rotation).max() <= SAME_FRACTION:
             faults.append((b, f"{a} and {b} have one pose, as if they were one camera"))
         elif apart > 0:
-            nearest |= {a: min(nearest[a], apart), b: min(nearest[b], apart)}
-    known = [apart for apart in nearest.values() if np.isfinite(apart)]
-    spacing = float(np.median(known)) if known else 1.0
-    min_spacing, max_spacing = NEIGHBOURS_M
-    if unit == "m" and not min_spacing <= spacing <= max_spacing:
+            nearest |= {name: min(nearest.get(name, apart), apart) for name in (a, b)}
+    spacing = float(np.median(list(nearest.values()))) if nearest else 1.0
+    if unit == "m" and not NEIGHBOURS_M[0] <= spacing <= NEIGHBOURS_M[1]:
         faults.append(("", f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre"))
     return faults
 
 
 def refuse_faults(dataset: Dataset, views: Container[str], faults: Sequence[Fault]) -> None:
     """Raise BadInputError with all faults, if the whole rig has one or fewer than two cameras are left."""
-    left = [name for name in dataset.cameras if name in views]
-    if faults and (len(left) < 2 or not all(name for name, _ in faults)):
+    left = sum(name in views for name in dataset.cameras)
+    if faults and (left < 2 or not all(name for name, _ in faults)):
         found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
         raise BadInputError(
             found + "; ".join(text for _, text in faults),

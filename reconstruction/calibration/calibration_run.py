@@ -245,8 +245,8 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
         floor = open_recordings(dataset, (options.ground,))
         corners = detect_board(floor, options.board)
         world, times = world_of_board(views, options.board, corners, metric=found.unit == "m")
-        seen = count(times, "instant")
-        return in_world(found, world, "m", f"z up, ground by a board on it in {floor[0].name}, at {seen}")
+        how = f"z up, ground by a board on it in {floor[0].name}, at {count(times, 'instant')}"
+        return in_world(found, world, "m", how)
     return found
 
 

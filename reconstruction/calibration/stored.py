@@ -81,18 +81,19 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
         BadInputError: it has no scale and would replace one in metres, or cannot be written.
     """
     modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
-    path = _path(modes)
+    key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
+    path = shelf() / f"{len(modes)}-cameras-{key}.json"
     known = _read(path)
     if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
         raise BadInputError(
             f"the one kept from {known.session} is in metres, and this one has no scale",
             hint="--mark and --distance-m set it, or --scale-by-board",
         )
-    manifest = dataset.session.manifest
-    stored = StoredCalibration(
-        modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
+    created = dataset.session.manifest.created
+    write_calibration(
+        path,
+        StoredCalibration(modes=modes, session=dataset.name, created=created, calibration=calibration),
     )
-    write_calibration(path, stored)
 
 
 def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | None:
@@ -107,8 +108,7 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
     stored = best[1]
-    calibration = _in_same_mode(stored.calibration, stored.modes, modes)
-    return msgspec.structs.replace(stored, calibration=calibration)
+    return msgspec.structs.replace(stored, calibration=_in_same_mode(stored.calibration, stored.modes, modes))
 
 
 def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict[str, View]:
@@ -137,17 +137,9 @@ def _in_same_mode(
     calibration: Calibration, before: Mapping[str, CameraMode], now: Mapping[str, CameraMode]
 ) -> Calibration:
     """Return a calibration without the cameras whose mode has changed."""
-    same = {
-        name: camera
-        for name, camera in calibration.cameras.items()
-        if name in now and before.get(name) == now[name]
-    }
+    known = calibration.cameras.items()
+    same = {name: camera for name, camera in known if name in now and before.get(name) == now[name]}
     return msgspec.structs.replace(calibration, cameras=same)
-
-
-def _path(modes: dict[str, CameraMode]) -> Path:
-    key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
-    return shelf() / f"{len(modes)}-cameras-{key}.json"
 
 
 def write_calibration(path: Path, calibration: Calibration | StoredCalibration) -> None:
@@ -193,8 +185,7 @@ def choose_calibration(dataset: Dataset) -> None:
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
             faults += find_mixups(views, _middle_features(dataset, views))
-        bad = {name for name, _ in faults}
-        good = {name: own.cameras[name] for name in views if name not in bad}
+        good = {name: own.cameras[name] for name in views if name not in dict(faults)}
         refuse_faults(dataset, good, faults)
         if faults:
             dataset.adopt_calibration(msgspec.structs.replace(own, cameras=good))
@@ -210,28 +201,23 @@ def choose_calibration(dataset: Dataset) -> None:
         views = calibrated_views(dataset, stored.calibration)
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             check = check_rig(views, Rig(dataset, Path(scratch)).middle_features)
+        why = "" if check.holds else f"{check} (calibrate the rig again, as docs/calibration.md shows)"
     except BadInputError as error:
-        talk(f"the calibration kept from {stored.session} is not used: {error.what}")
-        return
-    if not check.holds:
-        talk(
-            f"the calibration kept from {stored.session} is not used: {check} "
-            "(calibrate the rig again, as docs/calibration.md shows)"
-        )
-        return
-    dataset.adopt_calibration(stored.with_origin)
-    talk(f"calibration kept from {stored.session} of {stored.created[:10]}: {describe_check(check)}")
+        why = error.what
+    if why:
+        talk(f"the calibration kept from {stored.session} is not used: {why}")
+    else:
+        dataset.adopt_calibration(stored.with_origin)
+        talk(f"calibration kept from {stored.session} of {stored.created[:10]}: {describe_check(check)}")
 
 
 def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
     """Return by camera the features of its middle image, if that can be read."""
     found = {}
     for name in cameras:
-        there = dataset.instants(name)
-        if there:
+        if there := dataset.instants(name):
             with suppress(BadInputError):
-                grey = dataset.grey(name, there[len(there) // 2])
-                found[name] = detect_features(grey, *least)
+                found[name] = detect_features(dataset.grey(name, there[len(there) // 2]), *least)
     return found
 
 
@@ -239,7 +225,5 @@ def describe_check(check: RigCheck) -> str:
     """Describe the result of a check."""
     if check.error_px is None:
         return "it cannot be checked: the cameras share too few static points"
-    text = f"{check} (points at rest fit within {check.error_px:.1f} px)"
-    if check.unchecked:
-        text += f"; not checked: {', '.join(check.unchecked)}"
-    return text
+    unchecked = f"; not checked: {', '.join(check.unchecked)}" if check.unchecked else ""
+    return f"{check} (points at rest fit within {check.error_px:.1f} px){unchecked}"

@@ -42,22 +42,19 @@ FEATURE_FRACTION = 0.6
 
 def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
     """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF."""
-    found = {}
-    for name in dataset.cameras:
-        width, height = dataset.size(name)
-        if field_of_view_deg is not None:
-            found[name] = width / 2 / math.tan(math.radians(field_of_view_deg) / 2)
-        elif (focal_35mm := _exif_focal_35mm(dataset, name)) is not None:
-            found[name] = focal_35mm / FILM_DIAGONAL_MM * math.hypot(width, height)
-    return found
+    if field_of_view_deg is not None:
+        half = math.tan(math.radians(field_of_view_deg) / 2)
+        return {name: dataset.size(name)[0] / 2 / half for name in dataset.cameras}
+    known = ((name, _exif_focal_35mm(dataset, name)) for name in dataset.cameras)
+    return {
+        name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name)) for name, mm in known if mm is not None
+    }
 
 
 def _exif_focal_35mm(dataset: Dataset, camera: str) -> int | None:
-    for instant in dataset.instants(camera)[:1]:
-        try:
+    with suppress(OSError, ValueError):
+        for instant in dataset.instants(camera)[:1]:
             return read_exif(dataset.image_bytes(camera, instant)).focal_35mm
-        except (OSError, ValueError):
-            return None
     return None
 
 
@@ -72,18 +69,17 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
     for name, camera in found.items():
         view_deg = field_of_view_deg(camera)
         likely = focal_px.get(name)
-        if likely is not None and not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO:
-            likely_deg = math.degrees(2 * math.atan(camera.width / 2 / likely))
+        if likely is None:
+            odd, why, exif = view_deg > WIDEST_DEG, "which is unlikely", ""
+        else:
+            odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
+            why = f"not {math.degrees(2 * math.atan(camera.width / 2 / likely)):.0f} as it likely does"
+            exif = "correct the pictures' EXIF, "
+        if odd:
             raise NotApplicableError(
-                f"{name} would see {view_deg:.0f} degrees wide, not {likely_deg:.0f} as it likely does: "
+                f"{name} would see {view_deg:.0f} degrees wide, {why}: "
                 "the static scene has too little depth to determine its lens",
-                hint="calibrate with a board, correct the pictures' EXIF, " + GIVE_LENSES,
-            )
-        if likely is None and view_deg > WIDEST_DEG:
-            raise NotApplicableError(
-                f"{name} would see {view_deg:.0f} degrees wide, which is unlikely: "
-                "the static scene has too little depth to determine its lens",
-                hint="calibrate with a board, " + GIVE_LENSES,
+                hint=f"calibrate with a board, {exif}{GIVE_LENSES}",
             )
 
 
@@ -158,27 +154,27 @@ def _found(
         )
     found = _cameras(rec, dataset)
     if len(found) < 2:
-        hint = f"the views need to overlap more{advice}"
-        raise NotApplicableError("only one camera could be placed", hint=hint)
+        raise NotApplicableError(
+            "only one camera could be placed", hint=f"the views need to overlap more{advice}"
+        )
+    guess = f", {GUESS}" if advice else ""
     lenses = ", focal lengths taken for granted" if held else _lens_errors_text(pycolmap, rec)
-    if len(focal_px) < len(cameras):
-        lenses = f", {GUESS}{lenses}"
-    missing = [name for name in dataset.cameras if name not in found]
-    lenses += f"; not placed: {', '.join(missing)}" if missing else ""
+    missing = ", ".join(name for name in dataset.cameras if name not in found)
+    left_out = f"; not placed: {missing}" if missing else ""
     return Calibration(
         cameras=found,
         unit="arbitrary",
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
-        f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px{lenses}",
+        f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
+        f"{guess}{lenses}{left_out}",
     )
 
 
 def _lens_errors_text(pycolmap: Any, rec: Any) -> str:
     """Describe the uncertainty of the focal lengths."""
-    errors = sorted(100 * error for error in focal_errors(pycolmap, rec))
-    if not errors:
-        return ", focal lengths perhaps far off"
-    return f", focal lengths off by up to {errors[0]:.1f} to {errors[-1]:.1f} % (95 %)"
+    percent = [100 * error for error in focal_errors(pycolmap, rec)]
+    off = f"off by up to {min(percent):.1f} to {max(percent):.1f} % (95 %)" if percent else "perhaps far off"
+    return f", focal lengths {off}"
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
@@ -201,14 +197,14 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
         config.add_image(image.image_id)
     for point in rec.points3D.values():
         track = pycolmap.Track()
-        for seen in point.track.elements:
-            if config.has_image(seen.image_id):
-                track.add_element(seen.image_id, seen.point2D_idx)
+        for seen in (one for one in point.track.elements if config.has_image(one.image_id)):
+            track.add_element(seen.image_id, seen.point2D_idx)
         if track.length() > 1:
             plain.add_point3D(point.xyz, track, point.color)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, plain)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(
+        pycolmap.BundleAdjustmentOptions(print_summary=False), config, plain
+    )
     solved = adjuster.solve().ceres_summary
     found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
     spare = solved.num_residuals - solved.num_effective_parameters
@@ -216,9 +212,8 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
-    variance = 2 * solved.final_cost / spare
     return [
-        2 * math.sqrt(variance * places[0, 0]) / float(lens[0])
+        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(lens[0])
         for places, lens in zip(covariances, lenses, strict=True)
     ]
 
@@ -227,8 +222,7 @@ def _choose_instants(dataset: Dataset) -> list[int]:
     """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
     instants = range(len(dataset.instants_ns))
     present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
-    max_cameras = max((len(names) for names in present.values()), default=0)
-    most_complete = [k for k in instants if len(present[k]) == max_cameras]
+    most_complete = [k for k in instants if len(present[k]) == max(map(len, present.values()))]
     places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
     chosen = {most_complete[int(i)] for i in places}
     for name in dataset.cameras:
@@ -263,8 +257,9 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
 
     scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
-    cores = len(usable_cores())
-    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, fraction=FEATURE_FRACTION)
+    options.num_threads = memory_budget().fit_count(
+        bytes_at(scale), len(usable_cores()), fraction=FEATURE_FRACTION
+    )
     return options
 
 
@@ -279,9 +274,7 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = "SIMPLE_RADIAL"
-    reader.mask_path = str(root / "masks")
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
         database,
@@ -302,8 +295,9 @@ def _solve(
     if found is None or found.num_reg_images() < 2:
         # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
         (work / "plain").mkdir()
-        options = pycolmap.IncrementalPipelineOptions(random_seed=0, multiple_models=False, min_model_size=2)
-        options.ba_refine_focal_length = not held
+        options = pycolmap.IncrementalPipelineOptions(
+            random_seed=0, multiple_models=False, min_model_size=2, ba_refine_focal_length=not held
+        )
         with suppress(ForeignError):
             found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
     return found
@@ -359,12 +353,11 @@ def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
         link = next((name for name in images if name in poses), None)
         if poses and link is None:
             continue
-        for name in [name for name in images if name not in poses]:
-            pose = images[name].cam_from_world()
+        for name in images.keys() - poses.keys():
+            poses[name] = images[name].cam_from_world()
             if link is not None:
-                pose = pose * images[link].cam_from_world().inverse() * poses[link]
-            poses[name] = pose
-            found[name] = _calibration(images[name], pose, dataset.size(name))
+                poses[name] = poses[name] * images[link].cam_from_world().inverse() * poses[link]
+            found[name] = _calibration(images[name], poses[name], dataset.size(name))
     return {name: found[name] for name in dataset.cameras if name in found}
 
 

@@ -45,12 +45,11 @@ def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
     Raises:
         BadInputError: a camera is unknown, or its marks do not match those in the other images.
     """
-    for name in marks:
-        if name not in views:
-            raise BadInputError(
-                f"--mark {name}=... cannot be used: {name} is not among the calibrated cameras",
-                hint=f"mark the points in {' or '.join(views)}",
-            )
+    if unknown := [name for name in marks if name not in views]:
+        raise BadInputError(
+            f"--mark {unknown[0]}=... cannot be used: {unknown[0]} is not among the calibrated cameras",
+            hint=f"mark the points in {' or '.join(views)}",
+        )
     if len(marks) < 2:
         raise BadInputError(
             "a distance needs its two ends marked in two cameras", hint="--mark CAMERA=X1,Y1,X2,Y2 for each"
@@ -83,13 +82,12 @@ def metres_per_unit_by_board(
     Raises:
         BadInputError: no two cameras see enough of the board at one moment.
     """
-    factors = []
-    for seen in corners_by_moment(corners).values():
-        factors += [
-            factor
-            for a, b in combinations((name for name in seen if name in views), 2)
-            if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
-        ]
+    factors = [
+        factor
+        for seen in corners_by_moment(corners).values()
+        for a, b in combinations((name for name in seen if name in views), 2)
+        if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
+    ]
     if not factors:
         raise BadInputError(
             "no two cameras see the board well enough at one instant to measure the scale",
@@ -113,9 +111,9 @@ def _board_factor(
     )
     if worst > MAX_BOARD_ERROR_PX * size_above_features(views[0].width, views[0].height):
         return None
-    places = board.places[both].astype(float)
-    spreads = (float(np.linalg.norm(of - of.mean(0))) for of in (places, points))
-    true, found = spreads
+    true, found = (
+        float(np.linalg.norm(of - of.mean(0))) for of in (board.places[both].astype(float), points)
+    )
     return true / found if found > 0 else None
 
 
@@ -139,8 +137,9 @@ def in_world(calibration: Calibration, world: World, unit: str, how: str) -> Cal
             rotation=tuple(tuple(float(v) for v in row) for row in rotation),
             translation=tuple(float(v) for v in translation),
         )
-    source = f"{calibration.source}; {how}"
-    return msgspec.structs.replace(calibration, cameras=cameras, unit=unit, source=source)
+    return msgspec.structs.replace(
+        calibration, cameras=cameras, unit=unit, source=f"{calibration.source}; {how}"
+    )
 
 
 def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
@@ -152,9 +151,8 @@ def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
     foot, head = marked_points(views, marks)
     up = (head - foot) / np.linalg.norm(head - foot)
     first = next(iter(views.values()))
-    ahead = first.axis
-    if abs(up @ ahead) > 0.99:  # it looks straight up or down: the top of its picture is ahead
-        ahead = -first.rotation[1]
+    # If it looks straight up or down, the top of its picture is ahead.
+    ahead = first.axis if abs(up @ first.axis) <= 0.99 else -first.rotation[1]
     ahead = ahead - (up @ ahead) * up
     ahead /= np.linalg.norm(ahead)
     rotation = np.array([np.cross(ahead, up), ahead, up])
@@ -181,16 +179,13 @@ def world_of_board(
             "no two cameras see the board on the ground well enough at one instant",
             hint="lay it where two cameras see it large; check --board and --square-mm",
         )
-    normal = fits[0].rotation[2]
-    if any(angle_deg(fit.rotation[2], normal) > MAX_ROTATION_DEG for fit in fits):
+    if any(angle_deg(fit.rotation[2], fits[0].rotation[2]) > MAX_ROTATION_DEG for fit in fits):
         raise BadInputError(
             "the board on the ground moves", hint="record it again with the board lying still"
         )
     world = fits[len(fits) // 2]
-    heights = [
-        float(world.rotation[2] @ (world.scale * v.centre) + world.translation[2]) for v in views.values()
-    ]
-    if np.median(heights) < 0:
+    centres = np.array([view.centre for view in views.values()])
+    if np.median(world.scale * centres @ world.rotation[2] + world.translation[2]) < 0:
         raise BadInputError("the board on the ground is seen from below", hint="lay it face up")
     return world, len(fits)
 
@@ -198,18 +193,14 @@ def world_of_board(
 def _fit_shared(
     views: Mapping[str, View], board: Board, seen: Mapping[str, Corners], metric: bool
 ) -> World | None:
-    by_number: dict[int, list[str]] = {}
-    for name, found in seen.items():
-        for number in found if name in views else ():
-            by_number.setdefault(number, []).append(name)
+    known = [name for name in seen if name in views]
+    by_number = {number: [n for n in known if number in seen[n]] for name in known for number in seen[name]}
     shared = {number: names for number, names in by_number.items() if len(names) > 1}
     if len(shared) < MIN_CORNERS:
         return None
-    points = np.array(
+    points = np.concatenate(
         [
-            triangulate([views[name] for name in names], np.array([[seen[name][number]] for name in names]))[
-                0
-            ]
+            triangulate([views[name] for name in names], np.array([[seen[name][number]] for name in names]))
             for number, names in shared.items()
         ]
     )
@@ -222,12 +213,11 @@ def _fit_shared(
 
 
 def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corners]) -> World | None:
-    known = {name: found for name, found in seen.items() if name in views and len(found) >= MIN_CORNERS}
-    if not known:
+    name = max((name for name in seen if name in views), key=lambda one: len(seen[one]), default="")
+    if not name or len(seen[name]) < MIN_CORNERS:
         return None
-    name = max(known, key=lambda one: len(known[one]))
-    view, numbers = views[name], sorted(known[name])
-    pixels = np.array([known[name][number] for number in numbers], float)
+    view, numbers = views[name], sorted(seen[name])
+    pixels = np.array([seen[name][number] for number in numbers], float)
     good, rvec, tvec = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
     if not good:
         return None

@@ -65,6 +65,7 @@ def detect_features(
     side_px: int = MAX_SIDE_PX,
     points: int = MAX_POINTS,
     contrast: float = CLEAR_CONTRAST,
+    *,
     allowed: Array | None = None,
 ) -> Features:
     """Detect SIFT points of a grey image (uint8), reduced to `side_px`.

@@ -98,8 +98,10 @@ class MadeComparison(Made[CompareResult]):
         """Return a study's measurements at each instant, float64 by name, NaN = not measured."""
         found = self.result.study(study)
         rows = found.per_instant if found is not None else ()
-        names = dict.fromkeys(name for row in rows for name in row)
-        return {name: np.array([row.get(name) for row in rows], np.float64) for name in names}
+        return {
+            name: np.array([row.get(name) for row in rows], np.float64)
+            for name in dict.fromkeys(name for row in rows for name in row)
+        }
 
 
 M = TypeVar("M", bound=Made[Any])
@@ -115,29 +117,26 @@ class ReconstructedSession(OpenSession):
         self, options: StereoOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> MadeStereo:
         """Compute depth from two cameras at one instant."""
-        chosen = options or StereoOptions()
-        return _make(MadeStereo, out, lambda folder: stereo(self.folder, folder, chosen))
+        return _make(MadeStereo, out, lambda to: stereo(self.folder, to, options or StereoOptions()))
 
     def multiview(
         self, options: MultiviewOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> MadeMultiview:
         """Compute depth of all cameras at one instant."""
-        chosen = options or MultiviewOptions()
-        return _make(MadeMultiview, out, lambda folder: multiview(self.folder, folder, chosen))
+        return _make(MadeMultiview, out, lambda to: multiview(self.folder, to, options or MultiviewOptions()))
 
     def compare(
         self, options: CompareOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> MadeComparison:
         """Compare synchronized with offset images; `CompareOptions.of` takes the studies' options, too."""
-        chosen = options or CompareOptions()
-        return _make(MadeComparison, out, lambda folder: compare(self.folder, folder, chosen))
+        return _make(MadeComparison, out, lambda to: compare(self.folder, to, options or CompareOptions()))
 
     def panorama(
         self, options: PanoramaOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> Made[PanoramaResult]:
         """Stitch the images of one instant."""
         chosen = options or PanoramaOptions()
-        return _make(Made[PanoramaResult], out, lambda folder: panorama((self.folder,), folder, chosen))
+        return _make(Made[PanoramaResult], out, lambda to: panorama((self.folder,), to, chosen))
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return what moves in a camera's frame, bool height x width, seen by comparing its instants.

@@ -31,8 +31,7 @@ def display_range(depth: Array, moving: Array | None = None) -> tuple[float, flo
 
 def colour_depth(depth: Array, near: float, far: float) -> Array:
     """Colour a depth map (BGR): near is bright yellow, far deep blue, linear in 1/depth; unknown is dark."""
-    shown = np.where(depth > 0, depth, far)
-    level = (1 / shown - 1 / far) / (1 / near - 1 / far)
+    level = (1 / np.where(depth > 0, depth, far) - 1 / far) / (1 / near - 1 / far)
     # The lowest part of the colour map is as dark as empty pixels.
     picture = cv2.applyColorMap(np.uint8(255 * (0.14 + 0.86 * np.clip(level, 0, 1))), cv2.COLORMAP_VIRIDIS)
     picture[depth <= 0] = EMPTY
@@ -50,8 +49,7 @@ def mark_moving(image: Array, moving: Array, found: Array) -> Array:
 
 def side_by_side(left: Array, right: Array) -> Array:
     """Return two pictures of equal height next to each other, with a gap."""
-    gap = np.full((left.shape[0], GAP_PX, 3), EMPTY, np.uint8)
-    return np.hstack([left, gap, right])
+    return np.hstack([left, np.full((len(left), GAP_PX, 3), EMPTY, np.uint8), right])
 
 
 def draw_rows(left: Array, right: Array, rows: list[int]) -> Array:

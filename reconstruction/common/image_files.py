@@ -72,10 +72,9 @@ def read_small_image(path: Path, longest_px: int) -> Array:
         return read_image(path)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     image = read_image(path, size)
-    if image.shape[1::-1] == size:
-        return image
-    # Its EXIF orientation has rotated it.
-    return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA))
+    # Its EXIF orientation may have rotated it.
+    size = size if image.shape[1::-1] == size else size[::-1]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
 def _same_shape(a: Sequence[int], b: Sequence[int]) -> bool:

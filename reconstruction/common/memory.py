@@ -44,10 +44,9 @@ def free_memory() -> int:
 
 
 def _machine_memory() -> int:
-    with suppress(OSError, ValueError, IndexError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) << 10
+    with suppress(OSError):
+        if found := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
+            return int(found[1]) << 10
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
 
 
@@ -78,11 +77,8 @@ def _group_folders(root: Path) -> list[Path]:
 
 
 def _cached_files(stat: Path) -> int:
-    for line in stat.read_text().splitlines():
-        name, _, value = line.partition(" ")
-        if name in ("inactive_file", "total_inactive_file"):
-            return int(value)
-    return 0
+    found = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
+    return int(found[1]) if found else 0
 
 
 def _process_memory() -> int:
@@ -90,8 +86,7 @@ def _process_memory() -> int:
     if limit == resource.RLIM_INFINITY:
         return _UNLIMITED
     with suppress(OSError, ValueError, IndexError):
-        used = int(Path("/proc/self/statm").read_text().split()[0])
-        return limit - used * resource.getpagesize()
+        return limit - int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     return limit
 
 

@@ -101,13 +101,12 @@ class GuardedModule(ModuleType):
     def __getattr__(self, name: str) -> Any:
         """Return functions and submodules guarded, everything else unchanged."""
         found = getattr(self._module, name)
-        guarded = found
         if isinstance(found, ModuleType):
-            guarded = GuardedModule(found, self._library)
+            found = GuardedModule(found, self._library)
         elif isinstance(found, BuiltinFunctionType | FunctionType):
-            guarded = _guarded(found, self._library)
-        setattr(self, name, guarded)
-        return guarded
+            found = _guarded(found, self._library)
+        setattr(self, name, found)
+        return found
 
 
 def _guarded(function: Any, library: str) -> Any:
@@ -133,14 +132,16 @@ def silenced_output() -> Iterator[None]:
         _silenced += 1
         if _silenced == 1:
             _flush()
-            _originals.update(_silence(1, 2))
+            _silence(1, 2)
     try:
         yield
     finally:
         with _lock:
             _silenced -= 1
-            if _silenced == 0:
-                _restore()
+            while not _silenced and _originals:
+                stream, original = _originals.popitem()
+                os.dup2(original, stream)
+                os.close(original)
 
 
 def claim_output() -> None:
@@ -157,23 +158,14 @@ def claim_output() -> None:
         sys.stderr = os.fdopen(os.dup(2), "w", 1, encoding=sys.stderr.encoding, errors="replace")
 
 
-def _silence(*streams: int) -> dict[int, int]:
-    original = {}
+def _silence(*streams: int) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in streams:
         # A closed stream stays closed.
         with suppress(OSError):
-            original[stream] = os.dup(stream)
+            _originals[stream] = os.dup(stream)
             os.dup2(nowhere, stream)
     os.close(nowhere)
-    return original
-
-
-def _restore() -> None:
-    for stream, original in _originals.items():
-        os.dup2(original, stream)
-        os.close(original)
-    _originals.clear()
 
 
 def _flush() -> None:

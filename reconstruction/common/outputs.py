@@ -63,8 +63,8 @@ class StageCache:
 
     def path(self, stage: str, suffix: str, *inputs: object) -> Path:
         """Return the path of a stage's output for these inputs, whether it exists or not."""
-        text = repr((VERSION, self.source, stage, inputs))
-        return self.folder / f"{stage}-{hashlib.sha256(text.encode()).hexdigest()[:16]}{suffix}"
+        key = hashlib.sha256(repr((VERSION, self.source, stage, inputs)).encode()).hexdigest()
+        return self.folder / f"{stage}-{key[:16]}{suffix}"
 
     def arrays(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """Return a dataclass of arrays, loaded from the stage's .npz or computed and saved there."""

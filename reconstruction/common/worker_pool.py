@@ -43,12 +43,9 @@ def worker_pool(threads: int = 0) -> Iterator[ThreadPoolExecutor]:
     pool = ThreadPoolExecutor(threads or worker_count(), initializer=_adopt, initargs=(copy_context(),))
     try:
         yield pool
-    except KeyboardInterrupt:
-        # Do not wait for running work: `main` ends the process with its threads.
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    except BaseException:
-        pool.shutdown(cancel_futures=True)
+    except BaseException as error:
+        # On Ctrl-C do not wait for running work: `main` ends the process with its threads.
+        pool.shutdown(wait=not isinstance(error, KeyboardInterrupt), cancel_futures=True)
         raise
     else:
         pool.shutdown()

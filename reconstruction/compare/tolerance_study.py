@@ -235,7 +235,7 @@ def measure_curve(
         ValueError: the two views overlap too little, or no instant has its frames.
     """
     rig = context.rig
-    partners = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
+    partners = [dict(pairs_with_images(rig.dataset, step.pairs, *cameras)) for step in steps]
     some = sorted(set().union(*partners))
     everywhere = [now for now in some if all(now in one for one in partners)]
     usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some

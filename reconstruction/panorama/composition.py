@@ -48,9 +48,9 @@ class Projection:
             ValueError: the panorama would be too small or too large.
         """
         self._views = dict(views)
-        rise = max(_steepest(view) for view in views.values())
-        scale = float(np.median([view.focal for view in views.values()]))
-        self._warper = cv2.PyRotationWarper("cylindrical" if rise < STEEPEST else "spherical", scale)
+        shape = "cylindrical" if max(map(_steepest, views.values())) < STEEPEST else "spherical"
+        focal = float(np.median([view.focal for view in views.values()]))
+        self._warper = cv2.PyRotationWarper(shape, focal)
         self.boxes = {name: self._box(view) for name, view in views.items()}
         self._refuse_misalignment()
         self._maps = {name: self._map(view) for name, view in views.items()}
@@ -59,10 +59,8 @@ class Projection:
     @property
     def canvas(self) -> Box:
         """Bounding box of all images."""
-        corners = np.array(list(self.boxes.values()))
-        left, top = (int(v) for v in corners[:, :2].min(0))
-        right, bottom = (int(v) for v in corners[:, 2:].max(0))
-        return left, top, right, bottom
+        lefts, tops, rights, bottoms = zip(*self.boxes.values(), strict=True)
+        return min(lefts), min(tops), max(rights), max(bottoms)
 
     def warp(self, name: str, image: Array) -> Layer:
         """Warp a camera's image (uint8, of its view's size) onto the panorama."""
@@ -133,10 +131,8 @@ def _inside(at: Array, view: View) -> Array:
 
 def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
     """Compose layers (BGR) into a panorama (BGR, uint8) of the canvas's size; uncovered pixels are black."""
-    largest = max(layer.seen.size for layer in layers)
-    scale = min(1.0, float(np.sqrt(SEAM_PIXELS / largest)))
-    small = [_shrink(layer, scale) for layer in layers]
-    full = list(layers)
+    scale = min(1.0, float(np.sqrt(SEAM_PIXELS / max(layer.seen.size for layer in layers))))
+    small, full = [_shrink(layer, scale) for layer in layers], list(layers)
     # First one gain per image, then the remainder, such as vignetting, block by block.
     for compensator in (cv2.detail.GainCompensator(), cv2.detail.BlocksGainCompensator()):
         compensator.feed(
@@ -169,11 +165,13 @@ def _shrink(layer: Layer, scale: float) -> Layer:
 
 
 def _match_exposure(layers: Sequence[Layer], compensator: cv2.detail.ExposureCompensator) -> list[Layer]:
-    matched = []
-    for i, layer in enumerate(layers):
-        picture = compensator.apply(i, layer.box[:2], layer.picture.copy(), _mask(layer.seen))
-        matched.append(Layer(layer.box, np.asarray(picture), layer.seen))
-    return matched
+    pictures = (
+        compensator.apply(i, layer.box[:2], layer.picture.copy(), _mask(layer.seen))
+        for i, layer in enumerate(layers)
+    )
+    return [
+        replace(layer, picture=np.asarray(picture)) for layer, picture in zip(layers, pictures, strict=True)
+    ]
 
 
 def _cut_seams(layers: Sequence[Layer]) -> list[Array]:

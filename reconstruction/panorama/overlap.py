@@ -76,8 +76,7 @@ class Overlap:
     @property
     def difference(self) -> Array:
         """Absolute grey-level difference of the images (float32); 0 where only one covers the pixel."""
-        apart = np.abs(self.first - self.second.astype(np.float32))
-        return np.asarray(np.where(self.both, apart, np.float32(0)))
+        return np.asarray(np.abs(self.first - self.second.astype(np.float32)) * self.both)
 
 
 def overlap_of(a: Layer, b: Layer) -> Overlap | None:
@@ -105,9 +104,8 @@ def measure_misalignment(overlap: Overlap) -> ImageMisalignment:
         np.where(overlap.both, picture, 0).astype(np.uint8) for picture in (overlap.first, overlap.second)
     )
     at = _points(first, overlap.both)
-    if not len(at):
-        return ImageMisalignment(at, np.zeros(0))
-    return ImageMisalignment(at, _displacement(first, second, at, overlap.both))
+    length = _displacement(first, second, at, overlap.both) if len(at) else np.zeros(0)
+    return ImageMisalignment(at, length)
 
 
 def _points(picture: Array, allowed: Array) -> Array:
@@ -130,11 +128,9 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     """Return the displacement of points (n, 2) from a to b, px; NaN if it fails in either direction."""
     levels = int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4))
     there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
-    tracked = drift < MAX_RETURN_PX
-    tracked &= _likeness(a, at, b, there) > MIN_LIKENESS
+    tracked = (drift < MAX_RETURN_PX) & (_likeness(a, at, b, there) > MIN_LIKENESS)
     for lost in np.nonzero(~tracked)[0]:
-        found = _search(a, b, at[lost])
-        if found is not None:
+        if (found := _search(a, b, at[lost])) is not None:
             there[lost], tracked[lost] = found, True
     nearest = np.round(np.where(tracked[:, None], there, 0)).astype(int)
     inside = ((nearest >= 0) & (nearest < both.shape[::-1])).all(1)

@@ -205,5 +205,5 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
 
 
 def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
-    images = {name: dataset.image(name, k) for name, k in shown.items()}
-    return images, {name: motion.widened_moving(name, k) for name, k in shown.items()} if motion else {}
+    moving = {name: motion.widened_moving(name, k) for name, k in shown.items()} if motion else {}
+    return {name: dataset.image(name, k) for name, k in shown.items()}, moving

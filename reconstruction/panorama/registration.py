@@ -118,16 +118,17 @@ def _adjust_by_rounds(
 
 def _residual_px(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
     """Return the residual of the points, px: the mean over the overlaps of their medians."""
-    medians = [np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()]
-    return float(np.mean(medians))
+    return float(
+        np.mean([np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()])
+    )
 
 
 def _level(views: Mapping[str, View]) -> dict[str, View]:
     """Rotate all views together so that the panorama is level."""
-    rotations: list[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
+    rotations: Sequence[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
     first, *others = views.values()
     if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
-        rotations = list(cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_AUTO))
+        rotations = cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_AUTO)
     return {
         name: replace(view, rotation=np.asarray(rotation, np.float64).T)
         for (name, view), rotation in zip(views.items(), rotations, strict=True)
@@ -186,13 +187,11 @@ def _camera(view: View) -> Any:
 
 
 def _plausible(cameras: Sequence[Any], views: Mapping[str, View]) -> bool:
-    for camera, view in zip(cameras, views.values(), strict=True):
-        longest = max(view.width, view.height)
-        if not np.isfinite(camera.R).all() or not np.isfinite(camera.focal):
-            return False
-        if not FOCAL_LIMITS[0] * longest < camera.focal < FOCAL_LIMITS[1] * longest:
-            return False
-    return True
+    return all(
+        np.isfinite(camera.R).all()
+        and FOCAL_LIMITS[0] < camera.focal / max(view.width, view.height) < FOCAL_LIMITS[1]
+        for camera, view in zip(cameras, views.values(), strict=True)
+    )
 
 
 def _for_opencv(
@@ -207,10 +206,9 @@ def _for_opencv(
         begin = len(keypoints[i]), len(keypoints[j])
         for which, at in zip((i, j), overlap.at, strict=True):
             keypoints[which] += [cv2.KeyPoint(float(x), float(y), 1.0) for x, y in at]
-        back = np.linalg.inv(overlap.homography)
         for one, other, homography, (own, target) in (
             (i, j, overlap.homography, begin),
-            (j, i, back, begin[::-1]),
+            (j, i, np.linalg.inv(overlap.homography), begin[::-1]),
         ):
             info = matches[one * count + other]
             info.src_img_idx, info.dst_img_idx = one, other
@@ -249,9 +247,9 @@ def register_pictures(
     used = _largest_group(list(points), overlaps)
     if len(used) < 2:
         most_shared = max((len(one.fits) for one in overlaps.values()), default=0)
-        if most_shared < MIN_MATCHES:
-            raise ValueError(f"no two pictures share more than {most_shared} points")
-        raise ValueError("the points that the pictures share do not fit a camera that only rotates")
+        few = f"no two pictures share more than {most_shared} points"
+        unfit = "the points that the pictures share do not fit a camera that only rotates"
+        raise ValueError(few if most_shared < MIN_MATCHES else unfit)
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
     return estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
 
@@ -262,17 +260,17 @@ def flat_pixels(view: View, at: Array) -> Array:
 
 
 def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
-    nothing = PictureOverlap(at, np.zeros(len(at[0]), bool), np.eye(3))
-    if len(at[0]) < MIN_MATCHES:
-        return nothing
-    middles = [np.array([view.width / 2, view.height / 2]) for view in (a, b)]
-    centred = [(pixels - middle).reshape(-1, 1, 2) for pixels, middle in zip(at, middles, strict=True)]
-    found, fits = cv2.findHomography(
-        centred[0], centred[1], cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000, confidence=0.999
-    )
-    if found is None or abs(np.linalg.det(found)) < 1e-9:
-        return nothing
-    return PictureOverlap(at, np.asarray(fits).ravel() > 0, np.asarray(found))
+    if len(at[0]) >= MIN_MATCHES:
+        centred_a, centred_b = (
+            (pixels - (view.width / 2, view.height / 2)).reshape(-1, 1, 2)
+            for pixels, view in zip(at, (a, b), strict=True)
+        )
+        found, fits = cv2.findHomography(
+            centred_a, centred_b, cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000, confidence=0.999
+        )
+        if found is not None and abs(np.linalg.det(found)) >= 1e-9:
+            return PictureOverlap(at, np.asarray(fits).ravel() > 0, np.asarray(found))
+    return PictureOverlap(at, np.zeros(len(at[0]), bool), np.eye(3))
 
 
 def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> list[str]:
@@ -296,14 +294,13 @@ def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str]
         return f"it has too few features ({len(own.positions)})"
     own_overlaps = {a if b == name else b: one for (a, b), one in overlaps.items() if name in (a, b)}
     # An overlap with an image that is used would have made them one group.
-    beside = [other for other, one in own_overlaps.items() if one.confidence > 1]
-    if beside:
+    if beside := [other for other, one in own_overlaps.items() if one.confidence > 1]:
         return f"it belongs to another panorama, with {' and '.join(beside)}: stitch those by themselves"
-    shared = {other: len(one.fits) for other, one in own_overlaps.items()}
-    nearest = max(shared, key=lambda other: shared[other])
-    if shared[nearest] < MIN_MATCHES:
-        return f"it shares at most {shared[nearest]} points with another picture ({nearest})"
-    return f"it shares {shared[nearest]} points with {nearest}, but does not fit beside it"
+    nearest = max(own_overlaps, key=lambda other: len(own_overlaps[other].fits))
+    shared = len(own_overlaps[nearest].fits)
+    if shared < MIN_MATCHES:
+        return f"it shares at most {shared} points with another picture ({nearest})"
+    return f"it shares {shared} points with {nearest}, but does not fit beside it"
 
 
 class PanoramaStitcher:
@@ -328,11 +325,11 @@ class PanoramaStitcher:
         self._sizes = self._fit_sizes({name: image.shape[1::-1] for name, image in images.items()})
         views = {name: resize_view(view, *self._sizes[name]) for name, view in (known or {}).items()}
         points = {
-            name: self._features(
-                self._shrink(name, image), self._shrink_mask(name, moving[name]) if moving else None
-            )
+            name: detect_features(cv2.cvtColor(self._shrink(name, image), cv2.COLOR_BGR2GRAY))
             for name, image in images.items()
         }
+        if moving:
+            points = {name: of.at_rest(self._shrink_mask(name, moving[name])) for name, of in points.items()}
         found, self.left_out = register_pictures(points, self._sizes, views)
         self.used, self.projection = tuple(found), Projection(found)
 
@@ -360,18 +357,10 @@ class PanoramaStitcher:
         }
 
     def _shrink(self, name: str, image: Array) -> Array:
-        size = self._sizes[name]
-        if image.shape[1::-1] == size:
-            return image
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        return np.asarray(cv2.resize(image, self._sizes[name], interpolation=cv2.INTER_AREA))
 
     def _shrink_mask(self, name: str, mask: Array) -> Array:
         return (
             np.asarray(cv2.resize(mask.astype(np.uint8), self._sizes[name], interpolation=cv2.INTER_NEAREST))
             > 0
         )
-
-    @staticmethod
-    def _features(image: Array, moving: Array | None) -> Features:
-        found = detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        return found if moving is None else found.at_rest(moving)

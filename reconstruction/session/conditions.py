@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
@@ -76,8 +76,7 @@ class Condition:
             rounds = -(-len(cameras) // len(DISTINCT_MS))
             return tuple(ms for _ in range(rounds) for ms in source.sample(DISTINCT_MS, 5))[: len(cameras)]
         if self.named_ms:
-            named = dict(self.named_ms)
-            return tuple(named.get(camera, 0.0) for camera in cameras)
+            return tuple(dict(self.named_ms).get(camera, 0.0) for camera in cameras)
         if len(self.listed_ms) == 1:
             return tuple(self.listed_ms[0] * (place % 2) for place in range(len(cameras)))
         return self.listed_ms
@@ -148,12 +147,11 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
             f"no two frames of the burst are about {offset_ms:g} ms apart",
             hint=f"the nearest offset possible is {nearest / 1e6:.1f} ms",
         )
-    slack = spacing / 4
     pairs = tuple(
         (i, j)
         for i, a in enumerate(instants_ns)
         for j, b in enumerate(instants_ns)
-        if abs(b - a - nearest) <= slack
+        if abs(b - a - nearest) <= spacing / 4
     )
     return FrameOffset(
         offset_ms, nearest, round(nearest / period_ns), max(1, round(nearest / spacing)), pairs
@@ -161,13 +159,13 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
 
 
 def pairs_with_images(
-    dataset: "Dataset", offset: FrameOffset, reference: str, other: str
+    dataset: "Dataset", pairs: Iterable[tuple[int, int]], reference: str, other: str
 ) -> list[tuple[int, int]]:
-    """Return the pairs of instants for which both conditions have all their images."""
+    """Return the pairs of different instants for which both conditions have all their images."""
     return [
         (now, later)
-        for now, later in offset.pairs
-        if dataset.has_images(((reference, now), (other, now), (other, later)))
+        for now, later in pairs
+        if later != now and dataset.has_images(((reference, now), (other, now), (other, later)))
     ]
 
 

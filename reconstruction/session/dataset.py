@@ -203,8 +203,6 @@ class Dataset:
     def size(self, camera: str) -> tuple[int, int]:
         """Return the width and height of a camera's images, px."""
         width, height = self.size_on_disk(camera)
-        if self._scale == 1.0:
-            return width, height
         return max(1, round(width * self._scale)), max(1, round(height * self._scale))
 
     def size_on_disk(self, camera: str) -> tuple[int, int]:

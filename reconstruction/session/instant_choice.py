@@ -1,6 +1,7 @@
 """Selection of instants: those that cameras show in a condition, and those with motion to measure."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from capture_app.common.errors import BadInputError
@@ -103,10 +104,10 @@ def complete_instants(
             shown = instants_shown(dataset, condition, reference, instant)
         except ValueError as error:
             problem = str(error)
-            continue
-        with_images = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
-        if len(with_images) >= min_cameras:
-            found.append(ShownInstant(instant, with_images))
+        else:
+            with_images = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
+            if len(with_images) >= min_cameras:
+                found.append(ShownInstant(instant, with_images))
     if not found:
         raise ValueError(problem)
     max_cameras = max(len(one.shown) for one in found)
@@ -138,20 +139,16 @@ def pair_instants(
     Raises:
         ValueError: both cameras have the same delay, or the burst has no images at such an offset.
     """
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
+    late_ms = None
     if condition.drawn:
         for instant in range(len(dataset.instants_ns)):
-            try:
-                later = instants_shown(dataset, condition, first, instant)[second]
-            except ValueError:
-                continue
-            images = (first, instant), (second, instant), (second, later)
-            if later != instant and dataset.has_images(images):
-                found.append((instant, later))
-        late_ms = None
+            with suppress(ValueError):
+                pairs.append((instant, instants_shown(dataset, condition, first, instant)[second]))
     else:
         offset = _pair_offset(dataset, condition, first, second)
-        found, late_ms = pairs_with_images(dataset, offset, first, second), offset.actual_ms
+        pairs, late_ms = list(offset.pairs), offset.actual_ms
+    found = pairs_with_images(dataset, pairs, first, second)
     if not found:
         raise ValueError(f"{first} and {second} have no images at this offset")
     return found, late_ms

@@ -79,7 +79,7 @@ def dilate(mask: Array, radius_px: int) -> Array:
 
 
 def _disc(size_px: int) -> Array:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size_px, size_px))
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size_px, size_px)))
 
 
 def _grey_difference(a: Array, b: Array) -> Array:

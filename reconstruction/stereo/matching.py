@@ -113,8 +113,7 @@ def residual_displacement(reference: Array, warped: Array) -> Array:
     for direction in (0, 1):
         slope = cv2.Sobel(reference, cv2.CV_32F, 1 - direction, direction, ksize=5, scale=1 / 128)
         weight = slope * slope
-        flow_there = np.ascontiguousarray(flow[..., direction])
-        means.append(cv2.blur(weight * flow_there, window) / (cv2.blur(weight, window) + unseen))
+        means.append(cv2.blur(weight * flow[..., direction], window) / (cv2.blur(weight, window) + unseen))
     return np.asarray(np.hypot(*means))
 
 
@@ -131,11 +130,9 @@ def window_correlation(a: Array, b: Array) -> Array:
 def fill_small_holes(checked: Array, raw: Array) -> Array:
     """Accept rejected pixels beside accepted ones (0.3 of a 7 x 7 window) if they continue them."""
     good = np.isfinite(checked)
-    value = np.where(good, checked, 0).astype(np.float32)
     weight = cv2.blur(good.astype(np.float32), (7, 7))
-    mean = cv2.blur(value, (7, 7)) / np.maximum(weight, 1e-6)
-    fits = ~good & (weight > 0.3) & (np.abs(raw - mean) < 1.0)
-    return np.where(fits, raw, checked)
+    mean = cv2.blur(np.where(good, checked, 0).astype(np.float32), (7, 7)) / np.maximum(weight, 1e-6)
+    return np.where(~good & (weight > 0.3) & (np.abs(raw - mean) < 1.0), raw, checked)
 
 
 def refine_disparity(reference: Array, other: Array, disparity: Array) -> Array:

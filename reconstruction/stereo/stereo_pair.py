@@ -85,17 +85,14 @@ def fill_holes(disparity: Array) -> Array:
     left = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
     right = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
     slope = _mean_slope(disparity)
-    nearest, continued = [], []
-    for place, there in ((left, left >= 0), (right, right < width)):
-        place = np.clip(place, 0, width - 1)
-        value = np.where(there, np.take_along_axis(disparity, place, 1), np.inf)
-        nearest.append(value)
-        continued.append(value + np.take_along_axis(slope, place, 1) * (columns - place))
-    behind = np.where(nearest[0] <= nearest[1], continued[0], continued[1])
+    places = np.stack([left, right]).clip(0, width - 1)
+    there = np.stack([left >= 0, right < width])
+    nearest = np.where(there, np.take_along_axis(disparity[None], places, 2), np.inf)
+    continued = nearest + np.take_along_axis(slope[None], places, 2) * (columns - places)
+    behind = np.where(nearest[0] <= nearest[1], *continued)
     # An empty row takes the values of the nearest row with any.
     behind = behind[rows[np.abs(np.arange(len(behind))[:, None] - rows).argmin(axis=1)]]
-    smooth = cv2.medianBlur(np.maximum(behind, 0).astype(np.float32), 5)
-    return np.where(known, disparity, smooth)
+    return np.where(known, disparity, cv2.medianBlur(np.maximum(behind, 0).astype(np.float32), 5))
 
 
 def _mean_slope(disparity: Array) -> Array:
@@ -120,10 +117,8 @@ class Rectification:
     canvas's first pixel relative to the common principal point.
     """
 
-    reference: View
-    other: View
-    reference_rotation: Array
-    other_rotation: Array
+    views: tuple[View, View]
+    rotations: tuple[Array, Array]
     focal: float
     baseline: float
     left: float
@@ -141,10 +136,9 @@ class Rectification:
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Return canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
-        turned = rays @ (self.other_rotation if other else self.reference_rotation).T
-        projection = self._projection()
-        flat = turned[:, :2] / turned[:, 2:]
-        return np.asarray(flat * np.diagonal(projection)[:2] + projection[:2, 2])
+        turned = rays @ self.rotations[other].T
+        scale, shift = np.diagonal(self._projection)[:2], self._projection[:2, 2]
+        return np.asarray(turned[:, :2] / turned[:, 2:] * scale + shift)
 
     def depth(self, disparity: Array) -> Array:
         """Return depth in the reference's pixels (height x width, 0 = none) from the canvas's disparity."""
@@ -159,41 +153,37 @@ class Rectification:
         return np.asarray(cv2.remap(canvas, xs, ys, cv2.INTER_NEAREST, borderValue=(0.0,)))
 
     @cached_property
-    def _canvases(self) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        """Maps of the reference's and of the other's canvas."""
-        return self._canvas(other=False), self._canvas(other=True)
-
-    def _canvas(self, *, other: bool) -> tuple[Array, Array, Array]:
-        """Return a view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
-        view = self.other if other else self.reference
-        rotation = self.other_rotation if other else self.reference_rotation
-        size = (self.width, self.height)
-        xs, ys = cv2.initUndistortRectifyMap(
-            view.matrix, view.distortion, rotation, self._projection(), size, cv2.CV_32FC1
-        )
-        outline = self.project(view.rays(view.border()), other=other)
-        seen = np.zeros((self.height, self.width), np.uint8)
-        cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
-        return xs, ys, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0
+    def _canvases(self) -> list[tuple[Array, Array, Array]]:
+        """Each view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
+        found = []
+        for other, (view, rotation) in enumerate(zip(self.views, self.rotations, strict=True)):
+            size = (self.width, self.height)
+            xs, ys = cv2.initUndistortRectifyMap(
+                view.matrix, view.distortion, rotation, self._projection, size, cv2.CV_32FC1
+            )
+            outline = self.project(view.rays(view.border()), other=bool(other))
+            seen = np.zeros((self.height, self.width), np.uint8)
+            cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
+            found.append((xs, ys, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0))
+        return found
 
     @cached_property
     def _reference_pixels(self) -> tuple[Array, Array, Array]:
         """Canvas pixel for each reference pixel (x, y), and its ray's z on the canvas; float32."""
-        view = self.reference
+        view, rotation = self.views[0], self.rotations[0]
         pixels = view.grid().astype(np.float32).reshape(-1, 1, 2)
-        where = cv2.undistortPoints(
-            pixels, view.matrix, view.distortion, R=self.reference_rotation, P=self._projection()
-        )
+        where = cv2.undistortPoints(pixels, view.matrix, view.distortion, R=rotation, P=self._projection)
         xs, ys = np.ascontiguousarray(where.reshape(view.height, view.width, 2).transpose(2, 0, 1))
         # With z = 1 on the canvas, the ray's z in the view's own frame is linear in the canvas's pixels.
-        right, down, ahead = (float(value) for value in self.reference_rotation[:, 2])
-        across = right / (-self.focal if self.mirror else self.focal)
+        right, down, ahead = (float(value) for value in rotation[:, 2])
+        across = right / float(self._projection[0, 0])
         own = across * (xs + np.float32(self.left)) + down / self.focal * (ys + np.float32(self.top)) + ahead
         return xs, ys, 1 / own
 
+    @cached_property
     def _projection(self) -> Array:
-        sign = -1.0 if self.mirror else 1.0
-        return np.array([[sign * self.focal, 0, -self.left], [0, self.focal, -self.top], [0, 0, 1.0]])
+        across = -self.focal if self.mirror else self.focal
+        return np.array([[across, 0, -self.left], [0, self.focal, -self.top], [0, 0, 1.0]])
 
 
 def rectify(
@@ -218,10 +208,8 @@ def rectify(
     right = np.ceil(high[0] - min(disparities[0] * scale, 0.0)) + 1
     top, bottom = np.floor(low[1] - phase[1]) + phase[1] - 1, np.ceil(high[1]) + 1
     return Rectification(
-        reference,
-        other,
-        reference_rotation,
-        other_rotation,
+        (reference, other),
+        (reference_rotation, other_rotation),
         focal=reference.focal * scale,
         baseline=length,
         left=float(left),
@@ -244,10 +232,10 @@ class DepthMap:
     difference: Array
 
 
-@dataclass(frozen=True)
-class FilledDepthMap(DepthMap):
-    """Depth map with a value for every pixel in `filled`; the holes are filled from the background."""
+class FilledDepthMap(NamedTuple):
+    """Depth as in `DepthMap`, and with a value for every pixel; holes are filled from the background."""
 
+    depth: Array
     filled: Array
     confidence: Array
     """Confidence, 0 (rejected) to 1: half from the agreement of both directions, half from similarity."""
@@ -274,8 +262,8 @@ class _Match(NamedTuple):
         warped = warp_by_disparity(self.other, disparity)
         there = np.isfinite(warped) & (disparity >= ACCURACY_PX)
         reference = self.reference.astype(np.float32)
-        still = self.displacement <= max_displacement
-        good = there & still & same_brightness(reference, np.where(there, warped, reference))
+        good = there & (self.displacement <= max_displacement)
+        good &= same_brightness(reference, np.where(there, warped, reference))
         return np.where(_without_islands(good, disparity), disparity, np.nan)
 
 
@@ -300,15 +288,17 @@ class StereoPair:
         """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
         self.num_disparities = int(np.ceil((high * self.scale - self.min_disparity + 1) / 16)) * 16
-        end = self.min_disparity + self.num_disparities
-        searched = self.min_disparity / self.scale, end / self.scale
+        ends = self.min_disparity, self.min_disparity + self.num_disparities
+        searched = ends[0] / self.scale, ends[1] / self.scale
         self.rectification: Rectification = rectify(reference, other, searched, self.scale)
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Return depth from two grey images (uint8) of the pair, checked strictly, to compare conditions."""
         found = self._match_both_ways(reference, other)
         checked = found.check(found.surface, MAX_RESIDUAL_PX)
-        return DepthMap(self._depth(checked), self._difference(found.difference))
+        marked = self.rectification.to_reference(np.nan_to_num(found.difference, nan=-2.0) + 1.0)
+        difference = np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
+        return DepthMap(self._depth(checked), difference)
 
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
         """Return depth, depth with its holes filled from the background, and confidence.
@@ -329,7 +319,6 @@ class StereoPair:
         checked = np.where(hidden & finite, filled, checked)
         return FilledDepthMap(
             depth=self._depth(checked),
-            difference=self._difference(found.difference),
             filled=self._depth(filled),
             confidence=self._confidence(found, np.isfinite(checked)),
         )
@@ -375,15 +364,11 @@ class StereoPair:
 
     def _confidence(self, found: _Match, checked: Array) -> Array:
         left_right_fraction = np.nan_to_num(found.left_right, nan=np.inf) / MAX_LEFT_RIGHT_PX
-        greatest = MAX_GREY_DIFFERENCE + 3 * noise_level(found.reference)
-        difference_fraction = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3)) / greatest
+        difference_fraction = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3))
+        difference_fraction /= MAX_GREY_DIFFERENCE + 3 * noise_level(found.reference)
         sure = 1 - 0.5 * np.minimum(left_right_fraction, 1) - 0.5 * np.minimum(difference_fraction, 1)
         confidence = np.where(checked, np.maximum(sure, 0.05), 0).astype(np.float32)
         return self.rectification.to_reference(confidence)
-
-    def _difference(self, canvas: Array) -> Array:
-        marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)
-        return np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
 
 
 def _without_islands(accepted: Array, disparity: Array) -> Array:
@@ -410,30 +395,27 @@ def find_disparity_range(
     max_disparity = 0.5 * max(reference.width, reference.height)
     canvas = rectify(reference, other, (0.0, max_disparity), scale)
     count = int(np.ceil(max_disparity * scale / 16)) * 16
-    votes, moving, asked = [], [], 0
+    votes, moving, asked = [np.zeros(0, np.float32)], [np.zeros(0, np.float32)], 0
     for image, partner, mask in images:
         a, seen_a = canvas.remap(image)
         b, seen_b = canvas.remap(partner, other=True)
         forward, backward = match_rectified(a, b, 0, count), match_rectified_back(a, b, 0, count)
         agrees = np.abs(warp_by_disparity(backward, forward) - forward) <= 1.0
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
-        smooth = cv2.GaussianBlur(a.astype(np.float32), (0, 0), 1.0)
-        texture = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
+        grey = a.astype(np.float32)
+        texture = np.abs(cv2.Sobel(cv2.GaussianBlur(grey, (0, 0), 1.0), cv2.CV_32F, 1, 0))
         warped = match_brightness(a, warp_by_disparity(b, forward))
         seen = np.where(np.isfinite(warped), warped, a)
-        same = same_brightness(a.astype(np.float32), seen) & (
-            window_correlation(a.astype(np.float32), seen) > MIN_CORRELATION
-        )
+        same = same_brightness(grey, seen) & (window_correlation(grey, seen) > MIN_CORRELATION)
         textured = seen_a & inside & (texture > 12)
         good = textured & agrees & same
         asked += int(textured.sum())
         votes.append(forward[good])
         moving.append(forward[good & (canvas.remap(mask.astype(np.uint8), nearest=True)[0] > 0)])
-    found = np.concatenate(votes) if votes else np.zeros(0)
+    found, fast = np.concatenate(votes), np.concatenate(moving)
     if len(found) < max(200, MIN_AGREEMENT * asked):
         raise ValueError("the two views have too little in common to match")
     low, high = np.percentile(found, [0.5, 99.5]) / scale
-    fast = np.concatenate(moving)
     if len(fast) >= 20:
         ends = np.percentile(fast, [3, 97]) / scale
         low, high = min(low, ends[0]), max(high, ends[1])

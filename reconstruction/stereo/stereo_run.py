@@ -87,9 +87,8 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         rig.calibrate()
         progress.step("choosing cameras")
         later = options.instant if options.other_instant is None else options.other_instant
-        needed = {options.instant, later}
-        left_out = _without_image(dataset, needed)
-        there = [name for name in dataset.cameras if name not in left_out]
+        left_out = _without_image(dataset, {options.instant, later})
+        there = set(dataset.cameras) - left_out.keys()
         choice = rig.choose_stereo_pair(options.pair, options.instant, there)
         if choice.cameras is None:
             absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
@@ -100,8 +99,10 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         reference, other = choice.cameras
         for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
             if not dataset.has_image(name, instant):
-                hint = f"it has instants 0 to {len(dataset.instants_ns) - 1}"
-                raise BadInputError(f"{session} has no image of {name} at instant {instant}", hint=hint)
+                raise BadInputError(
+                    f"{session} has no image of {name} at instant {instant}",
+                    hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
+                )
         progress.step(f"stereo {reference}-{other}, instant {options.instant}")
         try:
             found = _match_pair(rig, choice.cameras, options.instant, later)
@@ -110,9 +111,8 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
                 f"{reference} and {other}: {error}",
                 hint="name two overlapping cameras with --pair, or calibrate the rig again",
             ) from error
-        result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
         result = msgspec.structs.replace(
-            result,
+            _save_result(rig, choice.cameras, (options.instant, later), found, output.folder),
             session=str(session),
             time_shifts_ms=dict(options.time_shifts_ms),
             why=choice.why,
@@ -135,24 +135,24 @@ def _without_image(dataset: Dataset, instants: set[int]) -> dict[str, str]:
 def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
-    images = [rig.dataset.grey(name, instant) for name in cameras]
-    moving = rig.motion.detected_moving(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
-    still = np.zeros(images[0].shape, bool) if moving is None else moving
-    pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
-    return pair.compute_filled_depth(images[0], rig.dataset.grey(cameras[1], later))
+    image, other = (rig.dataset.grey(name, instant) for name in cameras)
+    several = len(rig.dataset.instants_ns) > 1
+    moving = rig.motion.detected_moving(cameras[0], instant) if several else np.zeros(image.shape, bool)
+    pair = StereoPair(*views, find_disparity_range(views, [(image, other, moving)]))
+    return pair.compute_filled_depth(image, rig.dataset.grey(cameras[1], later))
 
 
 def _save_result(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
 ) -> StereoDepth:
-    depth, known = found.depth, found.depth > 0
+    depth, known = found.depth, found.depth[found.depth > 0]
     photo = rig.dataset.image(cameras[0], instants[0])
     picture = side_by_side(photo, colour_depth(depth, *display_range(depth)))
     write_image(folder / DEPTH, depth.astype(np.float32))
     write_image(folder / FILLED, found.filled.astype(np.float32))
     truth = rig.dataset.ground_truth(cameras[0], instants[0])
     judged = truth[0] if truth is not None and rig.unit == "m" else None
-    level = np.asarray(np.round(255 * found.confidence), np.uint8)
+    level = np.round(255 * found.confidence).astype(np.uint8)
     return StereoDepth(
         session=rig.dataset.name,
         reference=cameras[0],
@@ -164,9 +164,9 @@ def _save_result(
         confidence=save_picture(folder, "confidence.png", level),
         picture=save_picture(folder, "depth.png", picture),
         unit=rig.unit,
-        nearest=float(depth[known].min()) if known.any() else 0.0,
-        farthest=float(depth[known].max()) if known.any() else 0.0,
-        coverage=float(known.mean()),
+        nearest=float(known.min()) if known.size else 0.0,
+        farthest=float(known.max(initial=0.0)),
+        coverage=known.size / depth.size,
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(found.filled, judged),
         calibration=rig.source,

@@ -211,7 +211,7 @@ class PairOffsets:
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
         corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
         part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
-        found = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, moving[part])
+        found = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, allowed=moving[part])
         at, raw = found.positions + corner, found.descriptors
         roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
         others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))

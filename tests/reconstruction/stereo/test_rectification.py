@@ -38,7 +38,7 @@ def test_a_point_lies_in_one_row_and_its_disparity_gives_its_depth(reference: Vi
     assert np.abs(a[:, 1] - b[:, 1]).max() < 1e-6
     disparity = a[:, 0] - b[:, 0]
     assert (disparity > 0).all()
-    depth = (in_reference @ canvas.reference_rotation.T)[:, 2]
+    depth = (in_reference @ canvas.rotations[0].T)[:, 2]
     assert np.allclose(disparity, canvas.focal * canvas.baseline / depth)
 
 

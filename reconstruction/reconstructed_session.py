@@ -135,8 +135,9 @@ class ReconstructedSession(OpenSession):
         self, options: PanoramaOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> Made[PanoramaResult]:
         """Stitch the images of one instant."""
-        chosen = options or PanoramaOptions()
-        return _make(Made[PanoramaResult], out, lambda to: panorama((self.folder,), to, chosen))
+        return _make(
+            Made[PanoramaResult], out, lambda to: panorama((self.folder,), to, options or PanoramaOptions())
+        )
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return what moves in a camera's frame, bool height x width, seen by comparing its instants.

@@ -175,8 +175,9 @@ def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array
         points, pixels = seen[name, moment]
         view = views[name]
         _, rvec, tvec = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
-        rotation = view.rotation.T @ cv2.Rodrigues(rvec)[0]
-        boards[moment] = _pose(rotation, view.rotation.T @ (tvec.ravel() - view.translation))
+        boards[moment] = _pose(
+            view.rotation.T @ cv2.Rodrigues(rvec)[0], view.rotation.T @ (tvec.ravel() - view.translation)
+        )
     return boards
 
 

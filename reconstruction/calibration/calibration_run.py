@@ -154,8 +154,9 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     views = calibrated_views(dataset, found)
     quality = judge_calibration(views, shared)
     if options.source in FOUND_HERE or own:
-        advice = f", {GIVE_LENSES}" if GUESS in found.source else ""
-        refuse_bad_calibration(quality, len(dataset.cameras), advice)
+        refuse_bad_calibration(
+            quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in found.source else ""
+        )
     if check is not None and not check.holds:
         raise BadInputError(
             f"this calibration no longer holds: {check}",
@@ -221,8 +222,11 @@ def _from_board(
         _refuse_turned_board(recordings[0], board)
     _say_if_ambiguous(dataset, board)
     lenses = lenses_of_recordings(dataset, board, options.lens_recordings)
-    found = calibrate_from_board(recordings[0], board, corners, lenses)
-    return found, shared_corners(corners), count_coverage(dataset, board, corners)
+    return (
+        calibrate_from_board(recordings[0], board, corners, lenses),
+        shared_corners(corners),
+        count_coverage(dataset, board, corners),
+    )
 
 
 def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -> Calibration:

@@ -221,8 +221,9 @@ def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corne
     good, rvec, tvec = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
     if not good:
         return None
-    rotation = view.rotation.T @ cv2.Rodrigues(rvec)[0]
-    return _world_of(rotation, view.rotation.T @ (tvec.ravel() - view.translation), 1.0)
+    return _world_of(
+        view.rotation.T @ cv2.Rodrigues(rvec)[0], view.rotation.T @ (tvec.ravel() - view.translation), 1.0
+    )
 
 
 def _world_of(rotation: Array, translation: Array, scale: float) -> World:

@@ -163,8 +163,7 @@ def _best_match(picture: Array, at: Array, other: Array) -> Array | None:
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
     """Return the normalized correlation (n,) of the patches around pixels (n, 2) of two images."""
     one, other = _patches(a, at_a), _patches(b, at_b)
-    power = np.sqrt((one**2).sum(1) * (other**2).sum(1))
-    return np.asarray((one * other).sum(1) / np.maximum(power, 1e-6))
+    return np.asarray((one * other).sum(1) / np.maximum(np.sqrt((one**2).sum(1) * (other**2).sum(1)), 1e-6))
 
 
 def _patches(picture: Array, at: Array) -> Array:

@@ -112,9 +112,12 @@ class FrameOffset:
     @property
     def reversed(self) -> "FrameOffset":
         """The same offset in the other direction: the second of each pair is earlier."""
-        pairs = tuple((later, now) for now, later in self.pairs)
         return replace(
-            self, asked_ms=-self.asked_ms, actual_ns=-self.actual_ns, frames=-self.frames, pairs=pairs
+            self,
+            asked_ms=-self.asked_ms,
+            actual_ns=-self.actual_ns,
+            frames=-self.frames,
+            pairs=tuple((later, now) for now, later in self.pairs),
         )
 
     @property

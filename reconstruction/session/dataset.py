@@ -180,8 +180,9 @@ class Dataset:
 
     def instants(self, *cameras: str) -> tuple[int, ...]:
         """Return the instants at which all of these cameras have images."""
-        every = range(len(self.instants_ns))
-        return tuple(k for k in every if all(self.has_image(camera, k) for camera in cameras))
+        return tuple(
+            k for k in range(len(self.instants_ns)) if all(self.has_image(camera, k) for camera in cameras)
+        )
 
     def image(self, camera: str, instant: int) -> Array:
         """Return an image, uint8 height x width x 3, BGR (grey cameras: three equal channels).

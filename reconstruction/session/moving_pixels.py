@@ -227,8 +227,7 @@ def _cell_motions(before: Array, after: Array) -> Array:
         return np.zeros(0)
     start = np.concatenate(corners)
     there, drift = track_there_and_back(before, after, start, TRACKED_PX)
-    lengths = np.linalg.norm(there - start, axis=1) / scale
-    sure = np.where(drift < SHAKE_PX / 2, lengths, np.nan)
+    sure = np.where(drift < SHAKE_PX / 2, np.linalg.norm(there - start, axis=1) / scale, np.nan)
     cells = np.split(sure, np.cumsum([len(some) for some in corners])[:-1])
     return np.array([np.nanmedian(of) for of in cells if np.isfinite(of).sum() >= 2])
 

@@ -95,8 +95,7 @@ def same_brightness(a: Array, b: Array) -> Array:
     """
     beside = np.ones((1, 3), np.uint8)
     half_pixel = (cv2.dilate(a, beside) - cv2.erode(a, beside)) / 4
-    beyond = cv2.blur(np.abs(a - b) - half_pixel, (5, 5))
-    return np.asarray(beyond < MAX_GREY_DIFFERENCE + 3 * noise_level(a))
+    return np.asarray(cv2.blur(np.abs(a - b) - half_pixel, (5, 5)) < MAX_GREY_DIFFERENCE + 3 * noise_level(a))
 
 
 def residual_displacement(reference: Array, warped: Array) -> Array:
@@ -123,8 +122,7 @@ def window_correlation(a: Array, b: Array) -> Array:
     mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
     var_a = np.maximum(cv2.blur(a * a, size) - mean_a**2, 0)
     var_b = np.maximum(cv2.blur(b * b, size) - mean_b**2, 0)
-    both = cv2.blur(a * b, size) - mean_a * mean_b
-    return np.asarray(both / np.sqrt(np.maximum(var_a * var_b, 1e-3)))
+    return np.asarray((cv2.blur(a * b, size) - mean_a * mean_b) / np.sqrt(np.maximum(var_a * var_b, 1e-3)))
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:

@@ -157,9 +157,13 @@ class Rectification:
         """Each view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
         found = []
         for other, (view, rotation) in enumerate(zip(self.views, self.rotations, strict=True)):
-            size = (self.width, self.height)
             xs, ys = cv2.initUndistortRectifyMap(
-                view.matrix, view.distortion, rotation, self._projection, size, cv2.CV_32FC1
+                view.matrix,
+                view.distortion,
+                rotation,
+                self._projection,
+                (self.width, self.height),
+                cv2.CV_32FC1,
             )
             outline = self.project(view.rays(view.border()), other=bool(other))
             seen = np.zeros((self.height, self.width), np.uint8)

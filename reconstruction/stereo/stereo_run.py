@@ -88,8 +88,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         progress.step("choosing cameras")
         later = options.instant if options.other_instant is None else options.other_instant
         left_out = _without_image(dataset, {options.instant, later})
-        there = set(dataset.cameras) - left_out.keys()
-        choice = rig.choose_stereo_pair(options.pair, options.instant, there)
+        choice = rig.choose_stereo_pair(options.pair, options.instant, set(dataset.cameras) - left_out.keys())
         if choice.cameras is None:
             absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
             raise BadInputError(
@@ -146,13 +145,13 @@ def _save_result(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth[found.depth > 0]
-    photo = rig.dataset.image(cameras[0], instants[0])
-    picture = side_by_side(photo, colour_depth(depth, *display_range(depth)))
+    picture = side_by_side(
+        rig.dataset.image(cameras[0], instants[0]), colour_depth(depth, *display_range(depth))
+    )
     write_image(folder / DEPTH, depth.astype(np.float32))
     write_image(folder / FILLED, found.filled.astype(np.float32))
     truth = rig.dataset.ground_truth(cameras[0], instants[0])
     judged = truth[0] if truth is not None and rig.unit == "m" else None
-    level = np.round(255 * found.confidence).astype(np.uint8)
     return StereoDepth(
         session=rig.dataset.name,
         reference=cameras[0],
@@ -161,7 +160,7 @@ def _save_result(
         other_instant=instants[1],
         depth=DEPTH,
         depth_filled=FILLED,
-        confidence=save_picture(folder, "confidence.png", level),
+        confidence=save_picture(folder, "confidence.png", np.round(255 * found.confidence).astype(np.uint8)),
         picture=save_picture(folder, "depth.png", picture),
         unit=rig.unit,
         nearest=float(known.min()) if known.size else 0.0,

@@ -392,8 +392,8 @@ def _parts(geometry: Array, instant: Array) -> float:
     """Return the mean number of image parts that contain points at an instant."""
     if not len(instant):
         return 0.0
-    cells = np.floor(4 * places(geometry)) @ np.array([1.0, 100.0])
-    return len(np.unique(np.stack([instant, cells]), axis=1).T) / len(np.unique(instant))
+    cells = np.unique(np.column_stack([instant, np.floor(4 * places(geometry))]), axis=0)
+    return len(cells) / len(np.unique(instant))
 
 
 def _robust_sd(misses: Array, min_px: float) -> float:

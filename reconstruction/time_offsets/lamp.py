@@ -70,6 +70,8 @@ NO_LAMP = "it sees no blinking lamp"
 
 Ramp = tuple[float, float]
 """Duration for which rows show an edge, ms, and the exponent of the tone curve."""
+EdgeTime = tuple[float, float, float]
+"""Time of an edge, ms, the row whose mid-exposure was at that time, and the time's standard deviation, ms."""
 
 
 @dataclass(frozen=True)
@@ -148,18 +150,15 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
     # With a slow lamp most images change.
     typical = float(np.quantile(size, 0.2)) / 0.253
     threshold = max(CLEAR * typical, MIN_FRACTION * float(np.median(brightness)), 0.5)
-    large = size > threshold
-    found: list[tuple[int, bool]] = []
-    for k in np.flatnonzero(large):
-        rising = bool(steps[k] > 0)
-        if found and found[-1][1] == rising and k - found[-1][0] <= STEP + 1:
-            if size[k] > size[found[-1][0]]:
-                found[-1] = (int(k), rising)
-        else:
-            found.append((int(k), rising))
+    found: list[int] = []
+    for k in map(int, np.flatnonzero(size > threshold)):
+        if not found or steps[k] * steps[found[-1]] < 0 or k - found[-1] > STEP + 1:
+            found.append(k)
+        elif size[k] > size[found[-1]]:
+            found[-1] = k
     # A lamp makes equal steps up and down; much smaller steps have another cause.
-    typical_step = float(np.median([size[k] for k, _ in found])) if found else 0.0
-    return [(k, rising) for k, rising in found if size[k] > 0.3 * typical_step]
+    typical_step = float(np.median(size[found])) if found else 0.0
+    return [(k, bool(steps[k] > 0)) for k in found if size[k] > 0.3 * typical_step]
 
 
 def _edge(
@@ -197,15 +196,6 @@ def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Ar
         sd = np.hypot(MIN_SD, (1.4826 * typical + 1) / np.sqrt((weights * rise).sum(1)))
     shown = (weights > 0).sum(1) >= ROW_PIXELS
     return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
-
-
-@dataclass(frozen=True)
-class EdgeTime:
-    """Time of an edge, ms, and the row whose mid-exposure was at that time."""
-
-    at_ms: float
-    row: float
-    sd_ms: float
 
 
 def fit_ramp(edges: Sequence[BlinkEdge], height: int) -> Ramp:
@@ -247,7 +237,7 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
     precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / SHARED_ROWS)
     row = np.average(edge.row, weights=np.maximum(0, 1 - np.abs(2 * part - 1)))
-    return EdgeTime(at, float(row), float(np.hypot(1 / precision, RAMP_ERROR * width_ms)))
+    return at, float(row), float(np.hypot(1 / precision, RAMP_ERROR * width_ms))
 
 
 @dataclass(frozen=True)
@@ -355,20 +345,19 @@ def _solve(
     names = list(edges)
     numbers = sorted({number for of in edges.values() for number in of})
     rows = [(camera, number, one) for camera, of in enumerate(edges.values()) for number, one in of.items()]
+    values, at_rows, sds = np.array([time for _, _, time in rows]).T
     count, spare = len(numbers), len(rows) - len(numbers) - len(names)
     row_sds = [RECORDED_ROW_SD if seen[name].recorded else ASSUMED_ROW_SD for name in names]
     priors = np.concatenate([np.zeros(count), *([0.0, 1 / sd**2, 1 / BEND_MS**2] for sd in row_sds)])
     design = np.zeros((len(rows), len(priors)))
-    for line, (camera, number, one) in enumerate(rows):
+    for line, (camera, number, _) in enumerate(rows):
         of, at = seen[names[camera]], count + 3 * camera
-        from_row = one.row - (0.0 if of.recorded else of.height / 2)
+        from_row = at_rows[line] - (0.0 if of.recorded else of.height / 2)
         direction = 1 if seen[first].rising[number] else -1
         design[line, numbers.index(number)] = 1
         design[line, at : at + 3] = (-1, -of.row_ms * from_row, direction)
-    values = np.array([one.at_ms for _, _, one in rows])
-    sds = np.array([max(one.sd_ms, SYSTEMATIC_MS) for _, _, one in rows])
     priors[count + 3 * names.index(first)] = 1e12
-    found, found_sd = _robust_fit(design, values, sds, priors, spare)
+    found, found_sd = _robust_fit(design, values, np.maximum(sds, SYSTEMATIC_MS), priors, spare)
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].row_ms
@@ -390,7 +379,6 @@ def _robust_fit(design: Array, values: Array, sds: Array, priors: Array, spare: 
         normal = design.T @ (weights[:, None] * design) + np.diag(priors)
         found = np.linalg.solve(normal, design.T @ (weights * values))
         misses = (values - design @ found) / sds
-        freedom = float(np.sqrt(len(values) / max(1, spare)))
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(misses))) * freedom)
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(misses)) * np.sqrt(len(values) / max(1, spare))))
         weights = 1 / (sds * scale) ** 2 / (1 + (misses / (3 * scale)) ** 2)
     return found, np.sqrt(np.diagonal(np.linalg.inv(normal)))

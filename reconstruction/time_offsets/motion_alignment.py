@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.console.terminal import Progress
-from capture_app.session.alignment.clock_line import fit_clock_line
+from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
@@ -90,54 +90,61 @@ def _correlation(a: Array, b: Array, lag: int) -> float:
     return float(x @ y) / size * float(np.sqrt(end - begin)) if size else -1.0
 
 
-class MotionAlignment:
-    """Alignment of a calibrated rig's cameras in time; the points of each image are detected once."""
+def align_cameras(rig: Rig, progress: Progress) -> dict[str, CameraTimes]:
+    """Measure each camera's times relative to the first camera's, starting from the session's times.
 
-    def __init__(self, rig: Rig, progress: Progress) -> None:
-        self.dataset = rig.dataset
-        self.progress = progress
-        self.offsets = PairOffsets(rig)
-        self._pairs = {frozenset(pair) for pair in likely_pairs(rig)}
-        self._activity = lru_cache(maxsize=None)(partial(measure_activity, self.dataset))
+    The times of a camera have an offset or a reason.
+    """
+    pairs, offsets = {frozenset(pair) for pair in likely_pairs(rig)}, PairOffsets(rig)
+    activity = lru_cache(maxsize=None)(partial(measure_activity, rig.dataset))
 
-    def against(self, first: str, second: str) -> CameraTimes:
-        """Measure the second camera's times relative to the first's; the result has an offset or a reason."""
-        if frozenset((first, second)) not in self._pairs:
+    def against(first: str, second: str) -> CameraTimes:
+        """Measure the second camera's times relative to the first's."""
+        if frozenset((first, second)) not in pairs:
             return CameraTimes(reason="its view overlaps with no camera whose offset is known")
-        self.progress.total += 1
-        self.progress.step(f"{second} against {first}")
-        rough = self._rough(first, second)
+        progress.total += 1
+        progress.step(f"{second} against {first}")
+        rough = _rough_offset(offsets, (first, second), activity(first), activity(second))
         if isinstance(rough, str):
             return CameraTimes(reason=rough)
-        fit = self.offsets.measure(first, second, MAX_INSTANTS, rough=rough)
-        return CameraTimes(reason=fit.reason) if fit.offset_ms is None else self._line(first, second, fit)
+        fit = offsets.measure(first, second, MAX_INSTANTS, rough=rough)
+        if fit.offset_ms is None:
+            return CameraTimes(reason=fit.reason)
+        return _line(rig.dataset, first, second, fit)
 
-    def _rough(self, first: str, second: str) -> RoughOffset | str:
-        """Return the candidate offset on which most points agree, or the reason why there is none."""
-        period_ms = self.dataset.period_ns / 1e6
-        max_offset_ms = MAX_ERROR_FRAMES * period_ms
-        tried: list[tuple[float, float]] = []
-        reason = "the amount of motion in view matches at no offset"
-        for offset_ms in rough_offsets_ms(self._activity(first), self._activity(second), period_ms):
-            fit = self.offsets.measure(first, second, TRIAL_INSTANTS, rough=(offset_ms, max_offset_ms))
-            if fit.offset_ms is None:
-                reason = fit.reason
-            else:
-                tried.append((fit.votes, fit.offset_ms))
-        if not tried:
-            return reason
-        votes, best_ms = max(tried)
-        rivals = [other for other, at_ms in tried if abs(at_ms - best_ms) > period_ms]
-        distinct = votes >= DISTINCT * max(rivals, default=0.0)
-        return (best_ms, 1.5 * period_ms) if distinct else "the moving points fit several offsets"
+    return chain_cameras(rig.dataset.cameras, against)
 
-    def _line(self, first: str, second: str, fit: OffsetFit) -> CameraTimes:
-        times = ImageTimes(self.dataset, (first, second))
-        epoch_ms = self.dataset.instants_ns[0] / 1e6
-        reference_ms = np.array([times.middle_ms(first, one.instant) for one in fit.instants]) + epoch_ms
-        camera_ms = reference_ms - np.array([one.late_ms for one in fit.instants])
-        # More points do not average out the error that an instant's points share.
-        sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
-        return fit_clock_line(
-            camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3
-        )
+
+def _rough_offset(
+    offsets: PairOffsets, pair: tuple[str, str], first: Activity, second: Activity
+) -> RoughOffset | str:
+    """Return the candidate offset on which most points agree, or the reason why there is none."""
+    period_ms = offsets.dataset.period_ns / 1e6
+    max_offset_ms = MAX_ERROR_FRAMES * period_ms
+    tried: list[tuple[float, float]] = []
+    reason = "the amount of motion in view matches at no offset"
+    for offset_ms in rough_offsets_ms(first, second, period_ms):
+        fit = offsets.measure(*pair, TRIAL_INSTANTS, rough=(offset_ms, max_offset_ms))
+        if fit.offset_ms is None:
+            reason = fit.reason
+        else:
+            tried.append((fit.votes, fit.offset_ms))
+    if not tried:
+        return reason
+    votes, best_ms = max(tried)
+    rivals = [other for other, at_ms in tried if abs(at_ms - best_ms) > period_ms]
+    distinct = votes >= DISTINCT * max(rivals, default=0.0)
+    return (best_ms, 1.5 * period_ms) if distinct else "the moving points fit several offsets"
+
+
+def _line(dataset: Dataset, first: str, second: str, fit: OffsetFit) -> CameraTimes:
+    times = ImageTimes(dataset, (first, second))
+    reference_ms = np.array([times.middle_ms(first, one.instant) for one in fit.instants]) + (
+        dataset.instants_ns[0] / 1e6
+    )
+    camera_ms = reference_ms - np.array([one.late_ms for one in fit.instants])
+    # More points do not average out the error that an instant's points share.
+    sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
+    return fit_clock_line(
+        camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3
+    )

@@ -45,16 +45,12 @@ class Outlines:
 
         An object matches if it is the only one of similar size nearby.
         """
-        found = np.full_like(self.at, np.nan)
         if others is None or not len(others.at):
-            return found
-        for k, (at, area) in enumerate(zip(self.at, self.area, strict=True)):
-            distances = np.linalg.norm(others.at - at, axis=1)
-            similar = np.abs(np.log(others.area / area)) < np.log(GROWTH)
-            near = np.flatnonzero(similar & (distances < MAX_STEP_WIDTHS * np.sqrt(area)))
-            if len(near) == 1:
-                found[k] = others.at[near[0]]
-        return found
+            return np.full_like(self.at, np.nan)
+        distances = np.linalg.norm(others.at - self.at[:, None], axis=2)
+        near = distances < MAX_STEP_WIDTHS * np.sqrt(self.area)[:, None]
+        near &= np.abs(np.log(others.area / self.area[:, None])) < np.log(GROWTH)
+        return np.where(near.sum(1, keepdims=True) == 1, others.at[near.argmax(1)], np.nan)
 
 
 def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
@@ -64,8 +60,8 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     """
     difference = image.astype(np.float32) - background
     difference = np.abs(cv2.GaussianBlur(difference - float(np.median(difference)), (0, 0), 0.7))
-    threshold = max(12.0, 6 * 1.4826 * float(np.median(difference)))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > threshold).astype(np.uint8))
+    differs = difference > max(12.0, 6 * 1.4826 * float(np.median(difference)))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     height, width = image.shape
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
     found: list[tuple[Array, float, float]] = []
@@ -79,10 +75,11 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
             continue
         part = np.s_[top - EDGE_PX : top + high + EDGE_PX, left - EDGE_PX : left + wide + EDGE_PX]
         mask = labels[part] == k
-        if (moving[part] & mask).any() and _solid(mask):
+        solid = mask.sum() > MIN_SOLID * cv2.contourArea(cv2.convexHull(_contour(mask)))
+        if solid and (moving[part] & mask).any():
             found.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
-    at = np.array([middle for middle, _, _ in found]).reshape(-1, 2)
-    return Outlines(at, *(np.array([one[i] for one in found]) for i in (1, 2)))
+    at, areas, errors_px = (np.array([one[i] for one in found]) for i in range(3))
+    return Outlines(at.reshape(-1, 2), areas, errors_px)
 
 
 def _contour(mask: Array) -> Array:
@@ -91,15 +88,10 @@ def _contour(mask: Array) -> Array:
     return np.concatenate(contours)[:, 0]
 
 
-def _solid(mask: Array) -> bool:
-    return float(mask.sum()) > MIN_SOLID * cv2.contourArea(cv2.convexHull(_contour(mask)))
-
-
 def _roughness_px(mask: Array) -> float:
     """Return the standard deviation of an object's contour from an ellipse of the same second moments."""
     inside = np.argwhere(mask)[:, ::-1]
-    spread = np.cov(inside.T)
-    offset = _contour(mask) - inside.mean(0)
+    spread, offset = np.cov(inside.T), _contour(mask) - inside.mean(0)
     radii = np.sqrt((offset @ np.linalg.inv(spread) * offset).sum(1)) / 2
     deviation_px = 2 * np.linalg.det(spread) ** 0.25 * radii.std()
     return float(np.sqrt(max(0.0, deviation_px**2 - PIXEL_PX**2)))
@@ -121,11 +113,5 @@ def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[
 
 def similar_objects(a: Outlines, b: Outlines) -> tuple[Array, Array]:
     """Return the indices (n,) in a and b of objects that may be the same: all pairs of similar size."""
-    pairs = [
-        (i, j)
-        for i, one in enumerate(a.area)
-        for j, other in enumerate(b.area)
-        if abs(np.log(one / other)) < 2 * np.log(GROWTH)
-    ]
-    both = np.array(pairs, int).reshape(-1, 2)
-    return both[:, 0], both[:, 1]
+    of_a, of_b = np.nonzero(np.abs(np.log(a.area[:, None] / b.area)) < 2 * np.log(GROWTH))
+    return of_a, of_b

@@ -99,8 +99,9 @@ def correct_views(
     found, changes = np.zeros(len(sds)), 1e-3 * np.eye(len(sds))
 
     def errors_px(values: Array) -> Array:
-        at = at_b[chosen] - values[-1] * steps_px[chosen]
-        return epipolar_errors_px(*_corrected(views, values * sds), at_a[chosen], at)
+        return epipolar_errors_px(
+            *_corrected(views, values * sds), at_a[chosen], at_b[chosen] - values[-1] * steps_px[chosen]
+        )
 
     for _ in range(2):
         good = consistent_matches(_corrected(views, found * sds), at_a, at_b - found[-1] * steps_px)
@@ -119,8 +120,11 @@ def correct_views(
                 return None
     if np.abs(found).max() >= MAX_CORRECTION or np.median(np.abs(errors_px(found))) >= CORRECTED_PX:
         return None
-    sd_ms = float(np.sqrt(np.linalg.inv(normal)[-1, -1])) * period_ms
-    return Correction(_corrected(views, found * sds), float(found[-1]) * period_ms, sd_ms)
+    return Correction(
+        _corrected(views, found * sds),
+        float(found[-1]) * period_ms,
+        float(np.sqrt(np.linalg.inv(normal)[-1, -1])) * period_ms,
+    )
 
 
 def _corrected(views: tuple[View, View], errors: Array) -> tuple[View, View]:

@@ -171,8 +171,7 @@ class PairOffsets:
         errors_px = np.hypot(
             self._outlines(*a).errors_px[objects[0]], self._outlines(*b).errors_px[objects[1]]
         )
-        shared_px = np.concatenate([np.zeros(len(corners[0])), errors_px])
-        return (first, second), counts, shared_px
+        return (first, second), counts, np.concatenate([np.zeros(len(corners[0])), errors_px])
 
     def _path(self, times: "ImageTimes", image: Image, corners: Array, objects: Array) -> Path:
         """Return the positions of corners (3, n, 2) and selected objects before, at and after an image."""

@@ -8,7 +8,6 @@ from msgspec import Struct
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
-from capture_app.session.alignment.clock_line import chain_cameras
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from reconstruction.calibration.calibrated_rig import Rig
@@ -16,7 +15,7 @@ from reconstruction.calibration.stored import choose_calibration
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
-from reconstruction.time_offsets.motion_alignment import MotionAlignment
+from reconstruction.time_offsets.motion_alignment import align_cameras
 from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets
 
 
@@ -62,7 +61,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     if alone:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             rig = _calibrated(dataset, Path(scratch), progress)
-            aligned = chain_cameras(dataset.cameras, MotionAlignment(rig, progress).against)
+            aligned = align_cameras(rig, progress)
         cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, rig.source
     else:
         cameras, calibration = _common_times(dataset, reference, progress)

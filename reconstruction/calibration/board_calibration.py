@@ -7,7 +7,7 @@ Adjustment - A Modern Synthesis, 2000), with OpenCV's derivatives. The errors of
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import accumulate, combinations
 from pathlib import Path
 
 import cv2
@@ -54,7 +54,7 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
             f"{name} shows the board in {count(len(seen), 'image')}; {MIN_BOARDS} are needed",
             hint="record the board from more places; check --board, --square-mm and --dictionary",
         )
-    seen = evenly_spaced(list(seen), MAX_BOARDS)
+    seen = evenly_spaced(seen, MAX_BOARDS)
     points = [board.places[sorted(corners)] for corners in seen]
     pixels = [_pixels(corners, sorted(corners)) for corners in seen]
     _, matrix, distortion, _, _ = cv2.calibrateCamera(
@@ -198,17 +198,15 @@ BoardCorners = dict[tuple[str, int], Corners]
 
 def detect_board(recordings: Sequence[Dataset], board: Board) -> BoardCorners:
     """Detect the board in every image; images with fewer than MIN_CORNERS are left out."""
-    found: BoardCorners = {}
     finders = {camera: BoardDetector(board) for camera in recordings[0].cameras}
-    before = 0
-    for recording in recordings:
-        for camera in recording.cameras:
-            for instant in recording.instants(camera):
-                corners = finders[camera].detect(recording.grey(camera, instant))
-                if corners:
-                    found[camera, before + instant] = corners
-        before += len(recording.instants_ns)
-    return found
+    first_moments = accumulate((len(recording.instants_ns) for recording in recordings), initial=0)
+    return {
+        (camera, first + instant): corners
+        for recording, first in zip(recordings, first_moments, strict=False)
+        for camera in recording.cameras
+        for instant in recording.instants(camera)
+        if (corners := finders[camera].detect(recording.grey(camera, instant)))
+    }
 
 
 def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> BoardCoverage:
@@ -221,10 +219,10 @@ def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> Boa
 
 def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
     """Group corners by moment, then camera, in the order of moments."""
-    found: dict[int, dict[str, Corners]] = {}
+    found: dict[int, dict[str, Corners]] = {moment: {} for moment in sorted({k for _, k in corners})}
     for (camera, moment), seen in corners.items():
-        found.setdefault(moment, {})[camera] = seen
-    return dict(sorted(found.items()))
+        found[moment][camera] = seen
+    return found
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
@@ -328,10 +326,8 @@ def _relative_pose(
     starts from a median of rotation vectors, which fails near half a turn.
     """
     rotations, translations = [], []
-    for at, in_a, in_b in zip(points, *pixels, strict=True):
-        (of_a, move_a), (of_b, move_b) = (
-            _board_pose(at, seen, lens) for seen, lens in zip((in_a, in_b), lenses, strict=True)
-        )
+    for at, *seen in zip(points, *pixels, strict=True):
+        (of_a, move_a), (of_b, move_b) = map(_board_pose, (at, at), seen, lenses)
         rotations.append(of_b @ of_a.T)
         translations.append(move_b - of_b @ of_a.T @ move_a)
     every = np.array(rotations)

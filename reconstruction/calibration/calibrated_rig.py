@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 
 import numpy as np
@@ -51,9 +51,8 @@ MAX_STRETCH = 8.0
 
 def impossible(camera: CameraCalibration) -> str:
     """Return the reason why no real camera can have this calibration; empty if it is plausible."""
-    rotation, translation = np.array(camera.rotation), np.array(camera.translation)
-    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
-    if not all(np.isfinite(numbers).all() for numbers in (rotation, translation, lens)):
+    lens = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
+    if not np.isfinite([*lens, *camera.translation, *chain.from_iterable(camera.rotation)]).all():
         return "it has numbers that are not finite"
     if min(camera.width, camera.height) < 1:
         return f"it is for pictures of {camera.width}x{camera.height} pixels"
@@ -180,14 +179,13 @@ class Rig:
 
         The choice (`among` some cameras) is by the points that both see around an instant.
         """
-        choice = PairChoice(asked, "asked for")
-        if asked is None:
-            views = {name: view for name, view in self.views.items() if among is None or name in among}
-            choice = choose_stereo_pair(views, self.features(instant))
-        for name in choice.cameras or ():
+        for name in asked or ():
             if name not in self.views:
                 return PairChoice(None, f"camera {name} has no calibration")
-        return choice
+        if asked is not None:
+            return PairChoice(asked, "asked for")
+        views = {name: view for name, view in self.views.items() if among is None or name in among}
+        return choose_stereo_pair(views, self.features(instant))
 
     def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
         """Return the requested pair for a panorama, else one chosen by overlap."""
@@ -239,8 +237,7 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
         )
     views, faults = {}, []
     for name in dataset.cameras:
-        known = calibration.cameras.get(name)
-        if known is None:
+        if (known := calibration.cameras.get(name)) is None:
             continue
         width, height = dataset.size_on_disk(name)
         if why := impossible(known):

@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import wraps
 from importlib import metadata
 from pathlib import Path
 from traceback import extract_tb
@@ -104,18 +103,9 @@ class GuardedModule(ModuleType):
         if isinstance(found, ModuleType):
             found = GuardedModule(found, self._library)
         elif isinstance(found, BuiltinFunctionType | FunctionType):
-            found = _guarded(found, self._library)
+            found = foreign_calls(self._library, name.replace("_", " "))(found)
         setattr(self, name, found)
         return found
-
-
-def _guarded(function: Any, library: str) -> Any:
-    @wraps(function)
-    def call(*arguments: Any, **options: Any) -> Any:
-        with foreign_calls(library, function.__name__.replace("_", " ")):
-            return function(*arguments, **options)
-
-    return call
 
 
 _lock = threading.Lock()

@@ -1,6 +1,7 @@
 """Composition of a panorama on a cylinder or sphere: exposure compensation, seams, and blending."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -47,12 +48,11 @@ class Projection:
         Raises:
             ValueError: the panorama would be too small or too large.
         """
-        self._views = dict(views)
         shape = "cylindrical" if max(map(_steepest, views.values())) < STEEPEST else "spherical"
         focal = float(np.median([view.focal for view in views.values()]))
         self._warper = cv2.PyRotationWarper(shape, focal)
         self.boxes = {name: self._box(view) for name, view in views.items()}
-        self._refuse_misalignment()
+        self._refuse_misalignment(views.values())
         self._maps = {name: self._map(view) for name, view in views.items()}
         self.seen = {name: _inside(self._maps[name], view) for name, view in views.items()}
 
@@ -75,7 +75,7 @@ class Projection:
     def _box(self, view: View) -> Box:
         flat = _flat_view(view)
         x, y, width, height = self._warper.warpRoi((flat.width, flat.height), *_for_warper(flat))
-        return int(x), int(y), int(x + width), int(y + height)
+        return x, y, x + width, y + height
 
     def _map(self, view: View) -> Array:
         """Return image pixels, float32 (height, width, 2), for each pixel of the view's box."""
@@ -90,12 +90,13 @@ class Projection:
         bent[inside] = view.project(np.column_stack([normalized, np.ones(len(normalized))]))
         return bent
 
-    def _refuse_misalignment(self) -> None:
+    def _refuse_misalignment(self, views: Iterable[View]) -> None:
         left, top, right, bottom = self.canvas
         width, height = right - left, bottom - top
-        min_side = min(min(view.width, view.height) for view in self._views.values()) // 2
-        area = sum(view.width * view.height for view in self._views.values())
-        if min(width, height) < min_side or width * height > MAX_GROWTH * area:
+        sizes = [(view.width, view.height) for view in views]
+        if min(width, height) < min(map(min, sizes)) // 2 or width * height > MAX_GROWTH * sum(
+            map(math.prod, sizes)
+        ):
             raise ValueError(f"the pictures do not fit together: a panorama of {width}x{height} pixels")
 
 

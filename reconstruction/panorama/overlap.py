@@ -192,11 +192,8 @@ class Misalignment(Struct, frozen=True, kw_only=True):
     def at_points(cls, lengths: Array) -> "Misalignment":
         """Summarize lengths (n,), NaN where a point was lost."""
         found = known(lengths)
-        lost = len(lengths) - len(found)
-        if not len(found):
-            return cls(points=0, lost=lost)
-        median, p95 = (float(value) for value in np.percentile(found, [50, 95]))
-        return cls(points=len(found), lost=lost, median_px=median, p95_px=p95)
+        median, p95 = map(float, np.percentile(found, [50, 95])) if len(found) else (None, None)
+        return cls(points=len(found), lost=len(lengths) - len(found), median_px=median, p95_px=p95)
 
 
 class OverlapScore(Struct, frozen=True, kw_only=True):

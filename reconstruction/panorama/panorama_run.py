@@ -150,15 +150,11 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
     """
     if len(sources) == 1 and (sources[0] / MANIFEST).exists():
         return _session_input(sources[0], options)
-    if options.offset_ms is not None:
+    asked = {"--offset-ms": options.offset_ms is not None, "--time-shift-ms": bool(options.time_shifts_ms)}
+    if given := [option for option, is_given in asked.items() if is_given]:
         raise BadInputError(
-            "--offset-ms needs a session: single pictures have no instants",
-            hint="give a session, or leave out --offset-ms",
-        )
-    if options.time_shifts_ms:
-        raise BadInputError(
-            "--time-shift-ms needs a session: single pictures have no times",
-            hint="give a session, or leave out --time-shift-ms",
+            f"{given[0]} needs a session: single pictures have no times",
+            hint=f"give a session, or leave out {given[0]}",
         )
     paths: list[Path] = []
     for source in sources:

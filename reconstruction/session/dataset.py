@@ -50,18 +50,17 @@ def shift_times(
             continue
         leader_ns = record.leader_ns + shift_ns
         instant = min(range(len(instants_ns)), key=lambda k: abs(instants_ns[k] - leader_ns))
-        start = record.exposure_start_ns
-        moved = msgspec.structs.replace(
-            record,
-            leader_ns=leader_ns,
-            residual_ns=leader_ns - instants_ns[instant],
-            exposure_start_ns=None if start is None else start + shift_ns,
-        )
-        other = placed.get((record.camera, instant))
-        if is_same_instant(moved.residual_ns, period_ns) and (
-            other is None or abs(moved.residual_ns) < abs(other.residual_ns)
+        residual_ns, other = leader_ns - instants_ns[instant], placed.get((record.camera, instant))
+        if is_same_instant(residual_ns, period_ns) and (
+            other is None or abs(residual_ns) < abs(other.residual_ns)
         ):
-            placed[record.camera, instant] = moved
+            start = record.exposure_start_ns
+            placed[record.camera, instant] = msgspec.structs.replace(
+                record,
+                leader_ns=leader_ns,
+                residual_ns=residual_ns,
+                exposure_start_ns=None if start is None else start + shift_ns,
+            )
     for camera, shift_ms in shifts_ms.items():
         if shift_ms and not any(name == camera for name, _ in placed):
             raise BadInputError(
@@ -140,10 +139,9 @@ class Dataset:
         """
         sizes = sorted((self.size(camera) for camera in self.cameras), key=lambda size: -size[0] * size[1])
         pixels = sum(width * height for width, height in sizes[:images])
-        largest = "{}x{}".format(*sizes[0]) if sizes else ""
-        what = f"work on {images} pictures" if images > 1 else "work on a picture"
+        what = f"{images} pictures" if images > 1 else "a picture"
         scale = memory_budget().fit_scale(
-            f"{what} of {self.name} ({largest} pixels)",
+            f"work on {what} of {self.name} ({'x'.join(map(str, sizes[0]))} pixels)",
             lambda scale: pixels * scale**2 * bytes_per_pixel + fixed_bytes,
             fraction=fraction,
         )
@@ -333,15 +331,13 @@ class Dataset:
         with reading(path):
             data = self.session.image_bytes(record)
         picture_checks().check(path, data, record.sha256)
-        width, height = self.size_on_disk(camera)
-        found = image_size(path, data)
-        if sorted(found) == sorted((width, height)):
+        size, found = self.size_on_disk(camera), image_size(path, data)
+        if sorted(found) == sorted(size):
             image = read_image(path, self.size(camera) if self._scale < 1.0 else None, data)
-            found = image.shape[1], image.shape[0]
-            width, height = self.size(camera)
-        if found != (width, height):
+            size, found = self.size(camera), (image.shape[1], image.shape[0])
+        if found != size:
             raise BadInputError(
-                f"{path} is {found[0]}x{found[1]}, but {camera} is {width}x{height}",
+                f"{path} is {found[0]}x{found[1]}, but {camera} is {size[0]}x{size[1]}",
                 hint="restore the image from a copy, or import the recording again",
             )
         return image

@@ -447,22 +447,19 @@ def _patch_errors(
 ) -> list[float]:
     """Return the errors of patches on a canvas mask with at least this `contrast`."""
     half = PATCH_PX // 2
-    ys, xs = np.nonzero(on)
-    inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
-    ys, xs = ys[inside], xs[inside]
+    ys, xs = np.nonzero(on[half : a.shape[0] - half, half : a.shape[1] - half])
+    ys, xs = ys + half, xs + half
     if len(ys) < MIN_PIXELS:
         return []
     errors = []
     for i in np.linspace(0, len(ys) - 1, PATCHES).astype(int):
         x, y = int(xs[i]), int(ys[i])
         patch = a[y - half : y + half + 1, x - half : x + half + 1]
-        if patch.std() < contrast:
-            continue
         left = max(0, x - pair.min_disparity - pair.num_disparities - half)
-        right = min(b.shape[1], x - pair.min_disparity + half + 1)
-        top, bottom = max(0, y - half - ROWS_PX), min(b.shape[0], y + half + 1 + ROWS_PX)
-        strip = b[top:bottom, left:right]
-        if min(strip.shape) < PATCH_PX or not seen[y, left:right].any():
+        right, top = x - pair.min_disparity + half + 1, max(0, y - half - ROWS_PX)
+        strip = b[top : y + half + 1 + ROWS_PX, left : max(0, right)]
+        shown = seen[y, left : max(0, right)].any()
+        if patch.std() < contrast or min(strip.shape) < PATCH_PX or not shown:
             continue
         likeness = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, at = cv2.minMaxLoc(likeness)

@@ -107,9 +107,8 @@ def adjust_offsets(
 
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
     """Return the cameras that a chain of pairs joins to the reference, including itself."""
-    joined, before = {reference}, 0
-    while len(joined) > before:
-        before = len(joined)
+    joined = {reference}
+    for _ in pairs:
         joined |= {name for pair in pairs if joined & set(pair) for name in pair}
     return joined
 

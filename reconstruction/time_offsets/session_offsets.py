@@ -93,9 +93,9 @@ def _common_times(
         rig = _calibrated(dataset, Path(scratch), progress)
         moved = measure_rig_offsets(rig, reference, progress)
     for name in unlit:
-        by_light, lit[name] = lit[name].reason, moved[name]
-        if moved[name].reason and by_light != NO_LAMP:
-            lit[name] = CameraTime(reason=f"{moved[name].reason}; {by_light}")
+        why, by_light = moved[name].reason, lit[name].reason
+        both = why and by_light != NO_LAMP
+        lit[name] = CameraTime(reason=f"{why}; {by_light}") if both else moved[name]
     return lit, rig.source
 
 

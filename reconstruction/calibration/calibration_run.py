@@ -220,7 +220,11 @@ def _from_board(
     corners = detect_board(recordings, board)
     if not corners:
         _refuse_turned_board(recordings[0], board)
-    _say_if_ambiguous(dataset, board)
+    if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
+        talk(
+            f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
+            "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
+        )
     lenses = lenses_of_recordings(dataset, board, options.lens_recordings)
     return (
         calibrate_from_board(recordings[0], board, corners, lenses),
@@ -262,14 +266,6 @@ def _keep(dataset: Dataset, calibration: Calibration) -> bool:
         talk(f"the calibration is not kept for later sessions: {error}")
         return False
     return True
-
-
-def _say_if_ambiguous(dataset: Dataset, board: Board) -> None:
-    if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
-        talk(
-            f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
-            "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
-        )
 
 
 def _refuse_turned_board(dataset: Dataset, board: Board) -> None:

@@ -197,8 +197,7 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     rays = [view.rays(at) for view, at in zip(views, pixels, strict=True)]
     poses = [np.column_stack([view.rotation, view.translation]) for view in views]
     found = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
-    scale = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
-    points = found[:, :3] / scale[:, None]
+    points = found[:, :3] / np.where(np.abs(found[:, 3:]) < 1e-12, 1e-12, found[:, 3:])
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
     units = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     towards = sum(unit @ view.rotation for unit, view in zip(units, views, strict=True))
@@ -296,13 +295,11 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
         return faults
     min_fraction, min_error = OTHER_RIG
     odd = _odd(views, groups, max(_refused_px(views), min_error * max(view.width for view in views.values())))
-    if len(odd) <= min_fraction * len(groups):
-        return []
     text = (
         f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbouring cameras "
         "contradict each other (is it another rig's, or were its cameras moved?)"
     )
-    return [("", text)]
+    return [("", text)] if len(odd) > min_fraction * len(groups) else []
 
 
 def _mixed_up_px(views: Views) -> float:

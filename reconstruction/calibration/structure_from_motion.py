@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -234,15 +235,14 @@ def _choose_instants(dataset: Dataset) -> list[int]:
 
 def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequence[str], root: Path) -> None:
     dataset = motion.dataset
-    for camera in cameras:
-        for folder in ("images", "masks"):
-            (root / folder / camera).mkdir(parents=True)
-        for k in instants:
-            if dataset.has_image(camera, k):
-                name = f"{camera}/{k:06d}.png"
-                write_image(root / "images" / name, dataset.image(camera, k))
-                still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
-                write_image(root / "masks" / f"{name}.png", still)
+    for folder, camera in product(("images", "masks"), cameras):
+        (root / folder / camera).mkdir(parents=True)
+    for camera, k in product(cameras, instants):
+        if dataset.has_image(camera, k):
+            name = f"{camera}/{k:06d}.png"
+            write_image(root / "images" / name, dataset.image(camera, k))
+            still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
+            write_image(root / "masks" / f"{name}.png", still)
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:

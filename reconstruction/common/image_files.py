@@ -49,7 +49,8 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
     # Decoders write warnings about broken files to stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):
         how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR)
-        image = cv2.imread(str(path), how) if data is None else _decode(data, how)
+        raw = np.fromfile(path, np.uint8) if data is None else np.frombuffer(data, np.uint8)
+        image = cv2.imdecode(raw, how)
         # An image rotated by its EXIF orientation keeps its shape; the caller then refuses it.
         if image is not None and size is not None and _same_shape(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -80,11 +81,6 @@ def read_small_image(path: Path, longest_px: int) -> Array:
 def _same_shape(a: Sequence[int], b: Sequence[int]) -> bool:
     """Return whether two sizes have about the same aspect ratio."""
     return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]
-
-
-def _decode(data: bytes, how: int) -> Array | None:
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
-    return None if image is None else np.asarray(image, np.uint8)
 
 
 def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:

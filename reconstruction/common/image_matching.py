@@ -24,10 +24,7 @@ def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
 
     Pixels that are NaN in b are left out.
     """
-    ok = np.isfinite(b)
-    if ok.sum() < 100:
-        return 1.0, 0.0
-    x, y = b[ok][::7].astype(np.float64), a[ok][::7].astype(np.float64)
+    x, y = (of[np.isfinite(b)][::7].astype(np.float64) for of in (b, a))
     keep = np.ones(len(x), bool)
     gain, bias = 1.0, 0.0
     for _ in range(3):
@@ -66,5 +63,5 @@ def track_there_and_back(
     window = (window_px, window_px)
     there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=window, maxLevel=levels)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, winSize=window, maxLevel=levels)
-    drift = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
-    return there.reshape(-1, 2), np.where((found.ravel() > 0) & (returned.ravel() > 0), drift, np.inf)
+    drift = np.linalg.norm(back - start, axis=2)
+    return there.reshape(-1, 2), np.where((found > 0) & (returned > 0), drift, np.inf).ravel()

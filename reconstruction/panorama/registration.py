@@ -76,31 +76,22 @@ def estimate_cameras(
     turned = _adjust_by_rounds(views, used, calibrated)
     if not calibrated and (turned is None or _residual_px(turned, used) > GOOD_PX):
         longest = max(max(view.width, view.height) for view in views.values())
-        tried = [turned] + [
-            _adjust_by_rounds(
-                {name: _with_focal(view, lengths * longest) for name, view in views.items()}, used, True
-            )
+        trials = (
+            {name: _plain_view(view.width, view.height, lengths * longest) for name, view in views.items()}
             for lengths in HELD_FOCALS
-        ]
-        turned = min(
-            (one for one in tried if one is not None), key=lambda one: _residual_px(one, used), default=None
         )
+        tried = [turned, *(_adjust_by_rounds(trial, used, True) for trial in trials)]
+        known = [one for one in tried if one is not None]
+        turned = min(known, key=lambda one: _residual_px(one, used), default=None)
     if turned is None:
         raise ValueError("no camera that only rotates explains the pictures")
     return _level(turned)
 
 
-def long_view(width: int, height: int) -> View:
-    """Return the view of an unknown camera: focal length equal to the longer side, no distortion."""
-    view = View(width, height, np.eye(3), np.zeros(5), np.eye(3), np.zeros(3))
-    return _with_focal(view, max(width, height))
-
-
-def _with_focal(view: View, focal: float) -> View:
-    """Return an uncalibrated view with a given focal length, px."""
-    matrix = np.diag([focal, focal, 1.0])
-    matrix[:2, 2] = view.width / 2, view.height / 2
-    return replace(view, matrix=matrix)
+def _plain_view(width: int, height: int, focal: float) -> View:
+    """Return an uncalibrated view with a given focal length, px, and without distortion."""
+    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+    return View(width, height, matrix, np.zeros(5), np.eye(3), np.zeros(3))
 
 
 def _adjust_by_rounds(
@@ -238,7 +229,9 @@ def register_pictures(
         ValueError: no two images belong together, or no purely rotating camera explains them.
     """
     calibrated = all(name in known for name in points)
-    views = {name: known[name] if calibrated else long_view(*sizes[name]) for name in points}
+    views = {
+        name: known[name] if calibrated else _plain_view(*sizes[name], max(sizes[name])) for name in points
+    }
     flat = {name: replace(p, positions=flat_pixels(views[name], p.positions)) for name, p in points.items()}
     overlaps = {
         (a, b): _find_overlap(match_features(flat[a], flat[b]), views[a], views[b])

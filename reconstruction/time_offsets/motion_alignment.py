@@ -59,7 +59,11 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
     if min(len(times_ms) for times_ms, _ in (first, second)) < 8:
         return []
     a, b = (
-        np.interp(np.arange(times_ms[0], times_ms[-1], step), times_ms, _logarithm(change))
+        np.interp(
+            np.arange(times_ms[0], times_ms[-1], step),
+            times_ms,
+            np.log(change + 0.1 * np.median(change) + 1e-9),
+        )
         for times_ms, change in (first, second)
     )
     min_steps = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
@@ -73,10 +77,6 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
         if all(abs(offset - other) > APART_STEPS * step for other in chosen):
             chosen.append(offset)
     return chosen
-
-
-def _logarithm(change: Array) -> Array:
-    return np.asarray(np.log(change + 0.1 * float(np.median(change)) + 1e-9))
 
 
 def _correlation(a: Array, b: Array, lag: int) -> float:

@@ -58,11 +58,9 @@ def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
     apart = b.centre - a.centre
     distance = float(np.linalg.norm(apart))
     now = epipolar_errors_px(a, b, at_a, at_b)
-    aside = [
-        epipolar_errors_px(a, _moved(b, distance * DIRECTION * beside), at_a, at_b) - now
-        for beside in np.linalg.svd(apart[None] / distance)[2][1:]
-    ]
-    return np.column_stack([*smooth, *aside])
+    steps = distance * DIRECTION * np.linalg.svd(apart[None] / distance)[2][1:]
+    moved = (replace(b, translation=b.translation - b.rotation @ step) for step in steps)
+    return np.column_stack([*smooth, *(epipolar_errors_px(a, view, at_a, at_b) - now for view in moved)])
 
 
 def places(geometry: Array) -> Array:
@@ -146,7 +144,3 @@ def _with_lens(view: View, errors: Array) -> View:
     matrix[:2, 2] += view.width * errors[1:3]
     distortion[0] += errors[3]
     return replace(view, matrix=matrix, distortion=distortion)
-
-
-def _moved(view: View, by: Array) -> View:
-    return replace(view, translation=view.translation - view.rotation @ by)

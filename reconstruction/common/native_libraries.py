@@ -103,7 +103,7 @@ class GuardedModule(ModuleType):
         if isinstance(found, ModuleType):
             found = GuardedModule(found, self._library)
         elif isinstance(found, BuiltinFunctionType | FunctionType):
-            found = foreign_calls(self._library, name.replace("_", " "))(found)
+            found = foreign_calls(self._library, found.__name__.replace("_", " "))(found)
         setattr(self, name, found)
         return found
 

@@ -207,12 +207,10 @@ def _for_opencv(
             info.inliers_mask = overlap.fits.astype(np.uint8)
             info.num_inliers, info.confidence = int(overlap.fits.sum()), max(overlap.confidence, 1.0)
             info.H = homography
-    features = []
-    for index, (view, points) in enumerate(zip(views, keypoints, strict=True)):
-        feature = cv2.detail.ImageFeatures()
+    features = [cv2.detail.ImageFeatures() for _ in names]
+    for index, (feature, view) in enumerate(zip(features, views, strict=True)):
         feature.img_idx, feature.img_size = index, (view.width, view.height)
-        feature.keypoints = points
-        features.append(feature)
+        feature.keypoints = keypoints[index]
     return features, matches
 
 

@@ -438,7 +438,7 @@ def epipolar_errors(
     a, _ = canvas.remap(reference)
     b, seen = canvas.remap(other, other=True)
     min_contrast = 4 * noise_level(a) + 2
-    shown = [canvas.remap(mask.astype(np.uint8), nearest=True)[0] for mask in masks]
+    shown = (canvas.remap(mask.astype(np.uint8), nearest=True)[0] for mask in masks)
     return [_patch_errors(pair, a, b, seen, on, min_contrast) for on in shown]
 
 

@@ -109,6 +109,7 @@ def adjust_bundle(
     of_camera = {name: CAMERA * i for i, name in enumerate(views)}
     of_board = {moment: CAMERA * len(views) + 6 * i for i, moment in enumerate(boards)}
     values = np.concatenate([*map(_camera_values, views.values()), *boards.values()])
+    # The first camera's pose defines the rig's frame.
     free = np.ones(len(values), bool)
     free[LENS:CAMERA] = False
     for name in keep_lenses:

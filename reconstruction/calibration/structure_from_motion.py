@@ -223,7 +223,8 @@ def _choose_instants(dataset: Dataset) -> list[int]:
     """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
     instants = range(len(dataset.instants_ns))
     present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
-    most_complete = [k for k in instants if len(present[k]) == max(map(len, present.values()))]
+    max_cameras = max(map(len, present.values()))
+    most_complete = [k for k in instants if len(present[k]) == max_cameras]
     places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
     chosen = {most_complete[int(i)] for i in places}
     for name in dataset.cameras:

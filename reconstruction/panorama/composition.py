@@ -94,9 +94,8 @@ class Projection:
         left, top, right, bottom = self.canvas
         width, height = right - left, bottom - top
         sizes = [(view.width, view.height) for view in views]
-        if min(width, height) < min(map(min, sizes)) // 2 or width * height > MAX_GROWTH * sum(
-            map(math.prod, sizes)
-        ):
+        max_area = MAX_GROWTH * sum(map(math.prod, sizes))
+        if min(width, height) < min(map(min, sizes)) // 2 or width * height > max_area:
             raise ValueError(f"the pictures do not fit together: a panorama of {width}x{height} pixels")
 
 

@@ -177,17 +177,20 @@ def _from_anywhere(there: tuple[int, ...], back: tuple[int, ...], every_ns: int,
     return Link(ReplayedDelay(there, every_ns, start), ReplayedDelay(back, every_ns, start))
 
 
-def asymmetry_rms(there_ns: tuple[int, ...], back_ns: tuple[int, ...], rows: int) -> float:
-    """Return the root mean square of a recording's asymmetry in windows of this many rows.
+def asymmetries(there_ns: tuple[int, ...], back_ns: tuple[int, ...], rows: int) -> list[float]:
+    """Return a recording's asymmetry in each window of this many rows, ascending and without signs.
 
     It is half the difference of the minimum delays, as a fraction of half the minimum round trip.
     """
     starts = range(0, len(there_ns) - rows + 1, rows)
     floors = [(min(there_ns[i : i + rows]), min(back_ns[i : i + rows])) for i in starts]
-    return sqrt(fmean(((there - back) / (there + back)) ** 2 for there, back in floors))
+    return sorted(abs(there - back) / (there + back) for there, back in floors)
 
 
 if __name__ == "__main__":
     for seconds in WINDOWS_S:
-        rms = asymmetry_rms(*read_recording(Path(sys.argv[1])), seconds * S // RECORDED_INTERVAL_NS)
-        print_line(f"asymmetry in windows of {seconds} s: {rms:.3f} of half the round trip (rms)")
+        found = asymmetries(*read_recording(Path(sys.argv[1])), seconds * S // RECORDED_INTERVAL_NS)
+        rms, most = sqrt(fmean(one**2 for one in found)), found[int(0.95 * len(found))]
+        print_line(
+            f"asymmetry in windows of {seconds} s: {rms:.3f} of half the round trip (rms), 95 %: {most:.3f}"
+        )

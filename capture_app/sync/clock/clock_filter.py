@@ -154,8 +154,7 @@ class ClockFilter:
         if self._changed is None:
             return None
         change, sigma = self._line().skew - self._changed[1], sqrt(self._line().skew_variance)
-        significant = abs(change) > CHANGE_PPM * 1e-6 + SIGMAS_95 * sigma
-        return self._changed[0] if significant else None
+        return self._changed[0] if abs(change) > CHANGE_PPM * 1e-6 + SIGMAS_95 * sigma else None
 
     def add(self, sample: ClockSample) -> bool:
         """Add a sample. Return False if the filter restarted.
@@ -195,9 +194,8 @@ class ClockFilter:
         if sample.round_trip_ns - self._min_gap < self.longer_ns / 2.0:
             # No message is faster than its path's minimum delay, so the path is no longer slow.
             self.longer_ns = 0.0
-        if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
-            return self._look_for_change()
-        return True
+        is_complete = self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew)
+        return self._look_for_change() if is_complete else True
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
         """Return the time map with its epoch at a local time in ns; None before the first sample."""

@@ -331,9 +331,8 @@ class Aligner:
         now = self.estimate(time_map, grid, time_map.leader_from_local(now_local_ns))
         if now is None or not self.settled:
             if self.phase.unmoved and self.phase.known:
-                frame_ns = self.phase.nearest_frame_ns(now_local_ns)
-                error_ns = grid.phase_error(time_map.leader_from_local(frame_ns))
-                self.window.judge_unmoved(error_ns)
+                frame_leader_ns = time_map.leader_from_local(self.phase.nearest_frame_ns(now_local_ns))
+                self.window.judge_unmoved(grid.phase_error(frame_leader_ns))
             else:
                 self.window.clear()
             return None
@@ -367,11 +366,10 @@ class Aligner:
         """Return the command that moves the stream; None if no command improves it or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
         instant_local_ns = time_map.local_from_leader(grid.instant(grid.index_of(leader_ns)))
-        error_ns = drift.error_after(setpoint.lead_ns)
         move = Move(
             now_local_ns=now_local_ns,
             target_local_ns=instant_local_ns + round(setpoint.target_ns),
-            shift_ns=round((setpoint.target_ns - error_ns) % self.phase.period_ns),
+            shift_ns=round((setpoint.target_ns - drift.error_after(setpoint.lead_ns)) % self.phase.period_ns),
             period_ns=self.phase.period_ns,
             tolerance_ns=round(drift.landing_fraction * self.window.inner_ns),
             off_centre_ns=setpoint.off_centre_ns,
@@ -398,10 +396,10 @@ class Aligner:
 
     def _frames_may_mislead(self, frames: int) -> bool:
         """Whether the few frames since an expected move may be late by chance."""
-        if frames < FRAMES_TO_ACT:
-            return True
         unalike_ns = max(UNALIKE * self.phase.noise_ns, 2_000.0)
-        return frames < FRAMES_TO_OUTVOTE and self.phase.first_off_ns() > unalike_ns
+        return frames < FRAMES_TO_ACT or (
+            frames < FRAMES_TO_OUTVOTE and self.phase.first_off_ns() > unalike_ns
+        )
 
     @property
     def _frames_needed(self) -> int:
@@ -410,11 +408,10 @@ class Aligner:
 
     @property
     def _run_settled(self) -> bool:
-        frames = self.phase.run_frames
-        if frames < self._frames_needed:
-            return False
-        sigma_ns = self.phase.sigma_at(self.phase.last_ns)
-        return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
+        frames, phase = self.phase.run_frames, self.phase
+        return frames >= self._frames_needed and (
+            frames >= SETTLED_FRAMES[1] or phase.sigma_at(phase.last_ns) < self.window.tolerance_ns / 4
+        )
 
     def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
         three_sigma_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns

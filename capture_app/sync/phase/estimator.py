@@ -205,9 +205,9 @@ class PhaseEstimator(FrameLine):
         interval = stamp.timestamp_ns - self.last_ns
         if stamp.stream < self._stream or steps <= 0 or interval <= 0:
             return 0
-        by_time = max(1, round(interval / self.period_ns))
         # Only a disturbance explains a long interval without a jump in the numbers.
-        advance = steps if self.disturbed or self._first_intervals is not None else by_time
+        is_by_number = self.disturbed or self._first_intervals is not None
+        advance = steps if is_by_number else max(1, round(interval / self.period_ns))
         dropped = steps - 1 if steps > 1 or self.disturbed else advance - 1
         self._sequence, self.last_ns = stamp.sequence, stamp.timestamp_ns
         self._index += advance

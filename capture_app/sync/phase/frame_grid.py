@@ -81,9 +81,8 @@ def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
     """Return the setpoint from which drift meets the grid in `ahead_ns`; None if no move is needed."""
-    if drift.tolerates(drift.error_after(ahead_ns)):
-        return None
-    return Setpoint(lead_ns, -drift.rate * (ahead_ns - lead_ns))
+    is_met = drift.tolerates(drift.error_after(ahead_ns))
+    return None if is_met else Setpoint(lead_ns, -drift.rate * (ahead_ns - lead_ns))
 
 
 def setpoint_for_burst(

@@ -321,9 +321,7 @@ class FrameDurationActuator(PhaseActuator):
     @property
     def problem(self) -> str:
         """Reason why this camera can never be moved; empty if it can."""
-        if self._max_rows > 0:
-            return ""
-        return "none of its frames can be made longer than the usual ones"
+        return "" if self._max_rows > 0 else "none of its frames can be made longer than the usual ones"
 
     @property
     def small_shift_ns(self) -> int | None:
@@ -334,8 +332,7 @@ class FrameDurationActuator(PhaseActuator):
         self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
     ) -> Setpoint | None:
         """Return the grid itself as the setpoint: a step of a row costs nothing."""
-        lead_ns = drift.latency_frames * drift.period_ns
-        return Setpoint(lead_ns, 0.0)
+        return Setpoint(drift.latency_frames * drift.period_ns, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
         """Return the grid as the setpoint if it is a few rows away at most: such a step is invisible."""

@@ -45,9 +45,8 @@ def peak_to_peak_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns
     for phase in phases:
         # A stream that is held by its frames' durations does not drift.
         ppm = 0.0 if phase.phase_control == PhaseControl.FRAME_DURATION else phase.drift_ppm
-        if phase.frame_leader_ns is not None and abs(ppm) < MAX_DRIFT_PPM:
-            drifted_ns = ppm * 1e-6 * (at_leader_ns - phase.frame_leader_ns)
-            errors.append(grid.phase_error(phase.frame_leader_ns) + drifted_ns)
+        if (frame_ns := phase.frame_leader_ns) is not None and abs(ppm) < MAX_DRIFT_PPM:
+            errors.append(grid.phase_error(frame_ns) + ppm * 1e-6 * (at_leader_ns - frame_ns))
     return max(errors) - min(errors) if errors else 0.0
 
 
@@ -180,8 +179,9 @@ class Orders:
         members = {member.number: member for member in self._roster.cameras() if member.name in clients}
         self._open_bursts.pop(number, None)
         if members:
-            give_up_ns = now_ns + TRIGGER_GIVE_UP_NS
-            self._open_bursts[number] = _OpenBurst(trigger, members, give_up_ns, not count, again)
+            self._open_bursts[number] = _OpenBurst(
+                trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
+            )
         self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
@@ -198,9 +198,7 @@ class Orders:
         if burst.cancels and ack.refusal != CANCELLED:
             return None
         self._close(ack.burst, burst, member.number)
-        if burst.cancels or burst.again:
-            return None
-        return BurstAnswered(member.name, ack.burst, ack.refusal)
+        return None if burst.cancels or burst.again else BurstAnswered(member.name, ack.burst, ack.refusal)
 
     def expire(self, now_ns: int) -> list[BurstAnswered]:
         """Drop and report the orders of members that are lost or exceed the answer timeout."""

@@ -119,8 +119,8 @@ class RelaySummary:
             for (leader, burst, refusal), numbers in self._acks.items():
                 batch_size = MAX_OTHERS // 4 if refusal else MAX_OTHERS
                 for i in range(0, len(numbers), batch_size):
-                    others = tuple(numbers[i + 1 : i + batch_size])
-                    self._send(TriggerAck(numbers[i], leader, burst, refusal, others))
+                    client, *others = numbers[i : i + batch_size]
+                    self._send(TriggerAck(client, leader, burst, refusal, tuple(others)))
             self._acks.clear()
         if now_ns >= self._report_due_ns:
             self._report_due_ns = now_ns + REPORT_INTERVAL_NS

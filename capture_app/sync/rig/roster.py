@@ -146,9 +146,8 @@ class Roster:
     def is_of_another_machine(self, hello: Hello) -> bool:
         """Whether the name that a client requests belongs to another machine."""
         member = self.members.get(hello.name)
-        if member is not None and member.is_of_another_machine(hello):
-            return True
-        return self.owners.get(hello.name, hello.pin) != hello.pin
+        is_members = member is not None and member.is_of_another_machine(hello)
+        return is_members or self.owners.get(hello.name, hello.pin) != hello.pin
 
     def refusal(self, hello: Hello) -> str:
         """Return the reason why a client cannot join; empty if it can."""

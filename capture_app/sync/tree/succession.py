@@ -147,5 +147,4 @@ class Succession:
             skew_bound=time_map.skew_bound,
             drift_uncertainty=time_map.drift_uncertainty,
         )
-        grid = FrameGrid(followed.anchor_leader_ns, followed.period_ns)
-        return Continued(time_map, upstream_map, grid)
+        return Continued(time_map, upstream_map, FrameGrid(followed.anchor_leader_ns, followed.period_ns))

@@ -1,7 +1,6 @@
 """Completion of interrupted sessions, with images that nodes still have if they can be reached."""
 
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 
 from msgspec import Struct
@@ -9,7 +8,7 @@ from msgspec import Struct
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.intake import disk_threads
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
@@ -45,7 +44,7 @@ async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> li
     for folder in broken:
         if _problem(folder):
             try:
-                with closing(DiskThreads()) as disk:
+                with disk_threads() as disk:
                     session = BurstSession.resume(folder, 0, disk)
                     await session.finish_now(
                         "it was not on the leader's disk when the session was repaired, and no node sent it"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.intake import disk_threads
 from capture_app.protocol.messages import CameraReport, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
@@ -18,7 +18,7 @@ from tests.facts import make_facts
 PERIOD_NS = 33_333_333
 INSTANTS_NS = (1_000_000_000, 1_033_333_333)
 LEADER = 77
-DISK = DiskThreads()
+DISK = disk_threads()
 CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
 IMAGE = b"a picture of some length"
 

@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import functools
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
 from capture_app.node.burst.camera_delivery import CameraDelivery
-from capture_app.node.burst.intake import DiskThreads, Intake, known
+from capture_app.node.burst.intake import Intake, known, on_disk
 from capture_app.node.burst.plans import (
     InstantChoice,
     burst_of,
@@ -56,7 +57,7 @@ class BurstSession:
         burst: Burst,
         deliveries: Iterable[CameraDelivery],
         writer: SessionWriter,
-        disk: DiskThreads,
+        disk: ThreadPoolExecutor,
         *,
         lost: Lost | None = None,
     ) -> None:
@@ -96,7 +97,7 @@ class BurstSession:
         burst: Burst,
         cameras: Mapping[str, CameraFacts],
         writer: SessionWriter,
-        disk: DiskThreads,
+        disk: ThreadPoolExecutor,
         *,
         short_timeouts: Collection[str] = (),
     ) -> "BurstSession":
@@ -117,7 +118,7 @@ class BurstSession:
         return cls(burst, deliveries, writer, disk)
 
     @classmethod
-    def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
+    def resume(cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor) -> "BurstSession":
         """Resume a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
@@ -227,7 +228,7 @@ class BurstSession:
                 first = not delivery.plan.reported
                 if first and report.events:
                     events = ({**event, "camera": delivery.name} for event in report.events)
-                    await self._disk.call(self._writer.add_event, *events)
+                    await on_disk(self._disk, self._writer.add_event, *events)
                 delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
                 delivery.note_heard(now_ns, advanced=first or not self._choice.is_committed)
                 await self._commit_instants()
@@ -239,7 +240,7 @@ class BurstSession:
         self.trouble = ""
         if not await has_come(self._choice.committed, wait_s):
             return ReportAck(undecided=True)
-        receipts = await self._disk.call(delivery.receipts, self._writer, self._choice)
+        receipts = await on_disk(self._disk, delivery.receipts, self._writer, self._choice)
         await self.finish_if_complete()
         return ReportAck(receipts=receipts, requested=self._choice.requested)
 
@@ -313,7 +314,7 @@ class BurstSession:
         self._plan = replace(self._plan, cameras=plans, chosen=chosen, streamed=instant_range(self.burst))
         async with self._writing_plan:
             if self._plan != self._writer.plan:
-                await self._disk.call(self._writer.set_plan, self._plan)
+                await on_disk(self._disk, self._writer.set_plan, self._plan)
 
     # The end of the burst
 
@@ -376,18 +377,18 @@ class BurstSession:
             if not self._may_finish():
                 return
             try:
-                self.session = await self._disk.call(self._finish)
+                self.session = await on_disk(self._disk, self._finish)
             except SimulshotError as error:
                 self.failure = error
                 self.message = f"{error}; then: capture-app sessions repair {self.folder}"
-                await self._disk.call(self._writer.abort)
+                await on_disk(self._disk, self._writer.abort)
             self.finished.set()
 
     async def suspend(self) -> None:
         """Stop without finishing, so that `resume` can continue."""
         async with self._intake.at_rest():
             if not self.finished.is_set():
-                await self._disk.call(self._writer.abort)
+                await on_disk(self._disk, self._writer.abort)
                 self.message = (
                     "left unfinished: the next leader continues it,"
                     f" or: capture-app sessions repair {self.folder}"

@@ -33,20 +33,17 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class DiskThreads:
-    """Thread pool shared by all bursts of a leader; `close` ends its threads."""
+def disk_threads() -> ThreadPoolExecutor:
+    """Return the thread pool that all bursts of a leader share for what blocks on the disk."""
+    return ThreadPoolExecutor(DISK_THREADS, "disk")
 
-    def __init__(self) -> None:
-        self._threads = ThreadPoolExecutor(DISK_THREADS, "disk")
 
-    async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        """Run work that blocks on the disk, and return or raise its result."""
-        blocking = functools.partial(work, *arguments, **options)
-        return await asyncio.get_running_loop().run_in_executor(self._threads, blocking)
-
-    def close(self) -> None:
-        """Accept no more work, and end when pending work is done."""
-        self._threads.shutdown(wait=False)
+async def on_disk(
+    threads: ThreadPoolExecutor, work: Callable[P, T], *arguments: P.args, **options: P.kwargs
+) -> T:
+    """Run work that blocks on the disk in one of these threads, and return or raise its result."""
+    blocking = functools.partial(work, *arguments, **options)
+    return await asyncio.get_running_loop().run_in_executor(threads, blocking)
 
 
 class PartialImage:
@@ -128,7 +125,7 @@ class Intake:
     def __init__(
         self,
         writer: SessionWriter,
-        disk: DiskThreads,
+        disk: ThreadPoolExecutor,
         over: asyncio.Event,
         cameras: Iterable[str],
         *,
@@ -186,17 +183,17 @@ class Intake:
             async with self.interrupted(camera):
                 self._check_open(upload)
                 self._partial[camera] = partial
-                await self._disk.call(partial.open)
+                await on_disk(self._disk, partial.open)
             end = upload.offset
             async for chunk in payload:
-                await self._disk.call(partial.add, chunk)
+                await on_disk(self._disk, partial.add, chunk)
                 end += len(chunk)
                 arrived[instant] = max(arrived.get(instant, 0), end)
         async with self._writing[camera]:
             self._check_open(upload)
             if (others := self.find(camera, instant)) is not None:
                 return others
-            truth = await self._disk.call(partial.split_off_truth)
+            truth = await on_disk(self._disk, partial.split_off_truth)
             saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))
             if len(truth) > MAX_WAITING_TRUTH_BYTES:
                 await asyncio.wait([saving])
@@ -246,8 +243,8 @@ class Intake:
         try:
             while self._waiting:
                 batch = {saved: image for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)}
-                errors = await self._disk.call(
-                    self._writer.save, [*batch.values()], in_videos=self._in_videos
+                errors = await on_disk(
+                    self._disk, self._writer.save, [*batch.values()], in_videos=self._in_videos
                 )
                 for (saved, image), error in zip(batch.items(), errors, strict=True):
                     del self._waiting[saved]

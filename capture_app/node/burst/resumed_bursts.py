@@ -2,12 +2,12 @@
 
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, RETURN_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
 from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
@@ -22,7 +22,9 @@ Key = tuple[int, int]
 class ResumedBursts:
     """Sessions in a folder that belong to earlier runs, opened when needed."""
 
-    def __init__(self, root: Path, on_resumed: Callable[[BurstSession], None], disk: DiskThreads) -> None:
+    def __init__(
+        self, root: Path, on_resumed: Callable[[BurstSession], None], disk: ThreadPoolExecutor
+    ) -> None:
         self._root = root
         self._disk = disk
         self._on_resumed = on_resumed

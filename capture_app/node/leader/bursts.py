@@ -23,7 +23,7 @@ from capture_app.common.tasks import Background, has_come
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.intake import DiskThreads
+from capture_app.node.burst.intake import disk_threads
 from capture_app.node.burst.plans import default_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.leader_options import LeaderOptions
@@ -138,7 +138,7 @@ class ActiveBursts:
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
-        self._disk = DiskThreads()
+        self._disk = disk_threads()
         self.resumed = ResumedBursts(
             options.sessions, lambda session: self._background.start(self._follow(session)), self._disk
         )
@@ -175,7 +175,7 @@ class ActiveBursts:
                 await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
                 self._note_finished(burst)
         await self.resumed.suspend_all()
-        self._disk.close()
+        self._disk.shutdown(wait=False)
 
     async def take(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as requested, take a burst, and yield its progress until it is done.

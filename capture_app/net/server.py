@@ -58,12 +58,11 @@ class TransferServer(Generic[M]):
         self._open: dict[Channel[M], Peer] = {}
         """Open streams, oldest first, with each peer as identified by its key."""
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
-        self._serve = serve
+        self._serve, self._stream_timeouts = serve, stream_timeouts
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         """A task for each open stream, and one that watches which machines are known."""
         self._max_streams, self._max_per_address = min(max_streams, allowed_streams()), max_per_address
-        self._stream_timeouts = stream_timeouts
 
     async def start(self, listening: socket.socket) -> None:
         """Start accepting streams."""

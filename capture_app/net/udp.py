@@ -77,8 +77,7 @@ class SinglePeerEngine:
     """Adapter for an engine with one peer at a fixed address; datagrams from others are ignored."""
 
     def __init__(self, engine: TimeClient, peer: Address) -> None:
-        self._engine = engine
-        self._peer = peer
+        self._engine, self._peer = engine, peer
         self.next_timer = engine.next_timer
         self.handle_timer = engine.handle_timer
 
@@ -96,10 +95,8 @@ class Pump:
     """Driver of an engine over a UDP socket; `after_flush` is called whenever there may be new events."""
 
     def __init__(self, engine: Engine, clock: NodeClock, after_flush: Callable[[], None]) -> None:
-        self._engine = engine
-        self._clock = clock.now_ns
+        self._engine, self._clock, self._after_flush = engine, clock.now_ns, after_flush
         self._receipt_times = ReceiptTimes(clock)
-        self._after_flush = after_flush
         self._loop: asyncio.AbstractEventLoop
         self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None

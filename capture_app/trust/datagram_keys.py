@@ -5,8 +5,6 @@ import secrets
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from msgspec import Struct
-
 from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, key_of, unknown_key_of
 
@@ -19,11 +17,8 @@ MAX_KEYS_PER_MACHINE = 256
 """Maximum number of keys per machine; beyond it, its own least recently used key is forgotten."""
 
 
-class Grant(Struct, frozen=True, kw_only=True):
-    """Key for one instance of a client."""
-
-    key_id: int
-    key: bytes
+Grant = tuple[int, bytes]
+"""Number and key for one instance of a client."""
 
 
 @dataclass(slots=True)
@@ -57,7 +52,7 @@ class ClientKeys:
             self._forget(own[0])
         if len(self._clients) > self._max_keys:
             self._forget(next(iter(self._clients)))
-        return Grant(key_id=key_id, key=key)
+        return key_id, key
 
     def revoke_all_but(self, pins: Collection[str]) -> None:
         """Revoke the keys of all machines except these."""
@@ -105,7 +100,7 @@ class LeaderKeys:
 
     def hold(self, leader: Address, grant: Grant) -> None:
         """Use the key of a grant with that leader."""
-        self._seals[leader] = Seal(grant.key_id, grant.key, of_leader=False)
+        self._seals[leader] = Seal(*grant, of_leader=False)
         self.missing.discard(leader)
         if leader in self._last:
             self._unsent[leader] = self._last[leader]

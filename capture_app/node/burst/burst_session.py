@@ -66,23 +66,20 @@ class BurstSession:
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = self.trouble = ""
+        """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.failure: SimulshotError | None = None
         """Error that kept the session from being written."""
-        """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.without = ""
         """Which cameras are left out, and why."""
         self.order_end: Callable[[], Awaitable[None]] | None = None
         """Order the cameras to end a streamed burst now; calls `end`."""
         self._is_broken_off = False
         """An error of the disk has ended it: cameras have frames until the end that were not saved."""
-        deliveries = tuple(deliveries)
-        self._writer = writer
-        self._disk = disk
-        self._lost = lost
+        self._writer, self._disk, self._lost = writer, disk, lost
         self._now_ns = 0
-        self._began_ns = min((delivery.heard_ns for delivery in deliveries), default=0)
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
+        self._began_ns = min((of.heard_ns for of in self._deliveries.values()), default=0)
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
         self._committing = asyncio.Lock()
         self._plan: BurstPlan | None = writer.plan
@@ -258,10 +255,10 @@ class BurstSession:
             async for _ in payload:
                 pass
             return known(upload.record.sha256)
-        record, number = upload.record, self._choice.number(upload.record.instant)
-        path = image_path(record.camera, number, check_image_path(record))
-        upload = replace(upload, record=replace(record, instant=number, path=path))
-        delivery = self._delivery(record.camera)
+        number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
+        path = image_path(upload.camera, number, suffix)
+        upload = replace(upload, record=replace(upload.record, instant=number, path=path))
+        delivery = self._delivery(upload.camera)
         try:
             check_truth(upload, delivery.plan.camera.facts)
         except BadInputError as error:

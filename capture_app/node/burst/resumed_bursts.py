@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
@@ -25,9 +26,7 @@ class ResumedBursts:
     def __init__(
         self, root: Path, on_resumed: Callable[[BurstSession], None], disk: ThreadPoolExecutor
     ) -> None:
-        self._root = root
-        self._disk = disk
-        self._on_resumed = on_resumed
+        self._root, self._disk, self._on_resumed = root, disk, on_resumed
         self._open: dict[Key, BurstSession] = {}
         self._folders: dict[Key, Path] = {}
         self._opening = asyncio.Lock()
@@ -45,13 +44,11 @@ class ResumedBursts:
             folders = await asyncio.to_thread(lambda: list(interrupted_folders(self._root)))
         for folder in folders:
             async with self._opening:
-                try:
+                # A session that cannot be resumed is left unchanged; `sessions repair` says why.
+                with suppress(SimulshotError):
                     key = (await asyncio.to_thread(read_plan, folder)).key
                     session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
                     await session.finish_if_complete()
-                except SimulshotError:
-                    # A session that cannot be resumed is left unchanged; `sessions repair` says why.
-                    continue
         self._all_resumed.set()
 
     async def wait_until_finished(self) -> None:
@@ -140,10 +137,8 @@ class ResumedBursts:
         if known is not None and (known / PLAN).is_file():
             return known
         for plan in sorted(self._root.glob(f"*/{PLAN}")):
-            try:
+            with suppress(BadInputError):
                 self._folders[read_plan(plan.parent).key] = plan.parent
-            except BadInputError:
-                continue
         return self._folders.get(key)
 
 

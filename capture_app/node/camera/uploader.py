@@ -361,9 +361,7 @@ class Uploader:
                 await self._keep_ends()
                 await self._to_encode.wait()
                 continue
-            spooling = burst.spooling
             await self._encode_next(burst)
-            self._space_is_due |= burst.spooling != spooling
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._changed.set()
@@ -404,7 +402,7 @@ class Uploader:
 
     def _note_useless_spool(self, burst: BurstUpload, error: SimulshotError) -> None:
         """Keep a burst in memory from now on, as the spool failed; the next burst tries the spool again."""
-        burst.spooling = False
+        burst.spooling, self._space_is_due = False, True
         self._log.say(f"burst {burst.report.burst} stays in memory until the leader has it: {error}")
 
     async def _keep_ends(self) -> None:
@@ -431,9 +429,9 @@ class Uploader:
                 except SimulshotError as error:
                     burst.unsynced.clear()
                     self._note_useless_spool(burst, error)
-                    continue
-                for instant in images:
-                    if burst.unsynced.pop(instant, None) is not None:
+                else:
+                    for instant in images:
+                        burst.unsynced.pop(instant, None)
                         burst.in_memory.pop(instant, None)
 
     async def _send_all(self) -> None:

@@ -59,10 +59,11 @@ MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 REPORT_INTERVAL_NS = 1_000_000_000
 
 
-def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]:
-    """Return the number of frames, and their spacing in frames of the rig.
+def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
+    """Return the order of a burst requested at `asked_ns` of leader time, on a rig of that frame period.
 
-    Raises BadInputError for an interval that is not a whole number of periods.
+    Frames of long bursts and of videos are sent as they are captured. Raises BadInputError for an interval
+    that is not a whole number of periods.
     """
     spacing = request.spacing
     if request.interval_s is not None:
@@ -75,25 +76,9 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
                 hint=f"use one of: {', '.join(f'{fps / n:.4g}' for n in (1, 2, 3, 4, 5))} ...",
             )
     step_ns = spacing * period_ns
-    if request.frames is not None:
-        return request.frames, spacing
-    if request.seconds is not None:
-        return max(1, round(request.seconds * 1e9 / step_ns)), spacing
-    return min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns), spacing
-
-
-def frames_until(burst: Burst, now_ns: int) -> int:
-    """Return the frames of a burst that ends now, allowing time for every node to learn of the end."""
-    return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
-
-
-def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
-    """Return the order of a burst requested at `asked_ns` of leader time, on a rig of that frame period.
-
-    Frames of long bursts and of videos are sent as they are captured. Raises BadInputError.
-    """
-    frames, spacing = frames_and_spacing(request, period_ns)
-    step_ns = spacing * period_ns
+    frames = request.frames or min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns)
+    if request.frames is None and request.seconds is not None:
+        frames = max(1, round(request.seconds * 1e9 / step_ns))
     spare = default_spare(frames) if request.spare is None else request.spare
     at_ns = request.at_leader_ns
     if request.before:
@@ -106,6 +91,11 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
         streamed=request.video or (not request.spare and (frames - 1) * step_ns > LONG_NS),
         video=request.video,
     )
+
+
+def frames_until(burst: Burst, now_ns: int) -> int:
+    """Return the frames of a burst that ends now, allowing time for every node to learn of the end."""
+    return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
 
 
 def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:

@@ -99,9 +99,7 @@ class LocalNodes:
         user's.
         """
         self._options = (trust or Trust.of_user()).options
-        self._leader = leader
-        self._spool = spool
-        self._event_log = log or Log()
+        self._leader, self._spool, self._event_log = leader, spool, log or Log()
         self.phones = LocalPhones(leader, spool, host or leader.host, self._event_log, self._options)
         """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}

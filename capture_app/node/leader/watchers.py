@@ -49,8 +49,7 @@ class RigState:
     ) -> None:
         """`address` is where nodes join; `local` are the nodes of this machine, None where it runs none."""
         self._address, self._options, self._engine = address, options, engine
-        self._bursts, self._viewfinders = bursts, viewfinders
-        self._local = local
+        self._bursts, self._viewfinders, self._local = bursts, viewfinders, local
         self._host_rate, self._rates = HostRate(), RateVote()
         self._rates_due_ns: int | None = None
         self._free_bytes: int | None = None
@@ -116,10 +115,7 @@ class Watcher:
         self._request: PreviewRequest | None = None
         self._unacknowledged: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""
-        self._channel = channel
-        self._rig = rig
-        self._event_log = log
-        self._viewfinders = viewfinders
+        self._channel, self._rig, self._event_log, self._viewfinders = channel, rig, log, viewfinders
         self._shown: dict[str, bytes] = {}
         """JPEG shown last of each camera."""
 

@@ -47,7 +47,6 @@ _TOO_SLOW = "the rest of a message did not arrive in time"
 _BROKEN = "the connection broke off in the middle of a message"
 _CHECK_LINK = "check the network on both machines: capture-app doctor"
 _PREFIX = struct.Struct(">4sIQ")
-_ENCODER = msgspec.json.Encoder()
 M = TypeVar("M")
 
 
@@ -265,7 +264,7 @@ class Channel(Generic[M]):
         `stall_s` is the maximum time without progress, by default the stream's `message_s`. Raises
         NetworkError where that time passes, the stream has broken off or the message is too large.
         """
-        header = _ENCODER.encode(message)
+        header = msgspec.json.encode(message)
         payload_bytes = sum(map(len, payloads))
         if len(header) > MAX_HEADER_BYTES or payload_bytes > MAX_PAYLOAD_BYTES:
             raise TooLargeMessageError(

@@ -183,8 +183,13 @@ class Enrolment:
 
 def peer_of(message: pairing_messages.SpeaksFor, relay: Peer) -> Peer:
     """Return the peer for whom a relay speaks: a camera or an operator, never the relay itself."""
-    roles = frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR}
-    return Peer(message.pin, message.name, roles, via=relay.pin, node=message.node)
+    return Peer(
+        message.pin,
+        message.name,
+        frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR},
+        via=relay.pin,
+        node=message.node,
+    )
 
 
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:
@@ -242,9 +247,11 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
     async with await connect(leader, messages.FromLeader, trust=trust, as_unknown=True) as channel:
         shown = channel.who.pin
         candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
-        name = name_like(socket.gethostname().split(".")[0], "machine")
         message = pairing_messages.PairingMessage(
-            certificate=own.certificate, name=name, spake2_message=candidate.spake2_message, digit=code[:1]
+            certificate=own.certificate,
+            name=name_like(socket.gethostname().split(".")[0], "machine"),
+            spake2_message=candidate.spake2_message,
+            digit=code[:1],
         )
         answer = await ask(channel, message, pairing_messages.PairingAnswer)
         proof = await asyncio.to_thread(candidate.prove, answer.spake2_message)

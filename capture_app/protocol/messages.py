@@ -236,9 +236,19 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
     burst: BurstStatus
 
 
-FromCamera = NodeStream | CameraReport | ImageUpload | SpoolSpace | FromViewfinder
 ToLeader = (
-    FromCamera | KeyRequest | StatusRequest | BurstRequest | FromOperator | FromUnknown | Invite | SpeaksFor
+    NodeStream
+    | CameraReport
+    | ImageUpload
+    | SpoolSpace
+    | FromViewfinder
+    | KeyRequest
+    | StatusRequest
+    | BurstRequest
+    | FromOperator
+    | FromUnknown
+    | Invite
+    | SpeaksFor
 )
 FromLeader = (
     ImageAck

@@ -163,8 +163,9 @@ class KnownMachines:
         asks, own = self.find(who), [one for one in self.all() if not one.vouched_by and one.pin != who]
         if asks is not None and Role.STANDBY in asks.roles:
             return tuple(own)
-        standbys = (one for one in own if Role.STANDBY in one.roles)
-        return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
+        return tuple(
+            replace(one, roles=(Role.LEADER,), certificate=None) for one in own if Role.STANDBY in one.roles
+        )
 
     def take_trust_of(self, of: str, offered: Collection[KnownMachine]) -> None:
         """Replace the machines that the leader with pin `of` vouches for by `offered`.

@@ -15,7 +15,6 @@ from capture_app.common.pairing_codes import CODE_DIGITS, SHOW_CODE, Role
 
 TRIES = 3
 GOOD_FOR_S = 600
-NO_CODE = "no pairing code is valid at present"
 WRONG_CODE = "wrong pairing code"
 
 
@@ -69,7 +68,9 @@ class Invitations:
         good = self._good()
         invitation = next((one for one in reversed(good) if one.code.startswith(digit)), None)
         if invitation is None:
-            raise UnknownMachineError(WRONG_CODE if good else NO_CODE, hint=SHOW_CODE)
+            raise UnknownMachineError(
+                WRONG_CODE if good else "no pairing code is valid at present", hint=SHOW_CODE
+            )
         invitation.tries_left -= 1
         from spake2 import SPAKE2_B
 

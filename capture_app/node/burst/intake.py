@@ -42,8 +42,9 @@ async def on_disk(
     threads: ThreadPoolExecutor, work: Callable[P, T], *arguments: P.args, **options: P.kwargs
 ) -> T:
     """Run work that blocks on the disk in one of these threads, and return or raise its result."""
-    blocking = functools.partial(work, *arguments, **options)
-    return await asyncio.get_running_loop().run_in_executor(threads, blocking)
+    return await asyncio.get_running_loop().run_in_executor(
+        threads, functools.partial(work, *arguments, **options)
+    )
 
 
 class PartialImage:
@@ -60,8 +61,7 @@ class PartialImage:
         """Open the file at the upload's offset. Raises TryAgainError where it has fewer bytes than that."""
         with disk_errors(self.file.parent):
             self.file.parent.mkdir(exist_ok=True)
-            how = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
-            self._handle = os.open(self.file, how, 0o666)
+            self._handle = os.open(self.file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
             length = os.fstat(self._handle).st_size
             if length >= self.upload.offset:
                 os.ftruncate(self._handle, self.upload.offset)
@@ -174,9 +174,9 @@ class Intake:
             whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
-            frame = StoredImage(record, data, true_ns=upload.true_ns)
             async with self._writing[camera]:
                 self._check_open(upload)
+                frame = StoredImage(record, data, true_ns=upload.true_ns)
                 return self.find(camera, instant) or self.add(frame)
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):

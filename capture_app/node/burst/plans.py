@@ -119,16 +119,18 @@ class InstantChoice:
         if not self._burst.spare:
             return ()
         chosen = self.chosen or (0,)
-        skipped = []
-        for instant in sorted({*range(chosen[-1])} - {*chosen}):
-            gaps = (
-                SkippedFrame(camera=name, reason=gap.reason, dropped=gap.dropped)
-                for name, report in sorted(reports.items())
-                for gap in (report.missing if report is not None else ())
-                if gap.instant == instant
+        gaps = [gap for _, of in sorted(reports.items()) if of is not None for gap in of.missing]
+        return tuple(
+            SkippedInstant(
+                leader_ns=self._burst.instants_ns[instant],
+                missing=tuple(
+                    SkippedFrame(camera=gap.camera, reason=gap.reason, dropped=gap.dropped)
+                    for gap in gaps
+                    if gap.instant == instant
+                ),
             )
-            skipped.append(SkippedInstant(leader_ns=self._burst.instants_ns[instant], missing=tuple(gaps)))
-        return tuple(skipped)
+            for instant in sorted({*range(chosen[-1])} - {*chosen})
+        )
 
     def record(self, reports: Reports) -> BurstRecord:
         """Return the burst's record for the manifest."""

@@ -85,11 +85,10 @@ class SpooledBurst:
         Their order does not matter, because checksums reveal what a power cut has torn. Raises DiskFullError,
         SimulshotError.
         """
-        folder = self.folder
-        files = [folder / REPORT, folder / JOURNAL, *map(self.image_file, images)]
-        for error in sync_all((*files, folder, folder.parent)).values():
+        files = [self.folder / REPORT, self.folder / JOURNAL, *map(self.image_file, images)]
+        for error in sync_all((*files, self.folder, self.folder.parent)).values():
             if not isinstance(error, FileNotFoundError):
-                raise disk_error(error, folder) from error
+                raise disk_error(error, self.folder) from error
 
     def read_report(self) -> CameraReport:
         """Read the stored report. Raises BadInputError if it is missing or damaged."""
@@ -103,12 +102,10 @@ class SpooledBurst:
         with disk_errors(self.folder):
             lines = lines_of_file(journal.read_bytes()) if journal.exists() else []
         for line in lines:
-            try:
+            with suppress(*UNREADABLE):
                 image = msgspec.json.decode(line, type=ImageUpload)
-            except UNREADABLE:
-                continue
-            if self.image_file(image).is_file():
-                yield image
+                if self.image_file(image).is_file():
+                    yield image
 
     def remove(self) -> None:
         """Delete the burst, once the leader has all of it."""

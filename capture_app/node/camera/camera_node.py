@@ -62,10 +62,12 @@ def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tupl
     """
     rate = (skew_ppm or 0.0) * 1e-6
     last_ns = max((sample.t3_ns for sample in samples), default=0)
-    middles_ns = ((sample.lower_ns + sample.upper_ns) // 2 for sample in samples)
     return tuple(
-        (middle_ns + round(rate * (last_ns - sample.t3_ns)), sample.round_trip_ns)
-        for middle_ns, sample in zip(middles_ns, samples, strict=True)
+        (
+            (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
+            sample.round_trip_ns,
+        )
+        for sample in samples
     )
 
 

@@ -112,8 +112,8 @@ class BurstSender:
             elif burst.frames or burst.is_picking:
                 await self._changed.wait()
             elif burst.disputed:
-                numbers = ", ".join(str(image.record.instant) for image in burst.disputed)
-                return Refusal(what=f"the leader has different images of instants {numbers}")
+                disputed = ", ".join(str(image.record.instant) for image in burst.disputed)
+                return Refusal(what=f"the leader has different images of instants {disputed}")
             else:
                 return None
             if refusal is not None:
@@ -139,9 +139,8 @@ class BurstSender:
             # This leader waits before it answers so; another one may not.
             await asyncio.sleep(ASK_AGAIN_S)
             return None
-        dropped = burst.commit(answer.requested)
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
-        await _delete([*dropped, *burst.confirm(stored)])
+        await _delete([*burst.commit(answer.requested), *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
@@ -161,8 +160,9 @@ class BurstSender:
         if receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data):
             offset = receipt.bytes
         self._in_flight.append(image)
-        upload = replace(image, offset=offset)
-        await self._channel.send(upload, memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S)
+        await self._channel.send(
+            replace(image, offset=offset), memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S
+        )
 
     async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
         """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
@@ -216,8 +216,9 @@ class BurstSender:
 
     async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
         burst.report_lost(instants, reason)
-        numbers = ", ".join(map(str, instants))
-        self._log.say(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
+        self._log.say(
+            f"burst {burst.report.burst}: instants {', '.join(map(str, instants))} are lost: {reason}"
+        )
         await _write_report(burst, burst.report)
 
 
@@ -289,14 +290,13 @@ class Uploader:
                 burst = BurstUpload.of_spool(spooled)
             except SimulshotError as error:
                 self._log.say(f"left in the spool: {error}")
-                continue
-            if not burst.images:
-                spooled.remove()
-                continue
-            self._log.say(
-                f"burst {burst.report.burst}: {count(len(burst.images), 'image')} still in {spooled.folder}"
-            )
-            self._waiting.append(burst)
+            else:
+                if burst.images:
+                    waiting = count(len(burst.images), "image")
+                    self._log.say(f"burst {burst.report.burst}: {waiting} still in {spooled.folder}")
+                    self._waiting.append(burst)
+                else:
+                    spooled.remove()
 
     def add_burst(self, burst: BurstUpload) -> None:
         """Add a burst; the oldest one is given up when too many wait for a lost leader."""
@@ -358,7 +358,7 @@ class Uploader:
             self._to_encode.clear()
             burst = next((burst for burst in self._bursts if burst.frames), None)
             if burst is None:
-                await self._keep_ends()
+                await self._store_ends()
                 await self._to_encode.wait()
                 continue
             await self._encode_next(burst)
@@ -405,7 +405,7 @@ class Uploader:
         burst.spooling, self._space_is_due = False, True
         self._log.say(f"burst {burst.report.burst} stays in memory until the leader has it: {error}")
 
-    async def _keep_ends(self) -> None:
+    async def _store_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
         for burst in self._bursts:
             if burst.ended and not burst.is_over and not burst.end_is_stored:

@@ -19,8 +19,6 @@ from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
 from capture_app.trust.trust import Trust
 
-EVENT = "invitation"
-
 
 class LocalPhones:
     """Server for phones, started with the first invitation and restarted by the next if it has ended."""
@@ -71,7 +69,7 @@ class LocalPhones:
                 line = msgspec.json.decode(raw)
             except ValueError:
                 continue
-            if line["event"] == EVENT:
+            if line["event"] == "invitation":
                 invited = PhoneInvited(
                     url=line["url"], fingerprint=line["fingerprint"], good_for_s=line["good_for_s"]
                 )

@@ -174,12 +174,8 @@ def rig_advice(
 
 def _of_states(members: Sequence[Member], states: Sequence[NodeState], now_ns: int) -> str:
     for state in states:
-        max_ns = REPORT_LOST_NS if state is NodeState.LOST else math.inf
-        concerned = [
-            member
-            for member in members
-            if member.report.state is state and now_ns - member.last_heard_ns <= max_ns
-        ]
+        since_ns = now_ns - REPORT_LOST_NS if state is NodeState.LOST else -math.inf
+        concerned = [m for m in members if m.report.state is state and m.last_heard_ns >= since_ns]
         if concerned:
             return shortfall(concerned[0], why=True) + _and_more(len(concerned))
     return ""

@@ -303,8 +303,8 @@ class LeaderService:
         """Return the names in use: of present nodes, and of other machines' nodes, which may come back."""
         roster, trust = self._engine.roster, self._options.trust
         own_pin = "" if trust.is_open else trust.identity.pin
-        here = [name for name in roster.members if self._is_here(name)]
-        return here + [name for name, pin in roster.owners.items() if pin != own_pin]
+        others = (name for name, pin in roster.owners.items() if pin != own_pin)
+        return [*filter(self._is_here, roster.members), *others]
 
     def _is_here(self, name: str) -> bool:
         member = self._engine.roster.members.get(name)

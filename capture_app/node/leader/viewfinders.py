@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
+from capture_app.common.bounds import Message
 from capture_app.common.errors import IncompleteError, NetworkError
 from capture_app.common.timeouts import NODE_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
@@ -28,10 +29,7 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import NodeDetail, Preview
 
-NodeRequest = DetailRequest | ControlsRequest | SaveStamp
-NodeAnswer = NodeDetail | ControlsAnswer | StampSaved
 A = TypeVar("A", NodeDetail, ControlsAnswer, StampSaved)
-UNKNOWN = CameraHealth()
 MAX_PREVIEW_BYTES = 4 << 20
 STORED = 4
 """Previews stored of each camera: as many as one may be behind the others."""
@@ -42,11 +40,11 @@ class _Stream:
     """A node's open viewfinder stream, and what was requested and received over it."""
 
     channel: Channel[ToLeader]
-    health: CameraHealth = UNKNOWN
+    health: CameraHealth = field(default_factory=CameraHealth)
     request: PreviewRequest = NO_PREVIEWS
     pictures: deque[Preview] = field(default_factory=lambda: deque(maxlen=STORED))
     """Its newest previews, of `MAX_PREVIEW_BYTES` together, newest last."""
-    asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
+    asked: "dict[type[Message], asyncio.Future[Any]]" = field(default_factory=dict)
     """Pending requests, by type of answer."""
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
     """One request at a time, because answers do not name their request."""
@@ -121,7 +119,7 @@ class Viewfinders:
             ]
         )
 
-    async def ask(self, request: NodeRequest, kind: type[A]) -> A:
+    async def ask(self, request: DetailRequest | ControlsRequest | SaveStamp, kind: type[A]) -> A:
         """Forward a request to its camera's node. Raises IncompleteError where it does not answer."""
         name, stream = request.camera, self._stream(request.camera)
         if isinstance(request, DetailRequest) and kind in stream.asked:

@@ -93,8 +93,7 @@ class RigState:
         if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
             return []
         self._rates_due_ns = now_ns + REVIEW_EVERY_NS
-        slewing_ppm = self._host_rate.slewing_ppm(now_ns)
-        return review_rates(self._rates, self._engine.roster.by_name(), slewing_ppm)
+        return review_rates(self._rates, self._engine.roster.by_name(), self._host_rate.slewing_ppm(now_ns))
 
     def _room(self, now_ns: int) -> int | None:
         """Return the free space of the sessions' disk, read at intervals.

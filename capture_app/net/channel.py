@@ -148,7 +148,7 @@ class Channel(Generic[M]):
         self.has_spoken = False
         """Whether the peer has sent a message."""
         self.is_known = False
-        """Whether the peer is a node that has joined."""
+        """Whether the peer is a node that has joined; its headers may have any allowed length."""
         self.is_beyond = False
         """Whether the stream was admitted beyond the limits, because it may be an operator's."""
         self.who: Peer = UNKNOWN_PEER
@@ -179,11 +179,6 @@ class Channel(Generic[M]):
                 raise ConnectionResetError("the peer disconnected") from error
             writer.write(MAGIC)
         self.who = trust.peer(_certificate(writer))
-
-    def trust(self) -> None:
-        """Accept headers of any allowed length from now on, because the peer is known."""
-        self.is_known = True
-        self._stream_timeouts = replace(self._stream_timeouts, header_bytes=MAX_HEADER_BYTES)
 
     def allow_silence(self) -> None:
         """Remove the timeout between messages, for a peer that mainly receives."""
@@ -228,10 +223,11 @@ class Channel(Generic[M]):
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")
-        if header_bytes > self._stream_timeouts.header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
+        max_header_bytes = MAX_HEADER_BYTES if self.is_known else self._stream_timeouts.header_bytes
+        if header_bytes > max_header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
             raise NetworkError(
                 f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
-                f"{self._stream_timeouts.header_bytes} + {MAX_PAYLOAD_BYTES}"
+                f"{max_header_bytes} + {MAX_PAYLOAD_BYTES}"
             )
         async with self._reading(self._stream_timeouts.message_s, _TOO_SLOW):
             header = await self._reader.readexactly(header_bytes)

@@ -20,7 +20,7 @@ from capture_app.common.errors import CameraError
 from capture_app.common.tasks import has_come
 from capture_app.common.text import Talk, count
 from capture_app.common.timeouts import NO_FRAME_TIMEOUT_S
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.rig.cameras import modes_of
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
@@ -368,8 +368,8 @@ def save(character: Character, profiles: DeviceProfiles) -> Character:
     """Save to this machine's profiles what nodes use; return the character, with whether it was saved."""
     saved, moves, starts = False, character.moves, character.starts
     if moves is not None and moves.injection is not None:
-        saved = profiles.save_injection(character.camera, moves.injection)
+        saved = profiles.save(mode_key(character.camera), injection=moves.injection)
     if starts is not None and starts.by_restart:
         shares_ns = tuple(round(latency % character.period_ns) for latency in starts.latencies_ns)
-        saved = profiles.save_start_latencies(character.camera, shares_ns)
+        saved = profiles.save(mode_key(character.camera), start_latencies_ns=shares_ns)
     return replace(character, saved=saved)

@@ -66,7 +66,7 @@ async def test_who_takes_nothing_in_loses_its_stream() -> None:
 
 async def test_who_takes_nothing_in_keeps_no_room() -> None:
     async def tell_for_ever(channel: Channel[Ping]) -> None:
-        channel.trust()
+        channel.is_known = True
         message = await channel.receive_header()
         while message == Ping(1):
             await channel.send(Pong(1), bytes(1 << 20))
@@ -85,7 +85,7 @@ async def test_a_stream_that_is_closed_is_not_kept_for_what_nobody_takes_in() ->
     written = asyncio.Event()
 
     async def leave_unsent(channel: Channel[Ping]) -> None:
-        channel.trust()
+        channel.is_known = True
         if await channel.receive_header() == Ping(1):
             with suppress(TimeoutError):
                 async with asyncio.timeout(0.1):
@@ -186,7 +186,7 @@ async def watch_and_echo(channel: Channel[Ping]) -> None:
 
 
 async def trust_and_echo(channel: Channel[Ping]) -> None:
-    channel.trust()
+    channel.is_known = True
     await echo(channel)
 
 

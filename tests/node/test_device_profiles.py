@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
-from capture_app.node.camera.device_profiles import FILE, MAX_LATENCIES, DeviceProfiles
+from capture_app.node.camera.device_profiles import FILE, MAX_LATENCIES, DeviceProfiles, link_key, mode_key
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
@@ -19,8 +19,8 @@ def camera(model: str = "Phone", width: int = 640) -> CameraFacts:
 def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path / "data")
     assert profiles.injection_profile(camera()) is None
-    assert profiles.save_injection(camera(), PROFILE)
-    assert profiles.save_injection(camera(), PROFILE), "again changes nothing"
+    assert profiles.save(mode_key(camera()), injection=PROFILE)
+    assert profiles.save(mode_key(camera()), injection=PROFILE), "again changes nothing"
     again = DeviceProfiles(tmp_path / "data")
     assert again.injection_profile(camera()) == PROFILE
     assert again.injection_profile(camera(model="Other")) is None
@@ -31,7 +31,7 @@ def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:
 def test_a_gain_may_be_any_number_and_a_whole_one_of_before_is_read(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path)
     real = InjectionProfile(10_840, 1.463, 3056.25)
-    assert profiles.save_injection(camera(), real)
+    assert profiles.save(mode_key(camera()), injection=real)
     assert profiles.injection_profile(camera()) == real
     written = (tmp_path / FILE).read_text()
     (tmp_path / FILE).write_text(written.replace("1.463", "2"))
@@ -44,15 +44,15 @@ def test_a_broken_file_is_as_good_as_none(tmp_path: Path) -> None:
     (tmp_path / FILE).write_bytes(b'{"sim/Phone": [1')
     profiles = DeviceProfiles(tmp_path)
     assert profiles.injection_profile(camera()) is None
-    assert profiles.save_injection(camera(), PROFILE)
+    assert profiles.save(mode_key(camera()), injection=PROFILE)
     assert profiles.injection_profile(camera()) == PROFILE
 
 
 def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path)
     assert profiles.start_latencies_ns(camera()) == ()
-    profiles.save_injection(camera(), PROFILE)
-    assert profiles.save_start_latencies(camera(), tuple(range(100)))
+    profiles.save(mode_key(camera()), injection=PROFILE)
+    assert profiles.save(mode_key(camera()), start_latencies_ns=tuple(range(100)))
     assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MAX_LATENCIES, 100))
     assert profiles.injection_profile(camera()) == PROFILE
     assert profiles.start_latencies_ns(camera(model="Other")) == ()
@@ -62,7 +62,8 @@ def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
     models = [f"Phone {number}" for number in range(40)]
     with ThreadPoolExecutor(8) as threads:
         saved = threads.map(
-            lambda model: DeviceProfiles(tmp_path).save_injection(camera(model=model), PROFILE), models
+            lambda model: DeviceProfiles(tmp_path).save(mode_key(camera(model=model)), injection=PROFILE),
+            models,
         )
         assert all(saved)
     profiles = DeviceProfiles(tmp_path)
@@ -71,15 +72,15 @@ def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
-    assert not DeviceProfiles(tmp_path / "file").save_injection(camera(), PROFILE)
+    assert not DeviceProfiles(tmp_path / "file").save(mode_key(camera()), injection=PROFILE)
 
 
 def test_a_measured_link_is_known_by_its_camera_and_leader(tmp_path: Path) -> None:
     asymmetry = PathAsymmetry(150_000, 40_000, 1_200_000)
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.asymmetry("a", "192.168.1.2") is None
-    assert profiles.save_asymmetry("a", "192.168.1.2", asymmetry)
+    assert profiles.read(link_key("a", "192.168.1.2")).asymmetry is None
+    assert profiles.save(link_key("a", "192.168.1.2"), asymmetry=asymmetry)
     again = DeviceProfiles(tmp_path)
-    assert again.asymmetry("a", "192.168.1.2") == asymmetry
-    assert again.asymmetry("b", "192.168.1.2") is None
-    assert again.asymmetry("a", "192.168.1.3") is None
+    assert again.read(link_key("a", "192.168.1.2")).asymmetry == asymmetry
+    assert again.read(link_key("b", "192.168.1.2")).asymmetry is None
+    assert again.read(link_key("a", "192.168.1.3")).asymmetry is None

@@ -9,7 +9,7 @@ from msgspec import structs
 from benchmarks.simulated.virtual_rig import NodeSpec
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
 from capture_app.common.clock import SimulatedClock
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import DeviceProfiles, camera_key
 from capture_app.rig.camera_times import (
     MeasuredTime,
     MeasuredTimes,
@@ -142,13 +142,15 @@ def test_what_tells_less_of_a_link_than_is_usual_is_not_kept() -> None:
 def test_a_measured_stamp_is_kept_for_this_camera_in_this_mode(tmp_path: Path) -> None:
     measured = StampAccuracy(bias_ns=15 * MS, uncertainty_ns=MS, source=StampSource.MOTION)
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.stamp("cam0", WEBCAM) is None
-    assert profiles.save_stamp("cam0", WEBCAM, measured)
+    assert profiles.read(camera_key("cam0", WEBCAM)).stamp is None
+    assert profiles.save(camera_key("cam0", WEBCAM), stamp=measured)
     again = DeviceProfiles(tmp_path)
-    assert again.stamp("cam0", WEBCAM) == measured
-    assert again.stamp("cam1", WEBCAM) is None
-    assert again.stamp("cam0", make_facts(kind="v4l2", exposure_ns=20 * MS)) is None
-    assert again.stamp("cam0", make_facts(kind="v4l2", exposure_ns=10 * MS, width=1280)) is None
+    assert again.read(camera_key("cam0", WEBCAM)).stamp == measured
+    assert again.read(camera_key("cam1", WEBCAM)).stamp is None
+    assert again.read(camera_key("cam0", make_facts(kind="v4l2", exposure_ns=20 * MS))).stamp is None
+    assert (
+        again.read(camera_key("cam0", make_facts(kind="v4l2", exposure_ns=10 * MS, width=1280))).stamp is None
+    )
 
 
 def test_a_rig_goes_by_a_measured_stamp_at_once() -> None:

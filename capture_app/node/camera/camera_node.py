@@ -7,7 +7,7 @@ import random
 import secrets
 import socket
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -21,18 +21,15 @@ from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
+from capture_app.node.camera.device_profiles import link_key, mode_key
 from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.joining import JoinWatch, KeyRequester
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
-from capture_app.protocol.orders import SaveStamp, StampSaved
-from capture_app.protocol.status import NodeDetail
-from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig import events, status_text
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
@@ -40,7 +37,7 @@ from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
-MAX_SAMPLES, MAX_LINES = 300, 100
+MAX_SAMPLES = 300
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
@@ -52,23 +49,6 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
 }
 """Each event's name in the log, and the fields that are copied from it."""
-
-
-def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tuple[tuple[int, int], ...]:
-    """Return offset and round trip of exchanges with the leader, in ns.
-
-    The leader's clock gains `skew_ppm` on this one. The drift since each exchange is added to its offset, so
-    that the scatter of the offsets shows the exchanges' errors.
-    """
-    rate = (skew_ppm or 0.0) * 1e-6
-    last_ns = max((sample.t3_ns for sample in samples), default=0)
-    return tuple(
-        (
-            (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
-            sample.round_trip_ns,
-        )
-        for sample in samples
-    )
 
 
 class CameraNode:
@@ -162,7 +142,7 @@ class RigMember:
             self._pump,
         )
         self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
-        self._viewfinder = Viewfinder(options, instance, self._camera.controls, self)
+        self._viewfinder = Viewfinder(options, instance, self._camera, self._engine, uploader, self._samples)
         stream.receivers.append(self._viewfinder.add_frame)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
@@ -196,55 +176,6 @@ class RigMember:
         message = "" if self._last_state is None else self._engine.report(self._clock.now_ns()).message
         return self._last_state, message
 
-    # For the viewfinder
-
-    def leader_ns(self, local_ns: int) -> int | None:
-        """Return the leader's time of a local time; None while it is unknown."""
-        time_map = self._engine.time_map
-        return None if time_map is None else time_map.leader_from_local(local_ns)
-
-    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
-        """Return as `Client.instant_of` which instant of the rig's grid a frame shows, and how late it is."""
-        return self._engine.instant_of(stamp_ns)
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether frames of a burst are being selected or sent, so that previews must wait."""
-        return self._engine.has_burst_pending or self._uploader.is_busy
-
-    def save_stamp(self, measured: SaveStamp) -> StampSaved:
-        """Apply a measurement from now on; return whether it is saved for later runs, too."""
-        name, is_stored, uncertainty_ns = self.options.name, True, None
-        if measured.stamp is not None:
-            facts = self._stream.facts
-            self._stream.measured_stamp = measured.stamp
-            self._camera.note_exposure()
-            self._pump.turn()
-            is_stored = self._profiles.save_stamp(name, facts, measured.stamp)
-        if measured.asymmetry is not None:
-            asymmetry = self._engine.add_path_asymmetry(measured.asymmetry)
-            uncertainty_ns = asymmetry.uncertainty_ns
-            is_stored = self._profiles.save_asymmetry(name, self._failover.leader[0], asymmetry)
-        return StampSaved(camera=name, is_stored=is_stored, asymmetry_uncertainty_ns=uncertainty_ns)
-
-    def detail(self) -> NodeDetail:
-        """Return the node's details for operators."""
-        places = map(self._engine.instant_of, self._viewfinder.stamps_ns)
-        spool, seen = self._uploader.spool, self._viewfinder
-        return NodeDetail(
-            camera=self.options.name,
-            samples=offsets_of(self._samples, self._engine.report(self._clock.now_ns()).skew_ppm),
-            phase_errors_ns=tuple(place[2] for place in places if place is not None),
-            log=self._log.after(0)[-MAX_LINES:],
-            fps=seen.health.fps,
-            exposure_ns=seen.health.exposure_ns,
-            gain=seen.health.gain,
-            white_balance=None if seen.newest is None else seen.newest.white_balance,
-            controls=self._camera.controls.latest,
-            spool="" if spool is None else str(spool.folder),
-            disk_free_bytes=None if spool is None else free_bytes(spool.folder),
-        )
-
     # Events of the engine
 
     def _drain(self) -> None:
@@ -268,11 +199,11 @@ class RigMember:
 
     def _save_profile(self) -> None:
         """Store the parameters that brought the camera into phase, as they are proven."""
-        aligner = self._engine.aligner
+        aligner, mode = self._engine.aligner, mode_key(self._stream.facts)
         if aligner.actuator.profile is not None:
-            self._profiles.save_injection(self._stream.facts, aligner.actuator.profile)
+            self._profiles.save(mode, injection=aligner.actuator.profile)
         if aligner.start_latencies_ns:
-            self._profiles.save_start_latencies(self._stream.facts, aligner.start_latencies_ns)
+            self._profiles.save(mode, start_latencies_ns=aligner.start_latencies_ns)
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         if isinstance(event, FramesSelected):
@@ -286,7 +217,8 @@ class RigMember:
             self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
-            self._engine.set_path_asymmetry(self._profiles.asymmetry(self.options.name, leader.host))
+            link = self._profiles.read(link_key(self.options.name, leader.host))
+            self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})

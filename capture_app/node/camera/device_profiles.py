@@ -19,11 +19,17 @@ FILE = "device-profiles.json"
 MAX_LATENCIES = 24
 
 
-class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class DeviceProfile(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What is known of a camera's mode, of one camera in a mode, or of the link to a leader."""
+
     injection: InjectionProfile | None = None
+    """Effect of a long frame, in one mode of a kind of camera."""
     start_latencies_ns: tuple[int, ...] = ()
+    """Start latencies modulo the period in ns, in one mode of a kind of camera, newest last."""
     stamp: StampAccuracy | None = None
+    """Measured delay of one camera's timestamps."""
     asymmetry: PathAsymmetry | None = msgspec.field(default=None, name="way")
+    """Measured path asymmetry of a link."""
 
 
 class DeviceProfiles:
@@ -38,44 +44,22 @@ class DeviceProfiles:
 
     def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
         """Return the effect of a long frame on cameras of this kind and mode; None if unknown."""
-        known = self._entry(_key(facts)).injection
+        known = self.read(mode_key(facts)).injection
         min_gain, max_gain = GAIN_LIMITS
         is_usable = known is not None and min_gain <= known.gain <= max_gain and known.row_time_ns > 0
         return known if is_usable else None
 
     def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
         """Return start latencies of cameras of this kind and mode, modulo the period in ns, newest last."""
-        return self._entry(_key(facts)).start_latencies_ns[-MAX_LATENCIES:]
+        return self.read(mode_key(facts)).start_latencies_ns[-MAX_LATENCIES:]
 
-    def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
-        """Store the effect of a long frame on cameras of this kind; return False if it cannot be written."""
-        return self._write(_key(facts), injection=profile)
+    def read(self, key: str) -> DeviceProfile:
+        """Return what is known of a mode, a camera or a link, by its key."""
+        return self._read_all().get(key, DeviceProfile())
 
-    def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
-        """Store start latencies, replacing earlier ones; return False if they cannot be written."""
-        return self._write(_key(facts), start_latencies_ns=latencies_ns[-MAX_LATENCIES:])
-
-    def stamp(self, camera: str, facts: CameraFacts) -> StampAccuracy | None:
-        """Return the measured delay of this camera's timestamps; None if it was never measured."""
-        return self._entry(_key_of_one(camera, facts)).stamp
-
-    def save_stamp(self, camera: str, facts: CameraFacts, stamp: StampAccuracy) -> bool:
-        """Store one camera's timestamp delay in this mode; return False if it cannot be written."""
-        return self._write(_key_of_one(camera, facts), stamp=stamp)
-
-    def asymmetry(self, camera: str, leader: str) -> PathAsymmetry | None:
-        """Return the measured path asymmetry of a camera's node and the leader on that host, if any."""
-        return self._entry(f"{camera}>{leader}").asymmetry
-
-    def save_asymmetry(self, camera: str, leader: str, asymmetry: PathAsymmetry) -> bool:
-        """Store the path asymmetry of such a link; return False if it cannot be written."""
-        return self._write(f"{camera}>{leader}", asymmetry=asymmetry)
-
-    def _entry(self, key: str) -> _Entry:
-        return self._read().get(key, _Entry())
-
-    def _write(self, key: str, **changes: Any) -> bool:
-        known = self._entry(key)
+    def save(self, key: str, **changes: Any) -> bool:
+        """Change these fields of a mode's, a camera's or a link's profile; return False if that fails."""
+        known = self.read(key)
         if msgspec.structs.replace(known, **changes) == known:
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
@@ -83,7 +67,7 @@ class DeviceProfiles:
             # Nodes of one host share the file: two concurrent writers must not lose either's entry.
             lock = lock_file(lock_path, wait=True)
             try:
-                entries = self._read() | {key: msgspec.structs.replace(self._entry(key), **changes)}
+                entries = self._read_all() | {key: msgspec.structs.replace(self.read(key), **changes)}
                 write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
             finally:
                 lock_path.unlink(missing_ok=True)
@@ -92,9 +76,9 @@ class DeviceProfiles:
             return False
         return True
 
-    def _read(self) -> dict[str, _Entry]:
+    def _read_all(self) -> dict[str, DeviceProfile]:
         try:
-            return msgspec.json.decode(self._path.read_bytes(), type=dict[str, _Entry])
+            return msgspec.json.decode(self._path.read_bytes(), type=dict[str, DeviceProfile])
         except (OSError, *UNREADABLE):
             return {}
 
@@ -103,11 +87,17 @@ NO_PROFILES = DeviceProfiles(Path(os.devnull))
 """Profiles of nodes that store none."""
 
 
-def _key(facts: CameraFacts) -> str:
+def mode_key(facts: CameraFacts) -> str:
+    """Return the key of the profile of all cameras of this kind and mode."""
     mode = f"{facts.width}x{facts.height}/{facts.period_ns}/{facts.exposure_ns or 0}"
     return f"{facts.kind}/{facts.model}/{mode}"
 
 
-def _key_of_one(camera: str, facts: CameraFacts) -> str:
-    """Return one camera's key, by name and mode: timestamps of two cameras of a model may differ."""
-    return f"{camera}@{_key(facts)}"
+def camera_key(camera: str, facts: CameraFacts) -> str:
+    """Return the key of one camera's profile in a mode: timestamps of two cameras of a model may differ."""
+    return f"{camera}@{mode_key(facts)}"
+
+
+def link_key(camera: str, leader: str) -> str:
+    """Return the key of the profile of the link between a camera's node and the leader on that host."""
+    return f"{camera}>{leader}"

@@ -27,7 +27,7 @@ from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import has_come
 from capture_app.net.udp import Pump
-from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles
+from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles, camera_key
 from capture_app.protocol.log import Log
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
@@ -228,7 +228,8 @@ class CameraStream:
         facts = self.camera.facts
         reported, measured = facts.stamp_accuracy, self.measured_stamp
         if measured is None or measured.exposure_ns != facts.exposure_ns:
-            measured = None if reported.is_exact else self._options.profiles.stamp(self._options.name, facts)
+            stored = self._options.profiles.read(camera_key(self._options.name, facts))
+            measured = None if reported.is_exact else stored.stamp
         self.facts = replace(facts, stamp=measured or reported)
 
     def _deliver(self, frame: CapturedFrame) -> None:
@@ -250,7 +251,7 @@ class CameraSupervisor:
     ) -> None:
         """`pump` runs the engine; a failed camera is reopened every `retry_s`."""
         self._options, self._retry_s = options, retry_s
-        self._stream, self._engine, self._pump = stream, engine, pump
+        self.stream, self._engine, self._pump = stream, engine, pump
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Commands, each with the local time in ns at which the engine computed it."""
         self._engine_ns = 0
@@ -263,7 +264,7 @@ class CameraSupervisor:
     @property
     def camera(self) -> Camera:
         """The open camera."""
-        return self._stream.camera
+        return self.stream.camera
 
     def collect_commands(self) -> None:
         """Queue the engine's commands for the camera, and lock its controls while a burst is captured."""
@@ -277,7 +278,7 @@ class CameraSupervisor:
         Raises CameraError if another camera is connected then.
         """
         while True:
-            error = await self._stream.failed
+            error = await self.stream.failed
             self._options.log.say(f"camera failed: {error}")
             self._report_to_engine(str(error))
             await self.camera.stop()
@@ -294,9 +295,7 @@ class CameraSupervisor:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the targeted start: the same phase in a later period is as good.
-                command = RestartStream(
-                    delay_ns if delay_ns >= 0 else delay_ns % self._stream.facts.period_ns
-                )
+                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self.stream.facts.period_ns)
             try:
                 await self.camera.apply(command)
             except CameraError as error:
@@ -307,28 +306,29 @@ class CameraSupervisor:
                     self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
-        before = self._stream.facts
+        before = self.stream.facts
         self._streams_before = self._last_stream + 1
         while True:
             await asyncio.sleep(self._retry_s)
             try:
-                await self._stream.open()
+                await self.stream.open()
                 break
             except SimulshotError as reason:
                 await self.camera.stop()
                 self._report_to_engine(str(reason))
         # A camera that was unplugged forgets its exposure; it is still the same camera.
-        facts = self._stream.facts
+        facts = self.stream.facts
         if replace(facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
             raise CameraError(f"another camera is connected now: {facts.model}", hint="start the node again")
-        self._engine.stream_started(self._stream.started_ns)
+        self._engine.stream_started(self.stream.started_ns)
 
     def note_exposure(self) -> None:
         """Notify the engine if the camera's exposure or timestamp accuracy has changed."""
-        before = self._stream.facts
-        self._stream.update_facts()
-        if self._stream.facts != before:
-            self._engine.update_camera(self._stream.facts)
+        before = self.stream.facts
+        self.stream.update_facts()
+        if self.stream.facts != before:
+            self._engine.update_camera(self.stream.facts)
+            self._pump.turn()
 
     def add_frame(self, frame: CapturedFrame) -> None:
         """Pass the next frame to the engine."""

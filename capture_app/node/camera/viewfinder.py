@@ -6,16 +6,19 @@ while a burst is captured or sent. All cameras of a rig show the same instants o
 
 import asyncio
 from collections import deque
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.tasks import first_of, has_come
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.supervisor import ControlKeeper, NodeOptions
+from capture_app.node.camera.device_profiles import camera_key, link_key
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.camera.uploader import Uploader
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.protocol.orders import (
     NO_PREVIEWS,
@@ -30,12 +33,14 @@ from capture_app.protocol.orders import (
     StampSaved,
 )
 from capture_app.protocol.status import NodeDetail, Preview
+from capture_app.session.files.disk import free_bytes
 from capture_app.session.reading.decoding import encode_image
-from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.rig.client import Client
 
 RETRY_S = 2.0
 HEALTH_INTERVAL_S = 1.0
-MAX_FRAMES = 300
+MAX_FRAMES, MAX_LINES = 300, 100
 RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
 RATE_TOLERANCE = 1.05
@@ -45,38 +50,44 @@ MAX_INTERVALS = 3
 """Requested intervals after which any frame is shown of a camera that has none of the rig's instants."""
 
 
-class ShownMember(Protocol):
-    """Member of a rig whose camera a viewfinder shows."""
+def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tuple[tuple[int, int], ...]:
+    """Return offset and round trip of exchanges with the leader, in ns.
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether previews must wait, because a burst is being captured or sent."""
-
-    def leader_ns(self, local_ns: int) -> int | None:
-        """Return the leader's time of a local time; None while it is unknown."""
-
-    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
-        """Return which instant of the rig's grid a frame shows, and how late it is (ns); None if unknown."""
-
-    def detail(self) -> NodeDetail:
-        """Return what is too large for a status: clock samples, phase errors, log lines, controls."""
-
-    def save_stamp(self, measured: SaveStamp) -> StampSaved:
-        """Apply a measurement from now on; return whether it is saved for later runs, too."""
+    The leader's clock gains `skew_ppm` on this one. The drift since each exchange is added to its offset, so
+    that the scatter of the offsets shows the exchanges' errors.
+    """
+    rate = (skew_ppm or 0.0) * 1e-6
+    last_ns = max((sample.t3_ns for sample in samples), default=0)
+    return tuple(
+        (
+            (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
+            sample.round_trip_ns,
+        )
+        for sample in samples
+    )
 
 
 class Viewfinder:
     """Viewfinder of one camera; keeps a stream open, over which the leader requests previews."""
 
     def __init__(
-        self, options: NodeOptions, instance: int, controls: ControlKeeper, member: ShownMember
+        self,
+        options: NodeOptions,
+        instance: int,
+        camera: CameraSupervisor,
+        engine: Client[CapturedFrame],
+        uploader: Uploader,
+        samples: Collection[ClockSample],
     ) -> None:
-        """Create a viewfinder of a node; `instance` is the number of the node's run."""
+        """Create a viewfinder of a node, from its parts and its latest exchanges with the leader.
+
+        `instance` is the number of the node's run.
+        """
         self.stamps_ns: deque[int] = deque(maxlen=MAX_FRAMES)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None
-        self._options, self._instance, self._controls, self._member = options, instance, controls, member
-        self._name = options.name
+        self._options, self._instance, self._name = options, instance, options.name
+        self._camera, self._engine, self._uploader, self._samples = camera, engine, uploader, samples
         self._leader: Address
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
@@ -106,7 +117,7 @@ class Viewfinder:
         self.stamps_ns.append(frame.timestamp_ns)
         if not self.request.fps:
             return
-        fps, place = self.request.fps, self._member.instant_of(frame.timestamp_ns)
+        fps, place = self.request.fps, self._engine.instant_of(frame.timestamp_ns)
         if self._chosen_ns is None:
             self._chosen_ns = frame.timestamp_ns
         since_ns, shown_ns = abs(frame.timestamp_ns - self._chosen_ns), None
@@ -150,6 +161,7 @@ class Viewfinder:
             self._channel = None
 
     async def _listen(self, channel: Channel[Any]) -> None:
+        controls = self._camera.controls
         while (message := await channel.receive_header()) is not None:
             match message:
                 case PreviewRequest():
@@ -157,12 +169,12 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    await channel.send(self._member.detail())
+                    await channel.send(self.detail())
                 case ControlsRequest(values=values):
-                    state = await (self._controls.apply(values) if values else self._controls.read())
+                    state = await (controls.apply(values) if values else controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case SaveStamp() if message.camera == self._name:
-                    await channel.send(self._member.save_stamp(message))
+                    await channel.send(self.save_stamp(message))
                 case RemoveCamera() if message.name == self._name:
                     self._options.put_off()
                 case Refusal():
@@ -186,22 +198,61 @@ class Viewfinder:
             await self._may_send.wait()
             await self._frame_chosen.wait()
             self._frame_chosen.clear()
-            if self._next is None or self._member.is_busy:
+            if self._next is None or self.is_busy:
                 continue
             frame, shown_ns = self._next
             made = await loop.run_in_executor(self._thread, small_jpeg, frame, self.request.width)
-            if made is None or self._member.is_busy:
+            if made is None or self.is_busy:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
+            time_map = self._engine.time_map
             preview = Preview(
                 camera=self._name,
-                leader_ns=self._member.leader_ns(frame.timestamp_ns),
+                leader_ns=None if time_map is None else time_map.leader_from_local(frame.timestamp_ns),
                 instant_ns=shown_ns,
                 width=width,
                 height=height,
             )
             await channel.send(preview, jpeg)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether previews must wait, because frames of a burst are being selected or sent."""
+        return self._engine.has_burst_pending or self._uploader.is_busy
+
+    def save_stamp(self, measured: SaveStamp) -> StampSaved:
+        """Apply a measurement from now on; return whether it is saved for later runs, too."""
+        profiles, is_stored, uncertainty_ns = self._options.profiles, True, None
+        if measured.stamp is not None:
+            facts = self._camera.stream.facts
+            self._camera.stream.measured_stamp = measured.stamp
+            self._camera.note_exposure()
+            is_stored = profiles.save(camera_key(self._name, facts), stamp=measured.stamp)
+        if measured.asymmetry is not None:
+            asymmetry = self._engine.add_path_asymmetry(measured.asymmetry)
+            uncertainty_ns = asymmetry.uncertainty_ns
+            is_stored = profiles.save(link_key(self._name, self._leader.host), asymmetry=asymmetry)
+        return StampSaved(camera=self._name, is_stored=is_stored, asymmetry_uncertainty_ns=uncertainty_ns)
+
+    def detail(self) -> NodeDetail:
+        """Return what is too large for a status: clock samples, phase errors, log lines, controls."""
+        places, health = map(self._engine.instant_of, self.stamps_ns), self.health
+        skew_ppm = self._engine.report(self._options.clock.now_ns()).skew_ppm
+        spool = self._uploader.spool
+        return NodeDetail(
+            camera=self._name,
+            samples=offsets_of(self._samples, skew_ppm),
+            phase_errors_ns=tuple(place[2] for place in places if place is not None),
+            log=self._options.log.after(0)[-MAX_LINES:],
+            fps=health.fps,
+            exposure_ns=health.exposure_ns,
+            gain=health.gain,
+            white_balance=None if self.newest is None else self.newest.white_balance,
+            controls=self._camera.controls.latest,
+            spool="" if spool is None else str(spool.folder),
+            disk_free_bytes=None if spool is None else free_bytes(spool.folder),
+        )
 
     def _fps(self) -> float | None:
         since_ns = self._options.clock.now_ns() - RATE_WINDOW_NS

@@ -197,7 +197,7 @@ class LeaderService:
                 members = self._engine.roster.members
                 if not is_node(channel.who, members.get(message.camera), message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
-                channel.trust()
+                channel.is_known = True
             case messages.CameraReport() | messages.SpoolSpace():
                 if message.camera != principal:
                     raise BadInputError(f"this stream may not send for camera {message.camera!r}")

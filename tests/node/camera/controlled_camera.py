@@ -1,7 +1,7 @@
 """A camera with controls that a test looks at, and that chooses what the test wants."""
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from msgspec.structs import replace
 
@@ -96,6 +96,25 @@ class StillClock(HostClock):
         return 1_000_000_000
 
 
+class Shown(Viewfinder):
+    """A viewfinder whose node stores nothing, and says itself whether it is busy."""
+
+    def __init__(self, node: "ShownNode", instance: int) -> None:
+        part: Any = node
+        super().__init__(node.options, instance, part, part, part, ())
+        self._node = node
+
+    @property
+    def is_busy(self) -> bool:
+        return self._node.is_busy
+
+    def detail(self) -> NodeDetail:
+        return NodeDetail(camera=self._node.options.name, samples=((5, 6),))
+
+    def save_stamp(self, measured: SaveStamp) -> StampSaved:
+        return StampSaved(camera=self._node.options.name, is_stored=False)
+
+
 class ShownNode:
     """A viewfinder, and what a node around it would be, whose leader's clock is 7 ns ahead."""
 
@@ -104,17 +123,17 @@ class ShownNode:
         self.camera, self.is_busy = camera, False
         self.grid: FrameGrid | None = FrameGrid(0, 20_000_000)
         self.controls = keeper_of(camera)
-        self.viewfinder = Viewfinder(self.options, instance, self.controls, self)
+        self.viewfinder = Shown(self, instance)
 
-    def leader_ns(self, local_ns: int) -> int:
+    # As the engine
+
+    @property
+    def time_map(self) -> "ShownNode":
+        return self
+
+    def leader_from_local(self, local_ns: int) -> int:
         return local_ns + 7
 
     def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
         """On a grid of 20 ms, unless the test has taken it away."""
         return None if self.grid is None else (self.grid.index_of(stamp_ns + 7), self.grid, 0)
-
-    def detail(self) -> NodeDetail:
-        return NodeDetail(camera=self.options.name, samples=((5, 6),))
-
-    def save_stamp(self, measured: SaveStamp) -> StampSaved:
-        return StampSaved(camera=self.options.name, is_stored=False)

@@ -1,6 +1,6 @@
 """What a node tells of itself in detail."""
 
-from capture_app.node.camera.camera_node import offsets_of
+from capture_app.node.camera.viewfinder import offsets_of
 from capture_app.sync.clock.clock_filter import ClockSample
 
 

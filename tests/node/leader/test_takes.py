@@ -12,7 +12,7 @@ from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import DeviceProfiles, link_key
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
@@ -111,7 +111,7 @@ async def test_a_node_goes_by_what_was_measured_of_its_link_and_keeps_it(
         while (clock := await clock_of(link)).offset_ns < round_trip_ns // 12:
             pass
     assert clock.offset_ns <= clock.hard_bound_ns
-    kept = DeviceProfiles(tmp_path).asymmetry("a", link.leader.host)
+    kept = DeviceProfiles(tmp_path).read(link_key("a", link.leader.host)).asymmetry
     assert kept is not None
     assert kept.late_ns == round_trip_ns // 3
 

@@ -17,7 +17,7 @@ from benchmarks.reconstruction.verdict_takes import Take, real_takes, session_of
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.tolerance_study import ToleranceOptions, measure_tolerance
+from reconstruction.compare.tolerance_study import measure_tolerance
 from reconstruction.scores.timing import Timing, measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
@@ -80,8 +80,7 @@ def measure(session: Path, take: Take, *, by_depth: bool) -> Timing:
     """Measure a session's timing by motion, and `by_depth` too; unknown if its calibration is refused."""
     try:
         if by_depth:
-            options = ToleranceOptions(max_instants=4, max_offset_ms=2.2 * take.period_ms)
-            timing = measure_tolerance(session, None, options).timing
+            timing = measure_tolerance(session, max_instants=4, max_offset_ms=2.2 * take.period_ms).timing
             assert timing is not None
             return timing
         with tempfile.TemporaryDirectory() as scratch:

@@ -47,7 +47,7 @@ def batch(
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
-            talk(f"{_label(failure)}: {failure.problem}")
+            talk(f"{failure.label}: {failure.problem}")
         if done:
             talk(f"reusing {done} of {len(units)} results")
         try:
@@ -120,16 +120,16 @@ def _run_units(
         with closing(workers.run_units(task, units, root)) as running:
             for outcome in running:
                 outcomes[outcome.key] = outcome
-                unit = by_key[outcome.key]
-                how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
+                row = _row(by_key[outcome.key], root, outcomes)
+                how = row.problem or f"{outcome.seconds:.1f} s"
                 left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
                 left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
-                text = f"{unit.label}: {how}{left}"
+                text = f"{row.label}: {how}{left}"
                 talk(str(ProgressStep(done + len(outcomes), done + len(units), text)))
                 if outcome.computed:
                     # Timings are optional: a full disk is reported by the units themselves.
                     with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
-                        file.write(f"{outcome.key},{outcome.seconds:.3f},{unit.label}\n")
+                        file.write(f"{outcome.key},{outcome.seconds:.3f},{row.label}\n")
     except KeyboardInterrupt:
         saved = sum(not outcome.error for outcome in outcomes.values())
         talk(f"stopping: {saved} of {len(units)} results are saved; repeat the command to compute the others")
@@ -142,8 +142,3 @@ def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
     if outcome is None or not outcome.error:
         return completed_row(unit, root)
     return unit_row(unit, error=outcome.error, exit_code=outcome.exit_code)
-
-
-def _label(row: Row) -> str:
-    instant = f", instant {row.instant}" if row.instant is not None else ""
-    return f"{row.session}{instant}{f', {row.condition}' if row.condition else ''}"

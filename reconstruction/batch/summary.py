@@ -41,7 +41,6 @@ SHARES = {
     "mover_within_2pct": "Moving: measured correctly",
     "static_within_2pct": "At rest: measured correctly",
 }
-FIRST = "Session and condition"
 
 
 class Row(Struct, frozen=True, kw_only=True):
@@ -67,11 +66,16 @@ class Row(Struct, frozen=True, kw_only=True):
     """Path of the reference camera's depth as a colour picture."""
 
     @property
+    def label(self) -> str:
+        """Name of the unit in a progress line."""
+        instant = f"instant {self.instant}" if self.instant is not None else ""
+        return ", ".join(filter(None, (self.session, instant, self.condition)))
+
+    @property
     def problem(self) -> str:
         """Reason why the unit has no results, and whether that is a failure; empty if it has results."""
-        if self.error:
-            return f"failed: {self.error}"
-        return f"not applicable: {self.not_applicable}" if self.not_applicable else ""
+        not_applicable = f"not applicable: {self.not_applicable}" if self.not_applicable else ""
+        return f"failed: {self.error}" if self.error else not_applicable
 
 
 class Group(DepthShares, frozen=True, kw_only=True):
@@ -256,7 +260,7 @@ def _unmade(found: BatchResult | Group) -> list[str]:
 
 def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
     heads = (counted, *SHARES.values(), "Median error", "Points in space")
-    return report.Table(caption, list(map(report.Column, heads)), rows, first=FIRST)
+    return report.Table(caption, list(map(report.Column, heads)), rows, first="Session and condition")
 
 
 def _row(one: Row | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:

@@ -5,7 +5,7 @@ Imports nothing that starts threads: a worker chooses its cores first.
 
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -38,11 +38,6 @@ class Unit:
     """Corrections added to the times of the named cameras."""
 
     @property
-    def label(self) -> str:
-        """Name of the unit in a progress line."""
-        return f"{self.name}, instant {self.instant}, {self.condition}"
-
-    @property
     def folder(self) -> str:
         """Folder of the unit's result, relative to the batch's folder."""
         return f"{UNITS}/{self.name}/{self.instant:04d}-{self.condition}-{self.key[:16]}"
@@ -60,17 +55,6 @@ class Outcome:
     exit_code: int = ExitCode.OK
 
 
-Task = Callable[[Unit, Path], None]
-"""Function that writes a unit's files into an empty folder; each call writes the same bytes."""
-
-
-def load_task(name: str) -> Task:
-    """Import the function `module:function`; a name can be sent to other processes and machines."""
-    module, _, function = name.partition(":")
-    found: Task = getattr(import_module(module), function)
-    return found
-
-
 def is_done(unit: Unit, root: Path) -> bool:
     """Return whether the unit's result exists; a folder gets its name only when it is complete."""
     return (root / unit.folder).is_dir()
@@ -79,8 +63,9 @@ def is_done(unit: Unit, root: Path) -> bool:
 def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
     """Compute a unit's folder in the batch's folder, unless it exists.
 
-    If another process is computing the folder, wait for that process. Raises nothing, so that a failing unit
-    does not stop the others.
+    The task is a function `module:function`, whose name can be sent to other processes and machines. It
+    writes a unit's files into an empty folder, the same bytes at each call. If another process is computing
+    the folder, wait for that process. Raises nothing, so that a failing unit does not stop the others.
     """
     began = time.monotonic()
     code: int = ExitCode.FAILURE
@@ -105,7 +90,8 @@ def _compute(task: str, unit: Unit, root: Path) -> bool:
             output.discard()
             return False
         _require_free_bytes(root, FREE_BYTES_BEFORE)
-        load_task(task)(unit, output.folder)
+        module, _, function = task.partition(":")
+        getattr(import_module(module), function)(unit, output.folder)
         _require_free_bytes(root, FREE_BYTES_AFTER)
     return True
 

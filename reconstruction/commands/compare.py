@@ -113,9 +113,9 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
-    from reconstruction.compare.tolerance_study import ToleranceOptions, measure_tolerance
+    from reconstruction.compare.tolerance_study import measure_tolerance
 
-    result = measure_tolerance(session, out, ToleranceOptions(**options))
+    result = measure_tolerance(session, out, **options)
     report = [] if out is None else [f"report: {out / result.report}"]
     answer(as_json, result, [*_lines(result), *report])
 

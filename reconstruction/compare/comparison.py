@@ -212,8 +212,7 @@ def _run_studies(
                 name, found = running.pop(future), future.result()
                 del left[name]
                 order.done(name)
-                studies_found = known.studies + found.pop("studies", ())
-                known = structs.replace(known, studies=studies_found, **found)
+                known = structs.replace(known, studies=known.studies + found.pop("studies", ()), **found)
             yield known, tuple(left.values())
     if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies):
         raise no_views
@@ -291,6 +290,7 @@ def _further_conditions(
         if calibration := against.calibration() or context.rig.calibration:
             rig.use_calibration(calibration)
         compared = tuple(study.compare_session(rig) for study in made)
-        session = str(against.session.folder)
-        found.append(ConditionResult(name=against.name, session=session, studies=compared))
+        found.append(
+            ConditionResult(name=against.name, session=str(against.session.folder), studies=compared)
+        )
     return tuple(found)

@@ -71,7 +71,7 @@ class Study(StudyReport, ABC):
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
         self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
-        names = {one.name for one in msgspec.structs.fields(self.Options)}
+        names = self.Options.__struct_fields__
         self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
         self.known = CompareResult()
         """Results available to the study when it runs: a first look at the session, and what it needs."""
@@ -182,16 +182,13 @@ class ConditionStudy(Study):
 
         Returns a skipped result with the reason if that is impossible.
         """
-        context = replace(self.context, rig=rig, offset=None, progress=Progress(0, silent=True))
+        context = replace(self.context, rig=rig, offset=None, folder=None, progress=Progress(0, silent=True))
         twin = type(self)(replace(context, middle=len(rig.dataset.instants_ns) // 2))
-        twin.known = self.known
+        twin.condition = SYNCHRONIZED
         twin.adopt(self)
-        try:
-            with opencv_calls(self.text.subject):
-                twin.prepare()
-                found = twin.compare(SYNCHRONIZED)
-        except IMPOSSIBLE as error:
-            return self.skipped(str(error))
+        found = twin.run(self.known)
+        if found.skipped:
+            return found
         names = dict.fromkeys(one.name for one in (*self.found.measures, *found.measures))
         measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
         return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())

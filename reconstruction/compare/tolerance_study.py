@@ -3,9 +3,10 @@
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from reconstruction.compare.study import Context, PairStudy
 from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
-from reconstruction.scores.comparison_results import DelayFacts, InstantTolerance, OffsetTolerance
+from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, Measure, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
 from reconstruction.scores.timing import Timing, measure_pair_timing, with_curve_peak, with_depth
@@ -37,7 +38,7 @@ from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
-Point = StudyResult[DelayFacts]
+Point = StudyResult[dict[str, int]]
 MAX_STEPS = 4
 """Maximum number of offsets in either direction."""
 CLEAR_PEAK = 0.15
@@ -66,7 +67,7 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
         measures=measures,
         per_instant=(),
-        facts=DelayFacts(offset_frames=0),
+        facts={"offset_frames": 0},
     )
     return tuple(sorted([*compared, zero], key=lambda point: point.late_ms or 0.0))
 
@@ -88,8 +89,12 @@ def _instant(instant: int, pixels: int, curve: Mapping[float, float | None]) -> 
     known = {ms: value for ms, value in curve.items() if value is not None}
     best, *others = sorted(known, key=lambda ms: -known[ms]) or [0.0]
     clear = bool(others) and known[best] - np.median([known[ms] for ms in others]) >= CLEAR_PEAK
-    peak = best if clear and pixels >= MIN_COUNT else None
-    return InstantTolerance(instant=instant, mover_pixels=pixels, values=tuple(curve.values()), peak_ms=peak)
+    return InstantTolerance(
+        instant=instant,
+        mover_pixels=pixels,
+        values=tuple(curve.values()),
+        peak_ms=best if clear and pixels >= MIN_COUNT else None,
+    )
 
 
 def is_decreasing(points: Sequence[Point], measure: str) -> bool:
@@ -122,73 +127,69 @@ def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[f
     return [early, [(ms, one) for ms, one in known if ms >= 0]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToleranceOptions:
-    """Options of a tolerance curve; `pair` names the cameras, None = chosen from the images."""
-
-    max_offset_ms: float = DEFAULT_OFFSET_MS
-    pair: tuple[str, str] | None = None
-    max_instants: int = 16
-    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """Corrections added to the times of the named cameras."""
-
-
-def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions) -> OffsetTolerance:
+def measure_tolerance(
+    session: Path,
+    out: Path | None = None,
+    *,
+    max_offset_ms: float = DEFAULT_OFFSET_MS,
+    pair: tuple[str, str] | None = None,
+    max_instants: int = 16,
+    time_shifts_ms: Mapping[str, float] = MappingProxyType({}),
+) -> OffsetTolerance:
     """Measure a pair's depth against offset; write curve, numbers and report to `out` if given.
+
+    The two cameras are chosen from the images if no `pair` is given. `time_shifts_ms` is added to the times
+    of the named cameras.
 
     Raises:
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
-    if out is None:
-        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            return _measure(session, Path(scratch), options)
-    with comparison_folder(out) as output:
-        result = structs.replace(_measure(session, output.folder / STAGES, options), report=REPORT)
-        write_tolerance_report(result, output.folder)
-        write_metrics(output.folder, result)
-    return result
-
-
-def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTolerance:
     began = time.monotonic()
-    dataset = Dataset.open(session, options.time_shifts_ms)
+    dataset = Dataset.open(session, time_shifts_ms)
     choose_calibration(dataset)
-    steps = whole_frame_offsets(dataset, options.max_offset_ms)
-    rig = Rig(dataset, stages, steps[-1].step)
-    rig.check_pair(options.pair)
-    progress = Progress(4)
-    progress.step("calibration")
-    rig.calibrate()
-    progress.step("choosing cameras")
-    pairs = steps[-1].pairs
-    context = Context(
-        rig=rig, middle=pairs[len(pairs) // 2][0], max_instants=options.max_instants, progress=progress
-    )
-    study = _depth_study()(context)
-    study.asked = options.pair
-    try:
-        study.prepare()
-        progress.step("time offset of moving objects")
-        timing = measure_pair_timing(PairOffsets(rig), study.cameras)
-        curve = measure_curve(type(study), context, study.cameras, steps, timing)
-    except ValueError as error:
-        raise BadInputError(
-            f"no depth can be made from {session}: {error}",
-            hint="name two overlapping cameras with --pair, or calibrate the rig again",
-        ) from error
-    progress.last("curve")
-    return structs.replace(
-        curve,
-        verdict=tolerance_sentence(curve),
-        session=str(session),
-        time_shifts_ms=dict(options.time_shifts_ms),
-        reason=study.reason,
-        calibration=rig.source,
-        seconds=time.monotonic() - began,
-        memory_notes=memory_budget().notes,
-        changed_pictures=picture_checks().changed,
-        versions=library_versions(),
-    )
+    steps = whole_frame_offsets(dataset, max_offset_ms)
+    with (
+        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as opened
+    ):
+        folder = Path(opened) if isinstance(opened, str) else opened.folder
+        rig = Rig(dataset, folder / STAGES, steps[-1].step)
+        rig.check_pair(pair)
+        progress = Progress(4)
+        progress.step("calibration")
+        rig.calibrate()
+        progress.step("choosing cameras")
+        middle, _ = steps[-1].pairs[len(steps[-1].pairs) // 2]
+        context = Context(rig=rig, middle=middle, max_instants=max_instants, progress=progress)
+        study = _depth_study()(context)
+        study.asked = pair
+        try:
+            study.prepare()
+            progress.step("time offset of moving objects")
+            timing = measure_pair_timing(PairOffsets(rig), study.cameras)
+            curve = measure_curve(type(study), context, study.cameras, steps, timing)
+        except ValueError as error:
+            raise BadInputError(
+                f"no depth can be made from {session}: {error}",
+                hint="name two overlapping cameras with --pair, or calibrate the rig again",
+            ) from error
+        progress.last("curve")
+        result = structs.replace(
+            curve,
+            verdict=tolerance_sentence(curve),
+            session=str(session),
+            time_shifts_ms=dict(time_shifts_ms),
+            reason=study.reason,
+            calibration=rig.source,
+            report="" if out is None else REPORT,
+            seconds=time.monotonic() - began,
+            memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
+            versions=library_versions(),
+        )
+        if out is not None:
+            write_tolerance_report(result, folder)
+            write_metrics(folder, result)
+    return result
 
 
 def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
@@ -206,8 +207,8 @@ def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
         )
     spacing_ns = min(b - a for a, b in pairwise(dataset.instants_ns))
     # Half the burst must remain to measure on, and a frame may be slightly longer than requested.
-    count = min(int(max_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
-    steps = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
+    count = max(1, min(int(max_ms * 1e6 / spacing_ns + 0.25), len(dataset.instants_ns) // 2))
+    steps = sorted({round(k) for k in np.linspace(1, count, min(count, MAX_STEPS))})
     late = [nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in steps]
     return [*(one.reversed for one in reversed(late)), *late]
 
@@ -251,7 +252,7 @@ def measure_curve(
         if pairs := [(now, later[now]) for now in nows if now in later]:
             offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
             one = study.compare_instants(pairs, offsets_ms, range_instants=nows)
-            compared.append(structs.replace(one, facts=DelayFacts(offset_frames=step.frames)))
+            compared.append(structs.replace(one, facts={"offset_frames": step.frames}))
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
     peaks = [one.peak_ms for one in instants if one.peak_ms is not None]

@@ -26,11 +26,6 @@ class Axes:
         """Return the vertical coordinate of a fraction."""
         return round(self.height - self.bottom - (self.height - self.top - self.bottom) * fraction, 1)
 
-    @property
-    def middle(self) -> float:
-        """Horizontal coordinate of the axis's middle."""
-        return (self.left + self.width - self.right) / 2
-
 
 TOLERANCE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay of one camera, ms")
 
@@ -63,8 +58,7 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
     )
     own_us, mark = tolerance.sync_residual_us, None
     if own_us is not None and own_us / 1000 <= last:
-        place = round(axes.left + 10 + scale * (own_us / 1000 - first), 1)
-        mark = place, wording.microseconds(own_us)
+        mark = round(axes.left + 10 + scale * (own_us / 1000 - first), 1), wording.microseconds(own_us)
     return {
         "axes": axes,
         "label": f"Fraction of moving surface {what} by delay: {words}",

@@ -1,6 +1,7 @@
 """Report of a comparison: one self-contained HTML page for a reader who knows nothing about cameras."""
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -143,17 +144,18 @@ def _pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[s
 
 def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictures: bool) -> list[Section]:
     """Return the sections that have content, in page order."""
-    found: dict[int, list[Section]] = {0: [Section("why.html", "why", "Why the instant matters")]}
+    found = [
+        (0, Section("why.html", "why", "Why the instant matters")),
+        (80, Section("measures.html", "measures", "The measurements")),
+        (90, Section("provenance.html", "provenance", "How it was made")),
+    ]
     if pictures:
-        found[10] = [Section("pictures.html", "pictures", "See the difference")]
+        found.append((10, Section("pictures.html", "pictures", "See the difference")))
     if result.tolerance:
-        found[40] = [Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))]
-    found[80] = [Section("measures.html", "measures", "The measurements")]
-    found[90] = [Section("provenance.html", "provenance", "How it was made")]
-    for study, _ in reported(result):
-        text = study.text
-        if text.section:
-            anchor, template = text.name.replace("_", "-"), as_template(text.section)
-            section = Section(template, anchor, text.title, views[text.name])
-            found.setdefault(text.section_place, []).append(section)
-    return [section for _, sections in sorted(found.items()) for section in sections]
+        found.append((40, Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))))
+    for text in (study.text for study, _ in reported(result) if study.text.section):
+        section = Section(
+            as_template(text.section), text.name.replace("_", "-"), text.title, views[text.name]
+        )
+        found.append((text.section_place, section))
+    return [section for _, section in sorted(found, key=itemgetter(0))]

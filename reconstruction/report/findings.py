@@ -31,13 +31,10 @@ def timing_sentences(timing: Timing) -> str:
     late = f"{timing.other} is {offset_text(timing)} against {timing.reference} ({by}; 95 %)"
     if timing.synchronized:
         return f"{late}: the same instant, within what these pictures show."
-    text = f"These pictures do not show whether the cameras were synchronized: {timing.reason}."
-    if timing.same_frame_ms is not None:
-        text = (
-            "These pictures are of the same frame. Offsets below "
-            f"{timing.same_frame_ms:.0f} ms cannot be measured: {timing.reason}."
-        )
-    return text if timing.late_ms is None else f"{text} {late}."
+    text = "These pictures do not show whether the cameras were synchronized"
+    if (below_ms := timing.same_frame_ms) is not None:
+        text = f"These pictures are of the same frame. Offsets below {below_ms:.0f} ms cannot be measured"
+    return f"{text}: {timing.reason}." if timing.late_ms is None else f"{text}: {timing.reason}. {late}."
 
 
 def _offset_sentences(timing: Timing, by: str) -> str:
@@ -99,12 +96,12 @@ def rig_judgement(timing: Timing) -> str:
 
 def motion_sentence(timing: Timing) -> str:
     """Return a sentence about cameras that moved while recording; empty if none did."""
-    moving = timing.moving_cameras
+    moving, far = timing.moving_cameras, "too far to be tracked"
     if not moving:
         return ""
+    if max(moving.values()) < 1e3:
+        far = f"by {max(moving.values()):.1f} pixels from frame to frame"
     who = "The cameras" if len(moving) > 1 else next(iter(moving))
-    max_px = max(moving.values())
-    far = f"by {max_px:.1f} pixels from frame to frame" if max_px < 1e3 else "too far to be tracked"
     return (
         f"{who} moved while recording: nearly all points at rest move too, {far}. So these pictures "
         "have no still control, and what is called moving is what changed most."
@@ -209,15 +206,14 @@ def _what_was_found(result: CompareResult) -> str:
     names = {found.name for _, found in made}
     clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
     texts = [text for text in clear if text]
-    if not texts:
-        if result.moving_share < 0.0005:
-            return (
-                "Almost nothing moves in this burst, so synchronization makes no visible "
-                "difference. Take a burst of something that moves."
-            )
-        if not any(found.measures for _, found in made):
-            return "Nothing could be measured with these cameras, so nothing can be compared."
-        texts = [_no_difference(timing, late_text(result))]
+    if not texts and result.moving_share < 0.0005:
+        return (
+            "Almost nothing moves in this burst, so synchronization makes no visible "
+            "difference. Take a burst of something that moves."
+        )
+    if not texts and not any(found.measures for _, found in made):
+        return "Nothing could be measured with these cameras, so nothing can be compared."
+    texts = texts or [_no_difference(timing, late_text(result))]
     return " ".join([*texts, *([timing_sentences(timing)] if timing is not None else [])])
 
 

@@ -1,7 +1,6 @@
 """Rendering of pages from templates: one small HTML file with its styles, scripts and images."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,7 +9,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Te
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
-from capture_app.session.files.durable import PART, write_atomic
+from capture_app.session.files.durable import write_atomic
 from reconstruction.report import wording
 
 PACKAGE, TEMPLATES = "reconstruction.report", "template"
@@ -51,8 +50,8 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
     """
     headline, lead = wording.headline(str(view["verdict"]))
     frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": (), "running": ()}
-    page = _environment(package).get_template("page.html")
-    return page.render({**frame, **view, "headline": headline, "lead": lead, "sections": sections})
+    shown = {**frame, **view, "headline": headline, "lead": lead, "sections": sections}
+    return _environment(package).get_template("page.html").render(shown)
 
 
 def write_page(page: str, out: Path) -> Path:
@@ -66,8 +65,6 @@ def write_page(page: str, out: Path) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         write_atomic(target, page.encode("utf-8", "replace"))
     except OSError as error:
-        with suppress(OSError):
-            target.with_name(target.name + PART).unlink()
         raise BadInputError(
             f"cannot write the report {target}: {error.strerror or error}",
             hint="choose another folder with --out",
@@ -77,9 +74,8 @@ def write_page(page: str, out: Path) -> Path:
 
 @cache
 def _environment(package: str) -> Environment:
-    packages = dict.fromkeys((package, PACKAGE))
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(one, TEMPLATES) for one in packages]),
+        loader=ChoiceLoader([PackageLoader(one, TEMPLATES) for one in dict.fromkeys((package, PACKAGE))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -32,11 +32,6 @@ class Column:
     group: str = ""
     tone: str = ""
 
-    @property
-    def label(self) -> str:
-        """The column's name where its group is not shown above it."""
-        return f"{self.group}, {self.name.lower()}" if self.group else self.name
-
 
 @dataclass(frozen=True)
 class Cell:
@@ -119,10 +114,9 @@ def conditions_table(result: CompareResult) -> Table:
     made = [one for one in result.studies if not one.skipped]
     pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
     first = name_conditions(result, list({name for one in made for name in one.cameras})).first.lower()
-    late = wording.offset_text(result.actual_offset_ms)
     listed = [
         (first, "", _intervals(made, "synced")),
-        (late, "one camera of a pair", _intervals(pairs, "offset")),
+        (wording.offset_text(result.actual_offset_ms), "one camera of a pair", _intervals(pairs, "offset")),
     ]
     if everybody and not any(map(_is_drawn, result.conditions)):
         listed.append((UNSYNCHRONIZED, EACH_DELAYED, _intervals(everybody, "offset")))

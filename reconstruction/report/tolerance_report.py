@@ -15,7 +15,7 @@ from reconstruction.report.study_report import (
     StudyText,
     study_reports,
 )
-from reconstruction.scores.comparison_results import DelayFacts, OffsetTolerance
+from reconstruction.scores.comparison_results import OffsetTolerance
 from reconstruction.scores.study_result import StudyResult
 
 COLUMNS = {
@@ -76,7 +76,7 @@ def _found_as_recorded(tolerance: OffsetTolerance) -> str:
     return f"{what} for {_found(tolerance, tolerance.as_recorded)} of what moves"
 
 
-def _found(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
+def _found(tolerance: OffsetTolerance, point: StudyResult[dict[str, int]]) -> str:
     return wording.percentage(point.value(tolerance.measure, "offset"), decimals=0)
 
 

@@ -7,13 +7,7 @@ from msgspec import Struct
 
 from reconstruction.common.outputs import Provenance
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_together
-
-
-class DelayFacts(Struct, frozen=True, kw_only=True):
-    """Delay of the late images, in frames, at one point of a tolerance curve."""
-
-    offset_frames: int
+from reconstruction.scores.timing import RigTiming, Timing
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):
@@ -33,8 +27,11 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     cameras: tuple[str, str]
     measure: str
     """The measure that the curve shows: mover_within_2pct if the truth is known, else mover_coverage."""
-    points: tuple[StudyResult[DelayFacts], ...]
-    """Depth at each offset, from the earliest to the latest; both conditions are equal at zero."""
+    points: tuple[StudyResult[dict[str, int]], ...]
+    """Depth at each offset, from the earliest to the latest; both conditions are equal at zero.
+
+    The facts of a point are its `offset_frames`: the delay of the late images, in frames.
+    """
     instants: int
     decreasing: bool
     """Whether, away from zero, no point's interval is entirely above the interval of the point before it."""
@@ -67,7 +64,7 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
         return self.measure == "mover_within_2pct"
 
     @property
-    def as_recorded(self) -> StudyResult[DelayFacts]:
+    def as_recorded(self) -> StudyResult[dict[str, int]]:
         """Result of the study at offset zero, that is, with the images as recorded."""
         return next(point for point in self.points if not point.late_ms)
 
@@ -151,12 +148,22 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
         return self.timing is not None and bool(self.timing.moving_cameras)
 
     def together(self, cameras: Iterable[str]) -> bool:
-        """Return whether all these cameras were found to show one instant; see `are_together`."""
-        return are_together(cameras, self.timing, self.rig_timing)
+        """Return whether all these cameras were found to show one instant.
+
+        The judgement of the pair decides for these two cameras. If negative, it also decides for any group
+        that contains both.
+        """
+        asked, pair = frozenset(cameras), self.timing
+        measured = frozenset(pair.cameras if pair is not None else ())
+        if pair is not None and (asked <= measured or (measured <= asked and not pair.synchronized)):
+            return pair.synchronized
+        return self.rig_timing is not None and asked <= self.rig_timing.together
 
     def apart(self, cameras: Iterable[str]) -> bool:
-        """Return whether any two of these cameras were found to show different instants; see `are_apart`."""
-        return are_apart(cameras, self.timing, self.rig_timing)
+        """Return whether any of these cameras was found to show a different instant from another of them."""
+        asked = frozenset(cameras)
+        measured = (self.timing, *(self.rig_timing.cameras if self.rig_timing is not None else ()))
+        return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)
 
     def study(self, name: str) -> StudyResult[Any] | None:
         """Return the result of a study; None if it was skipped."""

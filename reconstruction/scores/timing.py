@@ -1,6 +1,6 @@
 """Judgement of whether nominally simultaneous images show one instant, measured by motion in them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -87,9 +87,21 @@ class Timing(Struct, frozen=True, kw_only=True):
         return "" if self.shift_ms is None else f"--time-shift-ms {self.other}={self.shift_ms:.4g}"
 
 
-def measure_pair_timing(offsets: PairOffsets, cameras: tuple[str, str]) -> Timing:
-    """Measure the second camera's time offset against the first, at instants with motion."""
-    return _judge(offsets, cameras, offsets.measure(*cameras))
+def measure_pair_timing(
+    offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit | None = None
+) -> Timing:
+    """Measure and judge the second camera's time offset against the first, at instants with motion.
+
+    A `fit` is the offset as measured by other means.
+    """
+    dataset, (first, second) = offsets.dataset, cameras
+    spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
+    times = ImageTimes(dataset, cameras)
+    apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
+    moving = {name: one.px * spacing_ms / one.ms for name, one in offsets.moving(cameras).items()}
+    fit = fit or offsets.measure(*cameras)
+    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
+    return without_common_times(timing, dataset.unsynchronized)
 
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTiming":
@@ -101,19 +113,8 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTimin
         for name, one in found.items()
         if name != first
     }
-    return RigTiming(
-        reference=first, cameras=tuple(_judge(offsets, (first, name), fit) for name, fit in fits.items())
-    )
-
-
-def _judge(offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit) -> Timing:
-    dataset, (first, second) = offsets.dataset, cameras
-    spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
-    times = ImageTimes(dataset, cameras)
-    apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
-    moving = {name: one.px * spacing_ms / one.ms for name, one in offsets.moving(cameras).items()}
-    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
-    return without_common_times(timing, dataset.unsynchronized)
+    judged = (measure_pair_timing(offsets, (first, name), fit) for name, fit in fits.items())
+    return RigTiming(reference=first, cameras=tuple(judged))
 
 
 def judge_timing(
@@ -151,23 +152,18 @@ def judge_timing(
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes"
         return structs.replace(unknown, reason=f"{reason}: check it with a board")
     offset = abs(late) > ODD_SIGMAS * sd
-    reason = ""
-    if jitter_ms is not None:
-        reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
-    elif fit.misfit_px is not None:
-        points = "matched points" if moving_cameras else "points at rest"
-        reason = (
-            f"the calibration does not fit the pictures: {points} are {fit.misfit_px:.1f} pixels off their "
-            "epipolar lines; check it with a board"
-        )
-    elif SIGMAS * sd > limit_ms:
-        reason = "the error of the measured offset is more than a tenth of a frame"
-    elif odd:
-        reason = f"{odd} of {len(instants)} instants disagree with the others"
-    elif possible_ms > limit_ms:
-        reason = f"single images may be off by up to {possible_ms:.1f} ms"
-    elif not offset and abs(late) > SIGMAS * sd:
-        reason = "the measured offset is neither clearly zero nor clearly different from zero"
+    points = "matched points" if moving_cameras else "points at rest"
+    doubts = {
+        f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
+        f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
+        "their epipolar lines; check it with a board": fit.misfit_px is not None,
+        "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
+        f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
+        f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
+        "the measured offset is neither clearly zero nor clearly different from zero": not offset
+        and abs(late) > SIGMAS * sd,
+    }
+    reason = next((text for text, holds in doubts.items() if holds), "")
     # The frame needs far less evidence: only its neighbours must be excluded.
     same = is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms) and all(
         abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
@@ -302,22 +298,3 @@ class RigTiming(Struct, frozen=True, kw_only=True):
     def together(self) -> frozenset[str]:
         """Cameras that show the same instant as the reference, including the reference."""
         return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
-
-
-def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Return whether all these cameras were found to show one instant.
-
-    The judgement of the pair decides for these two cameras. If negative, it also decides for any group that
-    contains both.
-    """
-    asked, measured = frozenset(cameras), frozenset(pair.cameras if pair is not None else ())
-    if pair is not None and (asked <= measured or (measured <= asked and not pair.synchronized)):
-        return pair.synchronized
-    return rig is not None and asked <= rig.together
-
-
-def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Return whether any of these cameras was found to show a different instant from another of them."""
-    asked = frozenset(cameras)
-    measured = (pair, *(rig.cameras if rig is not None else ()))
-    return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)

@@ -121,5 +121,4 @@ def still_pixels(
     """
     here = dilate(np.logical_or.reduce(list(reference_moving)), 4)
     there = dilate(np.logical_or.reduce(list(other_moving)), 8).astype(np.uint8)
-    hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0
-    return np.asarray(inside & ~here & ~hidden)
+    return np.asarray(inside & ~here & (cv2.remap(there, where, None, cv2.INTER_NEAREST) == 0))

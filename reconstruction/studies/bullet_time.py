@@ -20,8 +20,8 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, are_together
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
@@ -325,12 +325,7 @@ class BulletTimeStudy(Study):
         """Render the sweep; see `Study.measure`."""
         assert self.context.folder is not None
         sweep = render_camera_sweep(
-            self.dataset,
-            self.motion,
-            self.rig.views,
-            self.context.folder,
-            timing=self.known.timing,
-            rig_timing=self.known.rig_timing,
+            self.dataset, self.motion, self.rig.views, self.context.folder, self.known
         )
         if sweep is None:
             return self.skipped("no instant has images of two cameras at two times", unasked=True)
@@ -342,9 +337,7 @@ def render_camera_sweep(
     motion: SceneMotion,
     views: Mapping[str, View],
     out: Path,
-    *,
-    timing: Timing | None = None,
-    rig_timing: RigTiming | None = None,
+    known: CompareResult,
 ) -> BulletTime | None:
     """Write the sweep's pictures and an animation into out/pictures; None if no sweep is possible.
 
@@ -365,10 +358,10 @@ def render_camera_sweep(
     stabilized = _stabilized_views(motion, calibrated, order, instant, canvas)
 
     def picture(name: str, k: int) -> Array:
-        image = dataset.image(name, k)
-        if not stabilized:
+        image, held = dataset.image(name, k), stabilized.get(name)
+        if held is None:
             return fit_canvas(image, *canvas, EMPTY)
-        return render_view(stabilized[name], calibrated[name], image, EMPTY)
+        return render_view(held, calibrated[name], image, EMPTY)
 
     halves = [picture(name, instant) for name in order], [picture(name, k) for name, k in late.items()]
     synced, offset = (
@@ -379,9 +372,9 @@ def render_camera_sweep(
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    known = "synchronized" if are_together(order, timing, rig_timing) else "as recorded"
+    when = "synchronized" if known.together(order) else "as recorded"
     late_texts = [wording.timeliness(ms).replace(wording.GAP, " ") for ms in offsets_ms]
-    titles = known, [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
+    titles = when, [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
     return BulletTime(
         cameras=order,
         instant=instant,
@@ -448,9 +441,7 @@ def _stabilized_views(
         for middle in (_largest_centroid, _centroid)
     )
     placed = [one for one in subjects if one is not None]
-    if not placed:
-        return {}
-    return stabilize_views(ours, min(placed, key=itemgetter(1))[0], *canvas) or {}
+    return (stabilize_views(ours, min(placed, key=itemgetter(1))[0], *canvas) if placed else None) or {}
 
 
 def _centroid(mask: Array) -> Array:

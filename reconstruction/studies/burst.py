@@ -70,38 +70,32 @@ class BurstStudy(Study):
     @classmethod
     def files(cls, found: StudyResult[BurstGrid]) -> dict[str, Sequence[str]]:
         """Return the grid's pictures; see `StudyReport.files`."""
-        rows = found.facts.thumbnails if found.facts is not None else ()
-        return {"the burst": [path for row in rows for path in row if path]}
+        return {"the burst": [path for row in found.facts.thumbnails for path in row if path]}
 
     def measure(self) -> StudyResult[Any]:
         """Write the grid; see `Study.measure`."""
         assert self.context.folder is not None
         grid = _render(self.dataset, self.context.folder)
-        cameras, instants = grid.cameras, len(grid.instants)
-        return StudyResult(name=self.text.name, cameras=cameras, instants=instants, facts=grid)
+        return StudyResult(name=self.text.name, cameras=grid.cameras, instants=len(grid.instants), facts=grid)
 
 
 def _render(dataset: Dataset, out: Path) -> BurstGrid:
     """Write the thumbnails into out/pictures; a long burst is sampled at evenly spaced instants."""
-    count = len(dataset.instants_ns)
-    instants = evenly_spaced(range(count), MAX_INSTANTS)
+    times_ns = dataset.instants_ns
+    instants = evenly_spaced(range(len(times_ns)), MAX_INSTANTS)
     cameras = dataset.cameras[:MAX_CAMERAS]
-    rows = []
-    for camera in cameras:
-        row = []
-        for instant in instants:
-            if not dataset.has_image(camera, instant):
-                row.append("")
-                continue
-            image = dataset.image(camera, instant)
-            scale = WIDTH_PX / image.shape[1]
-            small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            row.append(save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
-        rows.append(tuple(row))
-    first = dataset.instants_ns[0]
+
+    def thumbnail(camera: str, instant: int) -> str:
+        if not dataset.has_image(camera, instant):
+            return ""
+        image = dataset.image(camera, instant)
+        scale = WIDTH_PX / image.shape[1]
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        return save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small))
+
     return BurstGrid(
         cameras=tuple(cameras),
         instants=tuple(instants),
-        times_ms=tuple((dataset.instants_ns[k] - first) / 1e6 for k in instants),
-        thumbnails=tuple(rows),
+        times_ms=tuple((times_ns[k] - times_ns[0]) / 1e6 for k in instants),
+        thumbnails=tuple(tuple(thumbnail(camera, k) for k in instants) for camera in cameras),
     )

@@ -219,13 +219,12 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
     ticks, bars, labels = [], [], []
     for place, row in enumerate(poses.per_instant):
         middle = axes.left + step * (place + 0.5)
-        words = []
-        for (tone, name), left in zip(heads.items(), (-1.0, 0.0), strict=True):
-            share = row.get(f"{tone}_correct_pairs") or 0.0
+        shares = {tone: row.get(f"{tone}_correct_pairs") or 0.0 for tone in heads}
+        words = (f"{heads[tone].lower()} {wording.percentage(n, decimals=0)}" for tone, n in shares.items())
+        for (tone, share), left in zip(shares.items(), (-1.0, 0.0), strict=True):
             # A fraction of 0 still gets a visible bar.
             top = min(axes.y(share), axes.y(0) - 2)
             bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
-            words.append(f"{name.lower()} {wording.percentage(share, decimals=0)}")
         ticks.append((round(middle, 1), f"{row['instant']}"))
         labels.append(f"instant {row['instant']}: {', '.join(words)}")
     label = f"Share of camera pairs placed correctly; {'; '.join(labels)}"
@@ -290,15 +289,15 @@ class PoseStudy(ConditionStudy):
         before, after = found.value("rotation_deg"), found.value("rotation_deg", "offset")
         if before is None or not found.facts.degraded:
             return ""
-        if after is None:
-            wrong = "no camera can be placed"
-        elif before > 0.5 * after:
+        wrong = "no camera can be placed"
+        if after is not None and before > 0.5 * after:
             right = percent(found.value("correct_pairs", "offset") or 0.0)
             wrong = f"only {right} of the pairs are placed correctly"
-        else:
+        elif after is not None:
             wrong = f"these angles are wrong by {after:.0f} degrees"
-        together = result.together(found.cameras)
-        pictures = "pictures of one instant" if together else "the pictures as recorded"
+        pictures = "the pictures as recorded"
+        if result.together(found.cameras):
+            pictures = "pictures of one instant"
         return (
             f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
             f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
@@ -320,14 +319,12 @@ class PoseStudy(ConditionStudy):
 
     def unasked(self) -> str:
         """Return why poses are not estimated; empty if requested or if much of the image moves."""
-        asked, moving = self.options.poses, self.known.moving_share
-        share = wording.percentage(moving, decimals=0)
-        self.reason = "asked for" if asked else f"{share} of the picture moves"
-        if asked is None and moving < LARGE_MOVING_FRACTION:
-            return (
-                f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
-                "too (--poses measures it anyway)"
-            )
+        asked = self.options.poses
+        moves = f"{wording.percentage(self.known.moving_share, decimals=0)} of the picture moves"
+        self.reason = "asked for" if asked else moves
+        if asked is None and self.known.moving_share < LARGE_MOVING_FRACTION:
+            rejected = "which pose estimation rejects as outliers, in late pictures too"
+            return f"{moves}, {rejected} (--poses measures it anyway)"
         return UNASKED if asked is False else ""
 
     def prepare(self) -> None:
@@ -350,8 +347,8 @@ class PoseStudy(ConditionStudy):
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in evenly_spaced(instants, MAX_INSTANTS):
-                shown = one.by_condition.items()
-                measured = {side: self._measure(finder, pictures) for side, pictures in shown}
+                shown = one.by_condition
+                measured = {side: self._measure(finder, shown[side]) for side in shown}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
             name=self.text.name,

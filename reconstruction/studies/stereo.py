@@ -96,14 +96,10 @@ def stereo_pictures(
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
     photo = dataset.image(cameras[0], one.now)
     drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], k)) for side, k in one.shown.items()}
-    return write_pictures(drawn, _texts(cameras, one.truth is not None), out, flat="stereo_depth")
-
-
-def _texts(cameras: tuple[str, str], true: bool) -> tuple[Picture, ...]:
     movers = "Teal: both pictures agree on a distance. Orange: they do not."
-    if true:
+    if one.truth is not None:
         movers = f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
-    return (
+    texts = (
         Picture(
             key="stereo_late",
             title="The second camera's picture",
@@ -128,6 +124,7 @@ def _texts(cameras: tuple[str, str], true: bool) -> tuple[Picture, ...]:
             panels=2,
         ),
     )
+    return write_pictures(drawn, texts, out, flat="stereo_depth")
 
 
 def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
@@ -153,9 +150,8 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     a[~seen], b[~seen_b] = EMPTY, EMPTY
     rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
     part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    a, b, on = a[part], b[part], on[part]
-    if canvas.mirror:
-        a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
+    step = -1 if canvas.mirror else 1
+    a, b, on = (np.ascontiguousarray(image[part][:, ::step]) for image in (a, b, on))
     _, top, _, bottom = box_around(on > 0, spare=0.0, min_px=8)
     return draw_rows(a, b, [int(y) for y in np.linspace(top, bottom, 3)] if on.any() else [])
 
@@ -320,12 +316,12 @@ class StereoStudy(PairStudy):
         maps = []
         for now, later in pairs:
             self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            maps.append([self._depth(matcher, disparities, now, k) for k in (now, later)])
+            shown = {"synced": now, "offset": later}
+            maps.append({side: self._depth(matcher, disparities, now, k) for side, k in shown.items()})
         instants = self._instants(pairs, maps, matcher)
         tally = Tally()
         for one in instants:
-            pixels = int(one.moving.sum())
-            facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": pixels}
+            facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": int(one.moving.sum())}
             tally.add({side: self._measure(one, side) for side in CONDITIONS}, facts)
         return StudyResult(
             name=self.text.name,
@@ -355,19 +351,20 @@ class StereoStudy(PairStudy):
             images = [(grey(reference, k), grey(other, k), moving(reference, k)) for k in chosen]
             return find_disparity_range(views, images)
 
-        key = reference, other, nows, repr(views)
-        return self.rig.stages.record("disparities", tuple[float, float], find, *key)
+        return self.rig.stages.record(
+            "disparities", tuple[float, float], find, reference, other, nows, repr(views)
+        )
 
     def _depth(self, matcher: StereoPair, disparities: tuple[float, float], now: int, shown: int) -> DepthMap:
         """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
-        rig, (reference, other) = self.rig, self.cameras
-        return rig.stages.arrays(
+        reference, other = self.cameras
+        return self.rig.stages.arrays(
             "depth",
             DepthMap,
             lambda: matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown)),
             reference,
             other,
-            repr((rig.views[reference], rig.views[other])),
+            repr((self.rig.views[reference], self.rig.views[other])),
             disparities,
             matcher.scale,
             now,
@@ -375,26 +372,24 @@ class StereoStudy(PairStudy):
         )
 
     def _instants(
-        self, pairs: Sequence[tuple[int, int]], maps: Sequence[Sequence[DepthMap]], matcher: StereoPair
+        self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair
     ) -> list[StereoInstant]:
         """Return the measured pixels of every instant, equal in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
-        still = median_still_depth([synced.depth for synced, _ in maps], moving)
+        still = median_still_depth([one["synced"].depth for one in maps], moving)
         where, inside = self._projected(still.tobytes())
         instants = []
         for (now, later), found, mask in zip(pairs, maps, moving, strict=True):
-            times = {now, later}
             static = still_pixels(
                 where,
                 inside,
-                [motion.changing(reference, k) for k in times if dataset.has_image(reference, k)],
-                [motion.changing(other, k) for k in times],
+                [motion.changing(reference, k) for k in {now, later} if dataset.has_image(reference, k)],
+                [motion.changing(other, k) for k in {now, later}],
             )
             loaded = dataset.ground_truth(reference, now)
             truth = None if loaded is None else true_depth_in_unit(loaded[0], self.rig.unit, still, static)
-            by_condition = dict(zip(CONDITIONS, found, strict=True))
-            instants.append(StereoInstant(now, later, by_condition, mask & inside, static, truth, matcher))
+            instants.append(StereoInstant(now, later, found, mask & inside, static, truth, matcher))
         return instants
 
     def _measure(self, one: StereoInstant, side: str) -> Measurements:

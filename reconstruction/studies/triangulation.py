@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -234,8 +235,10 @@ class TriangulationStudy(ConditionStudy):
         """
         self.progress.step("choosing cameras for points by COLMAP")
         self.cameras = self._choose_cameras()
-        offset = self.context.offset
-        if offset is not None and (len(self.cameras) == 2 or not self._holds(ALL_APART)):
+        with suppress(ValueError):
+            if self.context.offset is None or (len(self.cameras) > 2 and self._instants(ALL_APART)):
+                return
+        if offset := self.context.offset:
             late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
             self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
@@ -284,13 +287,6 @@ class TriangulationStudy(ConditionStudy):
         chosen = [*pair, *near][:MAX_CAMERAS]
         # Of two cameras the second is delayed, as in the depth pair.
         return tuple(chosen if len(chosen) == 2 else [c for c in views if c in chosen])
-
-    def _holds(self, condition: Condition) -> bool:
-        try:
-            self._instants(condition)
-        except ValueError:
-            return False
-        return True
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have all their images."""

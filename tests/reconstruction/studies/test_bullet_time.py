@@ -11,6 +11,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import View
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
 from reconstruction.studies.bullet_time import (
@@ -111,7 +112,7 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards: Session, t
         for name, view in calibrated_views(dataset, dataset.calibration()).items()
         if name != "aside"
     }
-    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path)
+    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("left", "right")
@@ -142,7 +143,7 @@ def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(
     boards: Session, tmp_path: Path
 ) -> None:
     dataset = Dataset(boards)
-    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), {}, tmp_path)
+    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), {}, tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("aside", "left", "right")
@@ -200,7 +201,7 @@ class Still:
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path: Path) -> None:
-    sweep = render_camera_sweep(cast(Any, Odd()), cast(Any, Still()), {}, tmp_path)
+    sweep = render_camera_sweep(cast(Any, Odd()), cast(Any, Still()), {}, tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("a", "b", "c")
@@ -217,5 +218,5 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
         def instants(self, camera: str) -> tuple[int, ...]:
             return (0,)
 
-    assert render_camera_sweep(cast(Any, Short()), cast(Any, Still()), {}, tmp_path) is None
+    assert render_camera_sweep(cast(Any, Short()), cast(Any, Still()), {}, tmp_path, CompareResult()) is None
     assert not list(tmp_path.iterdir())

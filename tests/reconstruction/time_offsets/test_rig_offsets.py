@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.scores.timing import are_apart, are_together, measure_pair_timing, measure_rig_timing
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
@@ -102,6 +103,7 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
     assert late.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=1.0)
     assert late.option.startswith("--time-shift-ms c=3")
     for cameras, together in (("ab", True), ("bc", False), ("abc", False)):
-        assert are_together(cameras, pair, found) == together
-        assert are_apart(cameras, pair, found) != together
-    assert not are_together("abc", pair, None)
+        result = CompareResult(timing=pair, rig_timing=found)
+        assert result.together(cameras) == together
+        assert result.apart(cameras) != together
+    assert not CompareResult(timing=pair).together("abc")

@@ -68,13 +68,12 @@ def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> li
         sensor: dict[str, object] = {"image_prefix": f"{RIG}/{name}/"}
         if name == cameras[0]:
             sensor["ref_sensor"] = True
+        elif calibration is not None:
+            pose = _from_reference(calibration.cameras[cameras[0]], calibration.cameras[name])
+            sensor["cam_from_rig_rotation"] = list(quaternion(pose[0]))
+            sensor["cam_from_rig_translation"] = pose[1].tolist()
         if calibration is not None:
-            camera = calibration.cameras[name]
-            if name != cameras[0]:
-                rotation, translation = _from_reference(calibration.cameras[cameras[0]], camera)
-                sensor["cam_from_rig_rotation"] = list(quaternion(rotation))
-                sensor["cam_from_rig_translation"] = [float(value) for value in translation]
-            sensor["camera_model_name"], sensor["camera_params"] = _model(camera)
+            sensor["camera_model_name"], sensor["camera_params"] = _model(calibration.cameras[name])
         sensors.append(sensor)
     return [{"cameras": sensors}]
 

@@ -66,16 +66,15 @@ MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
 
 @dataclass(frozen=True)
 class Edge:
-    """Position in the frame (0..1, top to bottom) where rows begin or stop being lit.
+    """Place in the frame (0..1, top to bottom) where rows begin or stop being lit, and the frame's time.
 
-    A `hidden` edge is before or after the frame. `at_s` is the frame's own time; for a hidden edge, the
-    middle between two frames that are `gap_s` apart. `soft`: uncertainty of the position, in frame heights.
+    An edge before or after the frame is midway between two frames that are `gap_s` apart, in place and time.
+    `soft`: uncertainty of the place, in frame heights.
     """
 
     at_s: float
     down: float = 0.5
-    hidden: bool = False
-    gap_s: float = 0.0
+    gap_s: float | None = None
     soft: float = 0.0
 
 
@@ -153,7 +152,7 @@ class Lights:
     def _hidden(self, frame: int, other: int, soft: float = 0.0) -> Edge:
         """Return an edge between two frames."""
         times_s = self.times_s[[frame, other]]
-        return Edge(float(times_s.mean()), hidden=True, gap_s=float(np.ptp(times_s)), soft=soft)
+        return Edge(float(times_s.mean()), gap_s=float(np.ptp(times_s)), soft=soft)
 
     def _rises(self) -> Array:
         """Return the relative rise of each band over the surrounding frames, except the direct neighbours."""
@@ -332,9 +331,9 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
 def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
     """Return min and max own time (n, 2) of the mid-exposure of the edge's row, for readouts (n,)."""
     half_width = tolerance_s + edge.soft * readout_s
-    place = edge.at_s + (0 if edge.hidden else readout_s * (edge.down - 0.5))
-    if edge.hidden:
+    if edge.gap_s is not None:
         half_width = half_width + np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s
+    place = edge.at_s + readout_s * (edge.down - 0.5)
     return np.stack([place - half_width, place + half_width], axis=-1)
 
 

@@ -167,8 +167,8 @@ def _check_times(burst: ExportedBurst) -> None:
             raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=RESTORE)
     for camera in burst.cameras:
         for last, image in pairwise(burst._in_order(camera)):
-            substitute = image.substitute or last.substitute  # of the frame beside it
-            if image.leader_ns < last.leader_ns + (not substitute):
+            shared = image.leader_ns == last.leader_ns and (image.substitute or last.substitute)
+            if image.leader_ns <= last.leader_ns and not shared:
                 raise BadInputError(
                     f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=RESTORE
                 )

@@ -204,9 +204,7 @@ class ImageStore:
         """Append the journal lines of `images[k]` for k in `good`; if that fails, set their `errors[k]`."""
         try:
             self._journal.append(*(images[place].journal_line() for place in good), durable=bool(good))
+            self.records |= {images[place].key: images[place].record for place in good}
         except OSError as error:
             for place in good:
                 errors[place] = disk_error(error, self._folder)
-            return
-        for place in good:
-            self.records[images[place].key] = images[place].record

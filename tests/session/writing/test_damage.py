@@ -1,12 +1,14 @@
 """Flipped bits, torn journals and damaged images are noticed, and repaired where they can be."""
 
+import json
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -98,3 +100,19 @@ def test_damaged_images_are_set_aside_and_said_to_be_lost(tmp_path: Path) -> Non
     assert (gone.camera, gone.instant) == ("cam0", 1)
     assert "damaged" in gone.reason
     assert (take.folder / "set_aside/images/rig1/cam0/000001.jpg").read_bytes() == b"scribble"
+
+
+def test_an_impossible_number_in_a_plan_costs_its_camera_or_the_plan(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    take.begin().abort()
+    file, huge = take.folder / PLAN, 10**40
+    plan = json.loads(file.read_bytes())
+    plan["cameras"][0]["camera"]["facts"]["width"] = huge
+    file.write_text(json.dumps(plan))
+    read = read_plan(take.folder)
+    assert [part.camera.name for part in read.cameras] == ["cam1"]
+    assert "cam0 is left out" in read.note
+    plan["burst"]["period_ns"] = huge
+    file.write_text(json.dumps(plan))
+    with pytest.raises(BadInputError, match=r"burst\.period_ns"):
+        read_plan(take.folder)

@@ -23,7 +23,6 @@ from capture_app.session.format.lens import (
 from capture_app.session.format.manifest import RIG
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
-_SPARSE = "sparse/0"
 _MAX_TRACKS = 2000
 """Maximum number of points with a track; COLMAP's stereo and fusion pair images by common points."""
 _CELL_PX = 12
@@ -59,7 +58,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
     if burst.calibration is not None:
         cloud = read_ply(options.points) if options.points else None
-        _write_model(burst, burst.calibration, names, cloud, folder / _SPARSE)
+        _write_model(burst, burst.calibration, names, cloud, folder / "sparse/0")
 
 
 def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> list[dict[str, object]]:

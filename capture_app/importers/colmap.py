@@ -34,7 +34,6 @@ MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPE
 """Supported camera models; the index is the number in binary files."""
 COUNTS = dict(enumerate((3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2)))
 """Number of parameters of each of COLMAP's models, by its number."""
-_CAMERA = "CAMERA"
 _PLACES = (".", "sparse/0", "sparse", "0")
 _HALF_PIXEL = 0.5
 _ARBITRARY = "arbitrary"
@@ -190,10 +189,10 @@ def _text_images(lines: list[list[str]]) -> Iterator[Image]:
 def _text_rigs(lines: list[list[str]]) -> Iterator[Rig]:
     for _, _, *rest in filter(None, lines):
         kind, key, *rest = rest
-        sensors: Rig = {int(key): _HERE} if kind == _CAMERA else {}
+        sensors: Rig = {int(key): _HERE} if kind == "CAMERA" else {}
         while rest:
             kind, key, posed = rest[:3]
-            if kind == _CAMERA and int(posed):
+            if kind == "CAMERA" and int(posed):
                 sensors[int(key)] = _pose(rest[3:10])
             rest = rest[10 if int(posed) else 3 :]
         yield sensors

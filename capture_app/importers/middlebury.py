@@ -15,7 +15,6 @@ from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import View, Views, numbers
 
-_FILE = "calib.txt"
 _HINT = "give the calib.txt of the scene as it was downloaded"
 
 
@@ -50,5 +49,5 @@ IMPORTER = Importer(
     program="Middlebury",
     help="the calib.txt of a rectified pair as a calibration",
     read_calibration=read_calibration,
-    calibration_files=(_FILE,),
+    calibration_files=("calib.txt",),
 )

@@ -40,7 +40,6 @@ _OF_THE_FRAME = (
     "uncertainty_ns", "hard_bound_ns", "exposure_start_ns", "exposure_ns", "gain", "white_balance",
     "sequence", "outlier_ns", "alignment_offset_ns", "substitute", "late",
 )  # fmt: skip
-_LEFT_OUT = "the export does not have it"
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
@@ -147,7 +146,11 @@ def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]
         }
         if here and not frames:  # an export of some of the instants
             continue
-        absent = {name: why.get((name, number), _LEFT_OUT) for name in cameras if name not in frames}
+        absent = {
+            name: why.get((name, number), "the export does not have it")
+            for name in cameras
+            if name not in frames
+        }
         instants.append(Instant(at_ns, frames, absent))
     periods = {camera.name: camera.facts.period_ns for camera in manifest.cameras if camera.name in cameras}
     return Timeline(instants, manifest.burst.period_ns, periods)

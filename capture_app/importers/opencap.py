@@ -114,7 +114,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 def _view(file: Path) -> View:
     data = io.BytesIO(read_input(file))
     try:
-        content = dict(_ArraysOnly(data).load())
+        content = _ArraysOnly(data).load()
+        if not isinstance(content, dict):
+            raise ValueError("it does not hold OpenCap's camera parameters")
     except Exception as error:  # a malformed pickle may raise anything
         raise BadInputError(
             f"cannot read the calibration {file}: {error}", hint="download the session from OpenCap again"

@@ -1,7 +1,11 @@
-"""Server of the monitor's page: messages and pictures of the feed to each monitor, and its orders."""
+"""Director's monitor: the feed of a rig, and the server of the page that shows it to each monitor.
+
+The feed keeps only the newest of each message and picture, so a monitor on a slow link skips some.
+"""
 
 import asyncio
 import contextlib
+import math
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Literal
@@ -9,14 +13,249 @@ from typing import Literal
 import msgspec
 from aiohttp import WSMsgType
 from msgspec import Struct
+from msgspec.structs import replace
 
-from capture_app.common.errors import SimulshotError
-from capture_app.common.tasks import end
-from capture_app.monitor.feed import MonitorFeed
-from capture_app.rig.rig_link import RigLink
-from capture_app.rig.taking import TakePlan
+from capture_app.common.errors import IncompleteError, SimulshotError
+from capture_app.common.names import natural_order
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.tasks import Background, end
+from capture_app.common.text import UNREADABLE
+from capture_app.common.timeouts import READY_TIMEOUT_S
+from capture_app.protocol.orders import EndBurst
+from capture_app.protocol.status import Preview, RigStatus
+from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
+from capture_app.session.library.changes import results_folder
+from capture_app.session.reading.decoding import encode_image
+from capture_app.session.reading.take_sheet import (
+    TakeSheet,
+    contact_sheet,
+    depth_picture,
+    encode_animation,
+    wiggle_frames,
+)
 from capture_app.web.admission import Admission
 from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
+
+WIDTH_PX, FPS = 384, 5.0
+"""Width and maximum rate of the live pictures of all cameras."""
+CLOSE_WIDTH_PX, CLOSE_FPS = 1280, 10.0
+"""The same of a camera that is looked at closely."""
+SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
+WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125
+DEPTH_RUNS = ("moment", "multiview")
+"""Results of a session with depth, the quickest first."""
+SETTLING = (NodeState.JOINING, NodeState.SYNCING, NodeState.ALIGNING)
+
+
+class MonitorFeed:
+    """Newest messages and pictures of one rig, and the take that a monitor has ordered."""
+
+    def __init__(self, link: RigLink, *, is_local: bool) -> None:
+        """Create a feed; `is_local`: the rig saves its sessions on this machine."""
+        self.texts: dict[str, str] = {}
+        """Newest message of each type, as JSON."""
+        self.pictures: dict[str, bytes] = {}
+        """Newest images: `live/CAMERA`, and `take/NAME/KIND` once a monitor has asked for it."""
+        self._link, self._is_local = link, is_local
+        self._readers: set[asyncio.Event] = set()
+        self._background = Background()
+        self._rig: RigStatus | None = None
+        self._taking: Taking | None = None
+        self._course = ""
+        """State of the take ordered here that has not begun: ordered, countdown, waiting, idle or failed."""
+        self._sheet: TakeSheet | None = None
+        self._session = ""
+        """Path of the last session."""
+        self._making: set[str] = set()
+        self._say_course("idle")
+
+    async def run(self) -> None:
+        """Follow the rig and update messages and pictures, until cancelled."""
+        try:
+            async for update in self._link.updates():
+                match update:
+                    case Preview():
+                        self._show(f"live/{update.camera}", update.jpeg)
+                    case LinkLost():
+                        self._say("lost", reason=update.reason)
+                    case RigStatus():
+                        self._say("lost", reason="")
+                        self._show_status(update)
+        finally:
+            await self._background.end()
+
+    @contextlib.asynccontextmanager
+    async def reader(self) -> AsyncIterator[asyncio.Event]:
+        """Return an event that is set by each change; live pictures are requested while anyone reads."""
+        changed = asyncio.Event()
+        changed.set()
+        self._readers.add(changed)
+        try:
+            await self._want_previews()
+            yield changed
+        finally:
+            self._readers.discard(changed)
+            await self._want_previews()
+
+    async def look_closely(self, camera: str) -> None:
+        """Request larger pictures of a camera, until cancelled."""
+        link = self._link.another()
+        await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=CLOSE_FPS)
+        async with contextlib.aclosing(link.updates()) as updates:
+            async for update in updates:
+                if isinstance(update, Preview):
+                    self._show(f"live/{camera}", update.jpeg)
+
+    def take(self, plan: TakePlan) -> None:
+        """Take pictures; if an earlier order waits until cameras are ready, take at once."""
+        if self._taking is not None and self._taking.is_waiting:
+            self._taking.take_now()
+        elif self._course in ("idle", "failed"):
+            cameras = () if self._rig is None else self._rig.nodes
+            if plan.on_motion is None and any(camera.state in SETTLING for camera in cameras):
+                plan = replace(plan, wait_ready_s=READY_TIMEOUT_S)
+            self._taking = Taking(self._link, plan)
+            self._say_course("ordered")
+            self._background.start(self._follow(self._taking))
+
+    async def stop(self) -> None:
+        """Stop the take that has not begun, else end the recording. Raises SimulshotError."""
+        burst = None if self._rig is None else self._rig.burst
+        if self._taking is not None and self._taking.is_open:
+            self._taking.stop()
+            self._say_course("idle")
+        elif burst is not None and burst.recording and not burst.done:
+            await self._link.order(EndBurst(burst=burst.burst))
+
+    def request_picture(self, key: str) -> None:
+        """Make a picture of the last take, unless it is there or being made."""
+        if key not in self.pictures and key not in self._making:
+            self._background.start(self._make_picture(key))
+
+    async def _want_previews(self) -> None:
+        await self._link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS if self._readers else 0)
+
+    async def _follow(self, taking: Taking) -> None:
+        """Show the course of a take until it is saved."""
+        try:
+            async for event in taking:
+                if taking is self._taking:
+                    self._show_event(event, taking)
+        finally:
+            if taking is self._taking and self._course != "failed":
+                self._say_course("idle")
+
+    def _show_event(self, event: TakeEvent, taking: Taking) -> None:
+        match event:
+            case Countdown(seconds=seconds):
+                self._say_course("countdown", seconds=seconds)
+            case Waiting(reason=reason):
+                self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
+            case Moved(camera=camera):
+                self._say_course("ordered", words=f"something moves in front of {camera}")
+            case Begun():
+                self._say_course("waiting" if taking.is_open else "idle")
+            case Failed(error=error):
+                self._say_course("failed", words=str(error))
+
+    def _show_status(self, rig: RigStatus) -> None:
+        self._rig = rig
+        cameras = {node.name: node for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA}
+        self._say(
+            "rig",
+            leader=rig.leader,
+            advice=rig.advice,
+            cameras=[
+                {"name": name, "state": cameras[name].state, "message": cameras[name].message}
+                for name in sorted(cameras, key=natural_order)
+            ],
+        )
+        self._forget_pictures("live/", *(f"live/{name}" for name in cameras))
+        if (burst := rig.burst) is not None:
+            self._say(
+                "burst",
+                name=burst.name,
+                received=burst.received,
+                expected=burst.expected,
+                is_recording=burst.recording and not burst.done,
+                seconds=round(burst.instants * (rig.period_ns or 0) / 1e9),
+                is_done=burst.done,
+            )
+        if rig.sessions and rig.sessions[-1] != self._session:
+            self._session = rig.sessions[-1]
+            self._background.start(self._open_session(Path(rig.sessions_folder, Path(self._session).name)))
+
+    async def _open_session(self, folder: Path) -> None:
+        grade, words = "unknown", "Its pictures are on the leader's machine."
+        self._sheet = None
+        if self._is_local:
+            try:
+                self._sheet = await asyncio.to_thread(TakeSheet.open, folder)
+                grade, words = self._sheet.verdict.grade, self._sheet.verdict.headline
+            except SimulshotError as error:
+                words = str(error)
+        self._forget_pictures("take/")
+        self._say("take", name=folder.name, grade=grade, words=words, has_pictures=self._sheet is not None)
+
+    async def _make_picture(self, key: str) -> None:
+        sheet, kind = self._sheet, key.rpartition("/")[2]
+        if sheet is None or key != f"take/{sheet.session.manifest.name}/{kind}" or kind not in _PICTURES:
+            return
+        self._making.add(key)
+        try:
+            self._show(key, await asyncio.to_thread(_PICTURES[kind], sheet))
+        except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError) as error:
+            self._say("absent", picture=key, words=str(error))
+        finally:
+            self._making.discard(key)
+
+    def _say_course(self, state: str, **fields: object) -> None:
+        self._course = state
+        self._say("course", state=state, **fields)
+
+    def _say(self, kind: str, **fields: object) -> None:
+        text = msgspec.json.encode({"type": kind, **fields}).decode()
+        if self.texts.get(kind) != text:
+            self.texts[kind] = text
+            self._notify()
+
+    def _show(self, key: str, picture: bytes) -> None:
+        self.pictures[key] = picture
+        self._notify()
+
+    def _forget_pictures(self, beginning: str, *but: str) -> None:
+        for key in [key for key in self.pictures if key.startswith(beginning) and key not in but]:
+            del self.pictures[key]
+
+    def _notify(self) -> None:
+        for changed in self._readers:
+            changed.set()
+
+
+def _contact_sheet(sheet: TakeSheet) -> bytes:
+    instants = range(0, sheet.instants, max(1, math.ceil(sheet.instants / SHEET_ROWS)))
+    return encode_image(contact_sheet(sheet, SHEET_WIDTH_PX, instants=instants))
+
+
+def _wiggle(sheet: TakeSheet) -> bytes:
+    frames = wiggle_frames(sheet, sheet.instants // 2, WIGGLE_WIDTH_PX)
+    return encode_animation(frames, ".webp", WIGGLE_STEP_MS, WIGGLE_STEP_MS)
+
+
+def _depth(sheet: TakeSheet) -> bytes:
+    session = sheet.session.folder
+    results = results_folder(session)
+    for run in DEPTH_RUNS:
+        if (found := results / run / "multiview.json").is_file():
+            return depth_picture(found)
+    raise IncompleteError(
+        "No depth of this take has been computed",
+        hint=f"on the leader's machine: reconstruct multiview {session} --out {results / DEPTH_RUNS[-1]}",
+    )
+
+
+_PICTURES = {"sheet": _contact_sheet, "wiggle": _wiggle, "depth": _depth}
 
 
 class PageOrder(Struct, frozen=True):

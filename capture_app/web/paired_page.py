@@ -54,7 +54,6 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-_NAMES = web.AppKey("names", Collection[str])
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
@@ -220,8 +219,8 @@ class PairedPage(ABC):
 
         Pages may call this machine by its own names and by `names`.
         """
-        app = web.Application(middlewares=[_guard], client_max_size=4096)
-        app[_NAMES] = names
+        self._names = names
+        app = web.Application(middlewares=[self._guard], client_max_size=4096)
         app.on_response_prepare.append(_say_no_server)
         for name in self._files:
             app.router.add_get(f"/{name}", self._send_file)
@@ -239,6 +238,18 @@ class PairedPage(ABC):
                         link.end(1001, b"The leader has ended. This page waits for it.")
         finally:
             await runner.cleanup()
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
+        if not is_own_page(request.host, request.headers.get("Origin"), self._names):
+            raise web.HTTPForbidden(text="This is for its own page only: open it by this machine's address.")
+        response = await handler(request)
+        if not response.prepared:
+            # Older browsers do not count a WebSocket to the page's own host as 'self'.
+            policy = f"{_POLICY}; connect-src 'self' wss://{request.host}"
+            response.headers.update(_HEADERS, **{"Content-Security-Policy": policy})
+        return response
 
     async def _send_file(self, request: web.Request) -> web.Response:
         path = self._files[request.path.lstrip("/")]
@@ -287,19 +298,6 @@ class PairedPage(ABC):
         return socket_
 
 
-@web.middleware
-async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
-    if not is_own_page(request.host, request.headers.get("Origin"), request.app[_NAMES]):
-        raise web.HTTPForbidden(text="This is for its own page only: open it by this machine's address.")
-    response = await handler(request)
-    if not response.prepared:
-        response.headers.update(_HEADERS)
-        # Older browsers do not count a WebSocket to the page's own host as 'self'.
-        response.headers["Content-Security-Policy"] = f"{_POLICY}; connect-src 'self' wss://{request.host}"
-    return response
-
-
 async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
     """Remove the header that names the server program and its version."""
     response.headers.popall("Server", None)
@@ -325,11 +323,12 @@ class ListeningPage:
         self.socket = listen_tcp(host, *((default_port, 0) if port is None else (port,)))
         shown = reachable_host(host, self.socket.family)
         self.address = Address(shown, self.socket.getsockname()[1])
-        if certificate is None:
-            folder = user_data_path("simulshot", appauthor=False) / "trust"
-            self._certificate = own_certificate(folder, (shown, socket.gethostname()), datetime.now(UTC))
-        else:
-            self._certificate = load_certificate(certificate)
+        folder = user_data_path("simulshot", appauthor=False) / "trust"
+        self._certificate = (
+            own_certificate(folder, (shown, socket.gethostname()), datetime.now(UTC))
+            if certificate is None
+            else load_certificate(certificate)
+        )
         self.tls = self._certificate.server_context()
         self.names = (host, *self._certificate.names())
         """Names by which requests may call this machine, besides its own."""

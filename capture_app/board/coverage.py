@@ -4,7 +4,7 @@ A view counts only if the board's pose differs from every view counted before, s
 once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Any
 
@@ -166,28 +166,24 @@ def _normal(matrix: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     return np.asarray(normal / max(float(np.linalg.norm(normal)), 1e-12))
 
 
-def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
-    missing = []
+def _missing_views(cameras: Mapping[str, CameraCoverage]) -> Iterator[str]:
     for name, seen in sorted(cameras.items(), key=lambda item: (item[1].views, item[0])):
         if not seen.views:
-            missing.append(
-                f"{name} has not seen the board yet: hold it nearer, with all of it in the picture"
-            )
+            yield f"{name} has not seen the board yet: hold it nearer, with all of it in the picture"
             continue
         if seen.covered < MIN_COVERED and seen.empty:
-            missing.append(f"move the board to the {' and the '.join(seen.empty[:2])} of {name}")
+            yield f"move the board to the {' and the '.join(seen.empty[:2])} of {name}"
         if seen.tilted_across < MIN_TILTED:
-            missing.append(f"tilt the board more to the left and right for {name}")
+            yield f"tilt the board more to the left and right for {name}"
         if seen.tilted_along < MIN_TILTED:
-            missing.append(f"tilt the board more up and down for {name}")
+            yield f"tilt the board more up and down for {name}"
         if seen.views < MIN_VIEWS:
-            missing.append(f"{MIN_VIEWS - seen.views} more different views for {name}")
-    return missing
+            yield f"{MIN_VIEWS - seen.views} more different views for {name}"
 
 
-def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> list[str]:
-    """Return instructions that connect the rig's groups of cameras, by the pairs with most shared views."""
-    groups, missing = [{name} for name in cameras], []
+def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> Iterator[str]:
+    """Yield instructions that connect the rig's groups of cameras, by the pairs with most shared views."""
+    groups = [{name} for name in cameras]
     for (a, b), views in sorted(shared.items(), key=lambda item: -item[1]):
         first, second = (next(group for group in groups if name in group) for name in (a, b))
         if first is second:
@@ -195,8 +191,7 @@ def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, 
         groups.remove(second)
         first |= second
         if views < MIN_SHARED:
-            missing.append(f"hold the board where {a} and {b} both see it ({views} of {MIN_SHARED} views)")
-    return missing
+            yield f"hold the board where {a} and {b} both see it ({views} of {MIN_SHARED} views)"
 
 
 def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

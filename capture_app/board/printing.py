@@ -94,9 +94,8 @@ def to_pdf(page: Page) -> bytes:
     scale = POINTS_PER_MM
     drawn = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {page.height * scale:.4f} cm"]
     for level, rectangles in ((0, page.black), (1, page.white)):
-        drawn.append(f"{level} g")
-        drawn += [f"{x:.4f} {y:.4f} {width:.4f} {height:.4f} re" for x, y, width, height in rectangles]
-        drawn.append("f")
+        outlines = (f"{x:.4f} {y:.4f} {width:.4f} {height:.4f} re" for x, y, width, height in rectangles)
+        drawn += [f"{level} g", *outlines, "f"]
     drawn.append("0 g")
     for left, baseline, text in page.lines:
         escaped = text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")

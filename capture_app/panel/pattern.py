@@ -151,13 +151,11 @@ class Panel:
     def _lamps(self) -> Iterator[Lamp]:
         for array, (left, lit) in enumerate(zip(self._lefts(), self.ticks, strict=True)):
             group = array * (self.rows + 1)
-            for column in range(COUNT):
-                for row in range(COUNT):
-                    yield self._lamp(left + column, _TOP + row, group, column, lit)
-            for row in range(1, self.rows + 1):
+            for column, row in product(range(COUNT), repeat=2):
+                yield self._lamp(left + column, _TOP + row, group, column, lit)
+            for row, column in product(range(1, self.rows + 1), range(COUNT)):
                 y = _TOP + COUNT - 1 + row * _ROW_STEP
-                for column in range(COUNT):
-                    yield self._lamp(left + column, y, group + row, column, lit * COUNT**row)
+                yield self._lamp(left + column, y, group + row, column, lit * COUNT**row)
 
     def _lamp(self, x: float, y: float, group: int, index: int, lit: int) -> Lamp:
         across, down = x / self.width, y / self.height

@@ -152,7 +152,7 @@ class SimulshotApp(App[None]):
         self.set_interval(FOREIGN_JOBS_S, self._read_foreign_jobs)
 
     def _read_foreign_jobs(self) -> None:
-        if self.runs.has_foreign:
+        if any(run.is_foreign for run in self.runs.all):
             self.run_worker(self.runs.read(), group="jobs", exclusive=True)
 
     async def on_unmount(self) -> None:

@@ -42,7 +42,7 @@ class Runs:
         """`root`: the sessions folder; `tell` is called with the run whose state changed, None for any."""
         self.root = root
         self.all: list[Run] = []
-        """All runs, newest first; finished ones as stored in their files."""
+        """All runs, newest first; finished ones, and those of other screens, as stored in their files."""
         self._tell = tell
         self._worker: asyncio.Task[None] | None = None
         self._free = asyncio.Event()
@@ -57,11 +57,6 @@ class Runs:
     def unfinished(self) -> list[Run]:
         """Waiting and running runs of this screen, which closing would lose."""
         return [run for run in self.all if not run.state.is_over and not run.is_foreign]
-
-    @property
-    def has_foreign(self) -> bool:
-        """Whether another screen on this machine runs jobs, which this one sees on the disk."""
-        return any(run.is_foreign for run in self.all)
 
     @property
     def are_held(self) -> bool:
@@ -277,7 +272,7 @@ def _is_alive(owner: str) -> bool:
 def _read_all(root: Path) -> list[Run]:
     """Return the stored runs in a sessions folder, latest first."""
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
-    found = [run for place in places if (run := _read(place, root)) is not None]
+    found = (run for place in places if (run := _read(place, root)) is not None)
     newest = datetime.max.replace(tzinfo=UTC)  # one that still runs
     return sorted(found, key=lambda run: (run.ended or newest, run.key), reverse=True)
 

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import check_name
+from capture_app.common.names import check_name, free_name
 from capture_app.session.exporting.exporter import load_exporters
 from capture_app.session.library.changes import check_note
 from capture_app.session.library.listing import SessionCard
@@ -87,16 +87,10 @@ def folder_question(card: SessionCard, folder: Path, format_name: str) -> TextQu
 
     return TextQuestion(
         "Folder to write, new or empty.",
-        str(_free_folder(folder / f"{card.name}-{format_name}")),
+        str(folder / free_name(f"{card.name}-{format_name}", [one.name for one in folder.glob("*")])),
         check=check,
         title=f"Export {card.name} to {format_name}",
     )
-
-
-def _free_folder(folder: Path) -> Path:
-    """Return the folder, or the first of NAME-2, NAME-3 ... that does not exist."""
-    numbered = (folder.with_name(f"{folder.name}-{number}") for number in range(2, 1000))
-    return next((one for one in (folder, *numbered) if not one.exists()), folder)
 
 
 def typed_path(text: str) -> Path:

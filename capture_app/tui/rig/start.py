@@ -246,7 +246,8 @@ class StartPanel(Vertical):
 
     def _choose(self, choice: str) -> None:
         self._settings.remember(CHOICE, choice)
-        self._highlight(choice)
+        self._list.highlighted = self._list.get_option_index(choice)
+        self._explain()
 
     def _start_camera(self, camera: CameraListing) -> None:
         self._start(camera.spec, AddCamera(spec=camera.spec), f"Starting {camera.spec} …")
@@ -260,10 +261,6 @@ class StartPanel(Vertical):
             if (found, selected) != (self._found, self._saved_count):
                 self._found, self._saved_count = found, selected
                 self._offer()
-
-    def _highlight(self, choice: str) -> None:
-        self._list.highlighted = self._list.get_option_index(choice)
-        self._explain()
 
     @work(group="start")
     async def _start(self, choice: str, order: Order, words: str) -> None:

@@ -217,7 +217,6 @@ class PlanPanel(Lines, can_focus=True):
 
     def on_mount(self) -> None:
         """Show the stored settings."""
-        super().on_mount()
         self._show()
 
     def watch_has_focus(self, has_focus: bool) -> None:

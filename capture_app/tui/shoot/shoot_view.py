@@ -338,7 +338,6 @@ class ShootView(ModeView):
             take.status, take.problem = status, ""
             if status.done:
                 self._judge(take)
-        self._show_course()
 
     @work(group="judging")
     async def _judge(self, take: Take) -> None:

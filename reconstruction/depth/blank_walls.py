@@ -4,7 +4,7 @@ First the planes with many points of all views are found, one after the other. T
 matched with wide windows at a small scale. It takes one of the planes or keeps the depth found before.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,9 +15,8 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.cost_volume import WORST_COST, combine_likeness, correlate_windows
-from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
+from reconstruction.depth.sweep_engine import WORST_COST, combine_likeness, correlate_windows
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
@@ -141,7 +140,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     typical = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
     level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
-    facing = surface_normals(level, right, down, image.rays)
+    facing = image.surface_normals(level, right, down)
     rows, columns = np.nonzero(evident)
     pixels = np.column_stack([columns, rows]).astype(float)
     places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
@@ -210,7 +209,7 @@ plane by its index, `AS_FOUND` for none; and whether it is evident (bool)."""
 
 def choose_planes(
     part: BlankPart,
-    sources: Sequence[BlankPart],
+    sources: Sequence[CalibratedImage],
     found: Array,
     planes: Sequence[ScenePlane],
     depth_range: tuple[float, float],
@@ -229,7 +228,7 @@ def choose_planes(
         if np.mean(part.there & (level > low) & (level < high)) >= MIN_VISIBLE:
             gradients.append(gradient)
             levels.append(level)
-    source_views = [SourceView(image, source.image) for source in sources]
+    source_views = [SourceView(image, source) for source in sources]
     volume = np.empty((len(found), len(levels), found.shape[1]), np.uint8)
     there = part.there
     for number, level in enumerate(levels):
@@ -259,16 +258,27 @@ def own_surfaces(number: Array, advantage: Array, nearer: Array) -> Array:
     relative to the surface's.
     """
     found = np.zeros(number.shape, bool)
+    for mine, patches, _, means in _patches(number, 1, advantage, nearer, nearer**2):
+        better, mean, square = means
+        in_front = (mean > 3 * TOLERANCE) & (square - mean**2 < MIN_SCATTER**2)
+        found |= mine & ((better < MIN_ADVANTAGE) & in_front)[patches]
+    return found
+
+
+def _patches(
+    number: Array, gap_px: int, *values: Array
+) -> Iterator[tuple[Array, Array, Array, Sequence[Array]]]:
+    """Yield each plane's pixels (bool), their patches' numbers, the patches' sizes and their mean values.
+
+    `gap_px` is 1 for pixels that touch along their sides; larger gaps are bridged in all directions.
+    """
     for one in np.unique(number[number != AS_FOUND]):
         mine = number == one
-        _, patches = cv2.connectedComponents(mine.astype(np.uint8), connectivity=4)
-        count = np.maximum(np.bincount(patches[mine]), 1)
-        better, mean, square = (
-            np.bincount(patches[mine], part[mine]) / count for part in (advantage, nearer, nearer**2)
-        )
-        in_front = (mean > 3 * TOLERANCE) & (square - mean**2 < MIN_SCATTER**2)
-        found |= mine & ((better < MIN_ADVANTAGE) & in_front)[np.where(mine, patches, 0)]
-    return found
+        wide = cv2.dilate(mine.astype(np.uint8), np.ones((gap_px, gap_px), np.uint8))
+        _, patches = cv2.connectedComponents(wide, connectivity=4 if gap_px == 1 else 8)
+        count = np.bincount(patches[mine])
+        means = [np.bincount(patches[mine], part[mine]) / np.maximum(count, 1) for part in values]
+        yield mine, np.where(mine, patches, 0), count, means
 
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
@@ -284,12 +294,8 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
 def evident_patches(number: Array, likeness: Array) -> Array:
     """Return patches of one plane (bool) with sufficient mean correlation; single windows are too noisy."""
     found = np.zeros(number.shape, bool)
-    for one in np.unique(number[number != AS_FOUND]):
-        mine = number == one
-        _, patches = cv2.connectedComponents(cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8)))
-        count = np.bincount(patches[mine])
-        mean = np.bincount(patches[mine], likeness[mine]) / np.maximum(count, 1)
-        found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[np.where(mine, patches, 0)]
+    for mine, patches, count, (mean,) in _patches(number, 3, likeness):
+        found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[patches]
     return found
 
 
@@ -355,16 +361,12 @@ def fit_blank_walls(
     if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_FRACTION:
         return dict(surfaces), planes
 
-    def sources_of(name: str) -> list[BlankPart]:
-        return [parts[other] for other in sources[name]]
-
     def sample(name: str) -> list[SurfacePoints]:
         part, surface = parts[name], surfaces[name]
         level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
-        wide = sweep_view(
-            part.image, [other.image for other in sources_of(name)], depth_ranges[name], WIDE_SWEEP
-        )
+        others = [parts[other].image for other in sources[name]]
+        wide = sweep_view(part.image, others, depth_ranges[name], WIDE_SWEEP)
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     if planes is None:
@@ -375,7 +377,8 @@ def fit_blank_walls(
     def choose_surface(name: str) -> Surface:
         part = parts[name]
         found = _shrunk(surfaces[name].inverse_depth, part.image)
-        choice = choose_planes(part, sources_of(name), found, planes, depth_ranges[name])
+        others = [parts[other].image for other in sources[name]]
+        choice = choose_planes(part, others, found, planes, depth_ranges[name])
         return lay_planes(surfaces[name], images[name], part.mask, choice)
 
     return dict(zip(names, pool.map(choose_surface, names), strict=True)), planes

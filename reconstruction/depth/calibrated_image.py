@@ -87,6 +87,18 @@ class CalibratedImage:
         x, y = inverse[0, 0] * xs + inverse[0, 2], inverse[1, 1] * ys + inverse[1, 2]
         return np.stack([x, y, np.ones_like(xs)])
 
+    def surface_normals(self, inverse_depth: Array, right: Array, down: Array) -> Array:
+        """Return unit normals (height x width x 3, float32) in the camera's frame, facing the camera.
+
+        `right`, `down`: slope per pixel. With w = a + right * x + down * y and rays (x', y', 1) of the
+        pixels, the plane n . X = d has n / d = gradient of w along the rays.
+        """
+        per_x, per_y = right * self.view.matrix[0, 0], down * self.view.matrix[1, 1]
+        along = inverse_depth - per_x * self.rays[0] - per_y * self.rays[1]
+        normal = -np.stack([per_x, per_y, along], axis=-1)
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.asarray(normal / np.maximum(length, 1e-12), np.float32)
+
 
 def matching_noise(grey: Array) -> float:
     """Return the variance that an image's noise adds to a window: three sigma, within limits, squared."""
@@ -106,37 +118,27 @@ class SourceView:
         self.source = source
         rotation, translation = other_from_reference(reference.view, source.view)
         self.rotation, self.translation = rotation, translation
-        self._pixel_from_ray = source.view.matrix @ rotation
+        self.at_infinity = source.view.matrix @ rotation @ np.linalg.inv(reference.view.matrix)
+        """Homography (3x3) from reference to source pixels for points at infinity."""
         self.shift = source.view.matrix @ translation
         """Change of a source pixel's homogeneous coordinates with inverse depth (3,)."""
-
-    def plane_warp(self, inverse_depth: float) -> Array:
-        """Return the homography (3x3) from reference to source pixels over a fronto-parallel plane."""
-        over_plane = self._pixel_from_ray + np.outer(self.shift, [0, 0, inverse_depth])
-        return np.asarray(over_plane @ np.linalg.inv(self.reference.view.matrix))
 
     @property
     def numbers(self) -> Array:
         """Coefficients (13,) of the map from reference pixel and inverse depth to source; its noise last."""
-        return np.concatenate([self.plane_warp(0.0).reshape(-1), self.shift, [self.source.noise]])
+        return np.concatenate([self.at_infinity.reshape(-1), self.shift, [self.source.noise]])
 
-    def project(
-        self, inverse_depth: Array, rows: slice = slice(None), every: int = 1
-    ) -> tuple[Array, Array, Array]:
+    def project(self, inverse_depth: Array, every: int = 1) -> tuple[Array, Array, Array]:
         """Project the reference's pixels at these inverse depths to source x, y, and z times inverse depth.
 
-        Uses the given `rows`, or every `every`-th row and column. x and y are NaN behind the source.
+        Uses every `every`-th row and column. x and y are NaN behind the source.
         """
-        few = every > 1
-        xs, ys, zs = (
-            self._rotate_rays(self.reference.rays[:, ::every, ::every])
-            if few
-            else self._rays_in_source[:, rows]
-        )
-        shift = self.shift.astype(np.float32)
-        z = zs + shift[2] * inverse_depth
+        height, width = self.reference.grey.shape
+        ys, xs = (axis.astype(np.float32) for axis in np.ogrid[:height:every, :width:every])
+        matrix = np.column_stack([self.at_infinity, self.shift]).astype(np.float32)
+        x, y, z = (a * xs + b * ys + c + d * inverse_depth for a, b, c, d in matrix)
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
-        return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
+        return x * far, y * far, z
 
     def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
         """Return the motion in the reference, px, per unit of inverse depth of the source's pixel x, y."""
@@ -158,10 +160,3 @@ class SourceView:
         )
         lengths = np.sqrt((rays * rays).sum(0) * (to_source * to_source).sum(0))
         return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))
-
-    @cached_property
-    def _rays_in_source(self) -> Array:
-        return self._rotate_rays(self.reference.rays)
-
-    def _rotate_rays(self, rays: Array) -> Array:
-        return np.asarray(np.einsum("ij,jhw->ihw", self._pixel_from_ray.astype(np.float32), rays))

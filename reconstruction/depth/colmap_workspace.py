@@ -75,13 +75,9 @@ def write_workspace(
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
     """Return random points (n, 3) of all depth maps, in the rig's frame and unit."""
     rng = np.random.default_rng(0)
-    points = [np.zeros((0, 3))]
+    points = []
     for name, found in depth_views.items():
-        rows, columns = np.nonzero(found.depth > 0)
-        if not len(rows):
-            continue
-        take = rng.choice(len(rows), min(POINTS_PER_VIEW, len(rows)), replace=False)
-        rows, columns = rows[take], columns[take]
+        rows, columns = rng.permutation(np.argwhere(found.depth > 0))[:POINTS_PER_VIEW].T
         z = found.depth[rows, columns].astype(float)
         points.append(views[name].unproject(np.column_stack([columns, rows]), z))
     return np.concatenate(points)
@@ -115,10 +111,8 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> An
         )
         model.add_camera_with_trivial_rig(camera)
         in_view = points @ view.rotation.T + view.translation
-        z = np.where(in_view[:, 2] > 1e-9, in_view[:, 2], np.nan)
-        pixel = (in_view @ matrix.T)[:, :2] / z[:, None]
-        with np.errstate(invalid="ignore"):
-            inside = ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
+        pixel = view.undistorted.project(in_view)
+        inside = (in_view[:, 2] > 0) & ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
         for place, index in enumerate(np.flatnonzero(inside)):
             seen[index].append((number, place))
         image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number, keypoints=pixel[inside])
@@ -140,11 +134,11 @@ def read_maps(workspace: Path, cameras: Iterable[str]) -> dict[str, ViewDepth]:
     Raises:
         SimulshotError: a map is missing or broken.
     """
-    found = {}
-    for camera in cameras:
-        depth, normal = (read_array(_map_file(workspace, kind, camera)) for kind in ("depth", "normal"))
-        found[camera] = ViewDepth(np.maximum(depth, 0), normal * (depth > 0)[..., None])
-    return found
+    maps = {c: [read_array(_map_file(workspace, kind, c)) for kind in ("depth", "normal")] for c in cameras}
+    return {
+        c: ViewDepth(np.maximum(depth, 0), normal * (depth > 0)[..., None])
+        for c, (depth, normal) in maps.items()
+    }
 
 
 def _map_file(workspace: Path, kind: str, camera: str) -> Path:
@@ -159,10 +153,9 @@ def read_array(path: Path) -> Array:
     """
     try:
         data = path.read_bytes()
-        width, height, channels = (int(part) for part in data.split(b"&", 3)[:3])
-        start = len(b"&".join(data.split(b"&", 3)[:3])) + 1
-        values = np.frombuffer(data, np.float32, offset=start)
-        shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
+        *size, values = data.split(b"&", 3)
+        width, height, channels = map(int, size)
+        shaped = np.frombuffer(values, np.float32).reshape(channels, height, width).transpose(1, 2, 0)
     except (OSError, ValueError) as error:
         raise SimulshotError(
             f"{path} is not a depth or normal map of COLMAP: {error}", hint="use --matcher sweep"
@@ -203,13 +196,12 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     names = asked.stdout.strip().splitlines()
     if asked.returncode != 0 or not names:
         raise no_gpu
-    named = environment.get(ENVIRONMENT, "")
-    if not named:
+    python = environment.get(ENVIRONMENT, "")
+    if not python:
         raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap with CUDA", hint=HINT)
-    python = Path(named)
-    if not python.is_file():
+    if not Path(python).is_file():
         raise NotAvailableError(f"{ENVIRONMENT} names {python}, which does not exist", hint=HINT)
-    return names[0], python
+    return names[0], Path(python)
 
 
 def run_patch_match(gpu: CudaGpu, workspace: Path, depth_min: float, depth_max: float) -> None:

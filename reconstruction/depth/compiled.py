@@ -11,8 +11,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.compiling import LIBRARY, source_checksum
-from reconstruction.depth.cost_volume import BETTER_OF_TWO
-from reconstruction.depth.sweep_engine import Agreement, SweepEngine
+from reconstruction.depth.sweep_engine import BETTER_OF_TWO, Agreement, SweepEngine, pad_planes
 
 LANES = 16
 """Columns that `planes` processes at once, and reads beyond the border."""
@@ -98,12 +97,7 @@ class CompiledEngine(SweepEngine):
     ) -> Array:
         """Fit planes as NumPy's `fit_planes`, except for rounding."""
         border = radius * stride
-        planes = np.zeros((3, *inverse_depth.shape), np.float32)
-        planes[0] = inverse_depth
-        if slopes is not None:
-            planes[1:] = slopes * np.float32(border)
-        around = (border, border, border, border + LANES)
-        padded = cv2.copyMakeBorder(planes[0], *around, cv2.BORDER_CONSTANT, value=(-1e6,))
+        padded, planes = pad_planes(inverse_depth, slopes, border, LANES)
         tolerated = ctypes.c_float(tolerance)
         self._call("planes", *inverse_depth.shape, radius, stride, rounds, tolerated, padded, planes)
         planes[1:] /= np.float32(border)

@@ -127,20 +127,13 @@ def _between(evidence: Array, radius: int) -> Array:
 
     With evidence on one side only, smoothness would extend an object beyond its edge, into the dark.
     """
-    found = evidence.copy()
-    for axis in (0, 1):
-        ahead = _distance_since(evidence, axis)
-        back = np.flip(_distance_since(np.flip(evidence, axis), axis), axis)
-        found |= np.maximum(ahead, back) <= radius
+    mask = evidence.astype(np.uint8)
+    found = evidence
+    for kernel in (np.ones((1, radius + 1), np.uint8), np.ones((radius + 1, 1), np.uint8)):
+        last = kernel.shape[1] - 1, kernel.shape[0] - 1
+        ahead, back = (cv2.dilate(mask, kernel, anchor=anchor) for anchor in ((0, 0), last))
+        found = found | (ahead & back > 0)
     return found
-
-
-def _distance_since(evidence: Array, axis: int) -> Array:
-    """Return the distance from the last evidence along an axis, px; very large if there was none."""
-    places = np.arange(evidence.shape[axis], dtype=np.int32)
-    places = places[:, None] if axis == 0 else places[None, :]
-    last = np.maximum.accumulate(np.where(evidence, places, -100_000), axis=axis)
-    return np.asarray(places - last)
 
 
 def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:

@@ -20,8 +20,7 @@ from capture_app.console.terminal import talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.cost_volume import BETTER_OF_TWO
-from reconstruction.depth.sweep_engine import JUMP_GREY, MIN_JUMP, SweepEngine
+from reconstruction.depth.sweep_engine import BETTER_OF_TWO, JUMP_GREY, MIN_JUMP, SweepEngine
 
 GPU = "SIMULSHOT_GPU"
 """Environment variable: part of the name of the GPU to use; empty for none."""

@@ -13,10 +13,10 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, matching_noise
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.cost_volume import WORST_COST
 from reconstruction.depth.geometric_consistency import MAX_COST, MIN_ISLAND_PX, remove_speckles
 from reconstruction.depth.plane_sweep import SweepOptions, cost_along, sweep_view
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.sweep_engine import WORST_COST
 from reconstruction.depth.view_choice import choose_source_views
 
 SWEEP = SweepOptions(refinements=(), max_cells=2_500_000)
@@ -91,13 +91,13 @@ class LiveDepth:
         if not sources:
             raise NotApplicableError(f"no other camera sees what {camera} sees", hint="choose another camera")
         reference = calibrated[camera]
-        inverse = sweep_view(reference, sources, scene.depth_ranges[camera], SWEEP).inverse_depth
-        confirmed, seen = self._confirm(reference, sources, inverse)
+        surface = sweep_view(reference, sources, scene.depth_ranges[camera], SWEEP)
+        confirmed, seen = self._confirm(reference, sources, surface.inverse_depth)
         moving = self._moving(camera, reference)
         self._before.append({name: image.grey for name, image in calibrated.items()})
         judged = moving & seen & ~reference.flat
         return LiveMap(
-            np.where(confirmed, 1 / np.maximum(inverse, 1e-12), 0).astype(np.float32),
+            surface.depth_where(confirmed),
             scene.depth_ranges[camera],
             moving,
             float(confirmed[judged].mean()) if judged.sum() >= MIN_MOVING_PX else None,

@@ -9,8 +9,7 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.cost_volume import WORST_COST
-from reconstruction.depth.sweep_engine import SweepEngine
+from reconstruction.depth.sweep_engine import WORST_COST, SweepEngine
 
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
@@ -97,6 +96,10 @@ class Surface(NamedTuple):
     slope_y: Array
     cost: Array
 
+    def depth_where(self, chosen: Array) -> Array:
+        """Return the depth at the chosen pixels (bool), elsewhere 0; float32 height x width."""
+        return np.where(chosen, 1 / np.maximum(self.inverse_depth, 1e-12), 0).astype(np.float32)
+
 
 def sweep_view(
     reference: CalibratedImage,
@@ -113,10 +116,8 @@ def sweep_view(
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
         surface = enlarge_surface(surface, reference)
-    fine = replace(reference, window=options.fine_window)
     plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 3))
-    source_views = [SourceView(fine, source) for source in sources]
-    return _refine_surface(surface, fine, source_views, step, plan, options.engine)
+    return _refine_surface(surface, reference, sources, step, plan, options)
 
 
 def adopt_proposals(
@@ -142,12 +143,8 @@ def adopt_proposals(
     level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
     slopes = np.stack([surface.slope_x, surface.slope_y])
     planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, rounds=3)
-    fine = replace(reference, window=options.fine_window)
-    source_views = [SourceView(fine, source) for source in sources]
-    plan = (Refinement(0.25, 3),)
-    swept = _refine_surface(
-        Surface._make((*planes, surface.cost)), fine, source_views, step, plan, options.engine
-    )
+    begun = Surface._make((*planes, surface.cost))
+    swept = _refine_surface(begun, reference, sources, step, (Refinement(0.25, 3),), options)
     # A moving object is at another place in this image than the one that others confirmed.
     highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
     choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
@@ -175,17 +172,19 @@ def sweep_planes(
 def _refine_surface(
     surface: Surface,
     reference: CalibratedImage,
-    source_views: Sequence[SourceView],
+    sources: Sequence[CalibratedImage],
     step: float,
     plan: Sequence[Refinement],
-    engine: SweepEngine,
+    options: SweepOptions,
 ) -> Surface:
     """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
+    engine, fine = options.engine, replace(reference, window=options.fine_window)
+    source_views = [SourceView(fine, source) for source in sources]
     for step_fraction, steps, edges_fraction in plan:
         planes = np.stack(surface[:3])
         if edges_fraction:
             # The reference may be a crop of its image.
-            edges_px = max(1, round(edges_fraction * source_views[0].source.view.width))
+            edges_px = max(1, round(edges_fraction * sources[0].view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
         volume = engine.cost_volume(source_views, planes[0], offsets)

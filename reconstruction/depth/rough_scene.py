@@ -104,11 +104,9 @@ def _confirmed_points(
 def _shared_points(
     name: str, views: Mapping[str, View], points: Mapping[str, Array], neighbours: Sequence[str]
 ) -> Array:
-    parts = [points[name]]
-    for other in neighbours:
-        if other in points:
-            parts.append(points[other][seen_points(views[name], views[name], points[other])[0]])
-    return np.concatenate(parts)
+    theirs = [points[other] for other in neighbours if other in points]
+    inside = [part[seen_points(views[name], views[name], part)[0]] for part in theirs]
+    return np.concatenate([points[name], *inside])
 
 
 def _depth_range(view: View, points: Array) -> tuple[float, float]:

@@ -76,8 +76,7 @@ class StillScene:
                 seen = replace(images[other], grey=moving[other].astype(np.float32))
                 hidden = hidden | (CPU.warp(SourceView(image, seen), surface.inverse_depth) > 0)
             shown = np.where(hidden, np.float32(OUTSIDE), image.grey)
-            known = self._pictures.get(name, shown)
-            self._pictures[name] = np.where(self._new.get(name, True), shown, known)
+            self._pictures[name] = np.where(self._new.get(name, True), shown, self._pictures.get(name, shown))
 
 
 def _moving(image: CalibratedImage) -> Array:

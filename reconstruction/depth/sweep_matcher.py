@@ -19,7 +19,6 @@ from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
 )
-from reconstruction.depth.plane_fitting import surface_normals
 from reconstruction.depth.plane_sweep import (
     MAX_PROPOSED_COST,
     Surface,
@@ -58,10 +57,8 @@ def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tup
 
 def _close_gaps(inverse_depth: Array) -> Array:
     """Close gaps of one pixel, and remove background seen between the points of a nearer surface."""
-    kernel = np.ones((3, 3), np.uint8)
-    front = cv2.morphologyEx(inverse_depth, cv2.MORPH_CLOSE, kernel)
-    behind = inverse_depth < 0.98 * front
-    return np.where(behind, front, inverse_depth).astype(np.float32)
+    front = cv2.morphologyEx(inverse_depth, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    return np.where(inverse_depth < 0.98 * front, front, inverse_depth).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +161,7 @@ def match_all_views(
 
 def _matched_depth(surface: Surface, confirmed: Array) -> Array:
     """Return depth where a view's own windows match and other views did not confirm it; elsewhere 0."""
-    found = (confirmed <= 0) & (surface.cost < MAX_PROPOSED_COST)
-    return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
+    return surface.depth_where((confirmed <= 0) & (surface.cost < MAX_PROPOSED_COST))
 
 
 def _confirmed_depths(
@@ -182,8 +178,7 @@ def _confirmed_depths(
         others = _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
         count, able = consistent_and_visible_views(surface, voters, engine=engine)
-        good = consistent_pixels(surface, count, able, len(voters), images[name].blank)
-        return np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
+        return surface.depth_where(consistent_pixels(surface, count, able, len(voters), images[name].blank))
 
     return dict(zip(surfaces, pool.map(confirm, surfaces), strict=True))
 
@@ -203,4 +198,4 @@ def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = np.stack([surface.slope_x, surface.slope_y])
     _, right, down = CPU.fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
-    return surface_normals(surface.inverse_depth, right, down, image.rays)
+    return image.surface_normals(surface.inverse_depth, right, down)

@@ -49,8 +49,7 @@ def undistort_nearest(view: View, image: Array) -> Array:
 
 def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
     """Return an image's true depth (m, 0 = unknown) and motion mask (bool), undistorted; None if unknown."""
-    truth = dataset.ground_truth(camera, instant)
-    if truth is None:
+    if (truth := dataset.ground_truth(camera, instant)) is None:
         return None
     return undistort_nearest(view, truth[0]), undistort_nearest(view, truth[1].astype(np.uint8)) > 0
 

@@ -252,7 +252,7 @@ def _show_pair(
     """Draw two cameras' depth at a small size as `PAIR`, and show it in the target."""
     reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
     surface = sweep_view(reference, [other], depth_range, SweepOptions())
-    depth = np.where(surface.cost < MAX_COST, 1 / np.maximum(surface.inverse_depth, 1e-12), 0)
+    depth = surface.depth_where(surface.cost < MAX_COST)
     drawn = early.folder / PAIR
     write_image(drawn, colour_depth(depth, *display_range(depth)))
     early.show_early(PAIR)

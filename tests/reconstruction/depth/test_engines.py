@@ -17,11 +17,11 @@ from reconstruction.depth import compiling, gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
 from reconstruction.depth.compiling import LIBRARY, SOURCE, compile_kernels
-from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
 from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import (
+    BETTER_OF_TWO,
     Agreement,
     SweepEngine,
     aggregate_costs,
@@ -62,7 +62,7 @@ def array_version(views: list[SourceView], base: Array | None, offsets: Array) -
     for number, offset in enumerate(offsets.astype(np.float32)):
         found = []
         for view in views:
-            m, shift = view.plane_warp(0.0).astype(np.float32), view.shift.astype(np.float32)
+            m, shift = view.at_infinity.astype(np.float32), view.shift.astype(np.float32)
             w = near + offset
             u, v, z = (m[i, 0] * xs + m[i, 1] * ys + m[i, 2] + shift[i] * w for i in range(3))
             z = np.maximum(z, np.float32(1e-6))
@@ -152,7 +152,7 @@ def test_costs_are_those_of_the_array_version(
     assert np.mean(found != exact) < 0.02
     assert exact.std() > 20
     # OpenCV rounds otherwise, by a grey level's fraction.
-    quick = cost_volume(views, base, OFFSETS)
+    quick = NUMPY.cost_volume(views, base, OFFSETS)
     off = np.abs(quick.astype(int) - exact)
     assert off.mean() < 0.6
     assert np.mean(off > 8) < 0.002

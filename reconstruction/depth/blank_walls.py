@@ -102,8 +102,9 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     there = blank_fraction > MIN_BLANK
     # The bilateral filter ignores values this far from every shade.
     outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
-    shades = SAME_SHADE * float(np.sqrt(image.noise)) / 3
-    around = cv2.bilateralFilter(outside, 2 * SEARCH_PX + 1, shades, 2 * SEARCH_PX)
+    around = cv2.bilateralFilter(
+        outside, 2 * SEARCH_PX + 1, SAME_SHADE * float(np.sqrt(image.noise)) / 3, 2 * SEARCH_PX
+    )
     texture = np.where(there, shade - around, 0) + np.float32(MIDDLE)
     averaged = view.width * view.height / (small.width * small.height)
     part = CalibratedImage(small, texture.astype(np.float32), WINDOW, image.noise / averaged)
@@ -171,16 +172,16 @@ def _best_supported(points: SurfacePoints) -> ScenePlane:
     )
     distances = (tried.normals * tried.places).sum(1)
     support = (_relative_gaps(tried.normals, distances, judges) < TOLERANCE).sum(1)
-    last = np.argsort(-support, kind="stable")[:FINALISTS]
-    planes = [_refined(ScenePlane(tried.normals[k], float(distances[k])), points) for k in last]
+    finalists = np.argsort(-support, kind="stable")[:FINALISTS]
+    planes = (_refined(ScenePlane(tried.normals[k], float(distances[k])), points) for k in finalists)
     return max(planes, key=lambda plane: np.count_nonzero(plane.off(points) < TOLERANCE))
 
 
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
     """Refine a plane by repeated least squares through the points on it."""
     for factor in ROUNDS:
-        close = _selected(points, plane.off(points) < factor * TOLERANCE)
-        on = SurfacePoints(*(part.astype(float) for part in close))
+        close = plane.off(points) < factor * TOLERANCE
+        on = SurfacePoints(*(part[close].astype(float) for part in points))
         if len(on.places) < 3:
             break
         weights = 1 / np.maximum(np.abs(plane.distance - on.centres @ plane.normal), 1e-9) ** 2

@@ -86,12 +86,10 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
 def _scatter_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
     """Return points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
-    points = []
-    for view in views.values():
-        pixels = rng.random((POINTS_PER_VIEW, 2)) * (view.width, view.height)
-        z = 1 / rng.uniform(1 / depth_range[1], 1 / depth_range[0], POINTS_PER_VIEW)
-        points.append(view.unproject(pixels, z))
-    return np.concatenate(points)
+    size, nearest, farthest = POINTS_PER_VIEW, 1 / depth_range[0], 1 / depth_range[1]
+    inverse = {name: rng.uniform(farthest, nearest, size) for name in views}
+    pixels = {name: rng.random((size, 2)) * (view.width, view.height) for name, view in views.items()}
+    return np.concatenate([view.unproject(pixels[name], 1 / inverse[name]) for name, view in views.items()])
 
 
 def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> Any:

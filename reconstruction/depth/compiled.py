@@ -150,7 +150,7 @@ def load_engine(library: Path) -> SweepEngine:
     try:
         return CompiledEngine(library)
     except (OSError, ValueError):
-        return SweepEngine("by NumPy, three times slower: install simulshot again, with a C compiler")
+        return SweepEngine("by NumPy, six times slower: install simulshot again, with a C compiler")
 
 
 CPU = load_engine(LIBRARY)

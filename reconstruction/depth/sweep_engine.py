@@ -76,7 +76,7 @@ def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shif
         jumps = _jump_prices(grey[1:], grey[:-1, column], small, large)
         path = costs[0].astype(np.int16)
         for row, jump in enumerate(jumps, 1):
-            last = path[:, column]
+            last = path.take(column, axis=1)
             last -= last.min(0)
             path = np.minimum(last, jump)
             last += np.int16(small)

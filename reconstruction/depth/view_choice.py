@@ -79,19 +79,13 @@ def grid_points(view: View, depth: float) -> Array:
 def find_overlaps(views: Mapping[str, View], name: str) -> dict[str, ViewOverlap]:
     """Return a view's overlap with every other without knowledge of the scene, from their geometry."""
     view = views[name]
-    distances = {
-        other: float(np.linalg.norm(seen.centre - view.centre))
-        for other, seen in views.items()
-        if other != name
-    }
-    apart = [distance for distance in distances.values() if distance > 1e-9]
+    distances = {other: float(np.linalg.norm(seen.centre - view.centre)) for other, seen in views.items()}
+    apart = {other: distance for other, distance in distances.items() if distance > 1e-9}
     if not apart:
         return {}
-    depths = np.geomspace(SPACINGS[0] * min(apart), SPACINGS[1] * max(apart), STEPS)
+    depths = np.geomspace(SPACINGS[0] * min(apart.values()), SPACINGS[1] * max(apart.values()), STEPS)
     points = [grid_points(view, float(depth)) for depth in depths]
-    return {
-        other: _overlap(view, views[other], depths, points) for other in distances if distances[other] > 1e-9
-    }
+    return {other: _overlap(view, views[other], depths, points) for other in apart}
 
 
 def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> ViewOverlap:
@@ -161,8 +155,8 @@ def _measured(view: View, other: View, points: Array) -> tuple[float, float, flo
     """Return score, common image fraction and median angle at the middle depth of a view's points (n, 3)."""
     depth = float(np.median((points @ view.rotation.T + view.translation)[:, 2]))
     inside, angle = seen_points(view, other, grid_points(view, depth))
-    middle = float(np.median(angle[inside] if inside.any() else angle))
-    return score_points(view, other, points), float(inside.mean()), middle
+    middle = np.median(angle[inside] if inside.any() else angle)
+    return score_points(view, other, points), float(inside.mean()), float(middle)
 
 
 def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:

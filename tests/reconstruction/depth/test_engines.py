@@ -301,7 +301,7 @@ def test_what_is_seen_through_a_surface_is_that_of_the_array_version(compiled: C
 def test_without_a_library_numpy_sweeps_and_the_note_says_so(tmp_path: Path) -> None:
     found = load_engine(tmp_path / "kernels.so")
     assert type(found) is SweepEngine
-    assert found.note == "by NumPy, three times slower: install simulshot again, with a C compiler"
+    assert found.note == "by NumPy, six times slower: install simulshot again, with a C compiler"
 
 
 def test_a_library_of_another_source_is_not_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -398,9 +398,9 @@ def test_the_terminal_says_once_that_numpy_sweeps(
     compiled: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv(gpu.GPU, "")
-    engine = SweepEngine("" if compiled else "by NumPy, three times slower")
+    engine = SweepEngine("" if compiled else "by NumPy, six times slower")
     monkeypatch.setattr(gpu, "CPU", engine)
     assert find_engine() is find_engine() is engine
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err == ("" if compiled else "depth by NumPy, three times slower\n")
+    assert said.err == ("" if compiled else "depth by NumPy, six times slower\n")

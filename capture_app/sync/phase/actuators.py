@@ -177,59 +177,41 @@ class ResetActuator(PhaseActuator):
         latency = (first_frame_local_ns - self._start_ns) / self._period_ns % 1.0
         self._start_ns = None
         if self.latencies:
-            densities = self._density(latency), self._normal_density(latency), 1.0
-            for i, density in enumerate(densities):
+            place = round(latency * AIMS) % AIMS
+            for i, density in enumerate((*(densities[place] for densities in self._densities()), 1.0)):
                 self._credit[i] += max(-7.0, log(density))
         self._credit = [FORGETTING * credit for credit in self._credit]
         self.latencies.append(latency)
 
-    def _density(self, at: float) -> float:
-        """Return the predicted density at a latency, in fractions of a period; newer latencies weigh more."""
-        total = mass = 0.0
-        weight = 1.0
-        for latency in reversed(self.latencies):
-            off = (at - latency + 0.5) % 1.0 - 0.5
-            mass += weight * exp(-0.5 * (off / WIDTH) ** 2)
-            total += weight
-            weight *= FORGETTING
-        return BACKGROUND + (1.0 - BACKGROUND) * mass / (total * WIDTH * sqrt(2.0 * pi))
+    def _densities(self) -> tuple[list[float], list[float]]:
+        """Return the kernel and the normal density of the next latency, at AIMS steps of a period.
 
-    def _normal(self) -> tuple[float, float]:
-        """Return the mean and the width of the wrapped normal density fitted to the latencies."""
+        Newer latencies weigh more.
+        """
         weights = [FORGETTING**age for age in range(len(self.latencies))]
-        total = sum(weights)
-        pairs = zip(weights, reversed(self.latencies), strict=True)
-        resultant = sum((rect(w, 2.0 * pi * latency) for w, latency in pairs), 0j) / total
+        total, aged = sum(weights), list(zip(weights, reversed(self.latencies), strict=True))
+        kernels, near = [BACKGROUND] * AIMS, ceil(4.0 * WIDTH * AIMS)
+        for weight, latency in aged:
+            height = (1.0 - BACKGROUND) * weight / (total * WIDTH * sqrt(2.0 * pi))
+            for i in range(round(latency * AIMS) - near, round(latency * AIMS) + near + 1):
+                kernels[i % AIMS] += height * exp(-0.5 * ((i / AIMS - latency) / WIDTH) ** 2)
+        resultant = sum((rect(weight, 2.0 * pi * latency) for weight, latency in aged), 0j) / total
         variance = -2.0 * log(min(max(abs(resultant), 1e-9), 1.0)) / (2.0 * pi) ** 2
         # Fewer latencies give a less certain width.
-        variance = (variance * total + FIRST_WIDTH**2) / total * (1.0 + 1.0 / total)
-        return phase(resultant) / (2.0 * pi) % 1.0, sqrt(variance)
-
-    def _normal_density(self, at: float) -> float:
-        middle, width = self._normal()
-        off = (at - middle + 0.5) % 1.0 - 0.5
-        return BACKGROUND + (1.0 - BACKGROUND) * exp(-0.5 * (off / width) ** 2) / (width * sqrt(2.0 * pi))
+        width = sqrt((variance * total + FIRST_WIDTH**2) / total * (1.0 + 1.0 / total))
+        height = (1.0 - BACKGROUND) / (width * sqrt(2.0 * pi))
+        offs = ((i / AIMS - phase(resultant) / (2.0 * pi) + 0.5) % 1.0 - 0.5 for i in range(AIMS))
+        return kernels, [BACKGROUND + height * exp(-0.5 * (off / width) ** 2) for off in offs]
 
     def _likeliest_latency(self, half_window: float) -> float | None:
         """Return the middle of the window most likely to contain the next latency, if one stands out."""
         if not self.latencies:
             return None
-        best = max(self._credit)
-        says = [exp(credit - best) for credit in self._credit]
-        total = sum(says)
-        density = [says[-1] / total + BACKGROUND * (1.0 - says[-1] / total)] * AIMS
-        at, width = self._normal()
-        height = (1.0 - BACKGROUND) * says[-2] / total / (width * sqrt(2.0 * pi))
-        for i in range(AIMS):
-            off = (i / AIMS - at + 0.5) % 1.0 - 0.5
-            density[i] += height * exp(-0.5 * (off / width) ** 2)
-        ages = [FORGETTING**age for age in range(len(self.latencies))]
-        height, near = says[0] / total / (sum(ages) * WIDTH * sqrt(2.0 * pi)), ceil(4.0 * WIDTH * AIMS)
-        for latency, weight in zip(reversed(self.latencies), ages, strict=True):
-            middle = round(latency * AIMS)
-            for i in range(middle - near, middle + near + 1):
-                off = i / AIMS - latency
-                density[i % AIMS] += (1.0 - BACKGROUND) * height * weight * exp(-0.5 * (off / WIDTH) ** 2)
+        says = [exp(credit - max(self._credit)) for credit in self._credit]
+        density = [
+            (says[0] * kernel + says[1] * normal + says[2]) / sum(says)
+            for kernel, normal in zip(*self._densities(), strict=True)
+        ]
         half_aims = max(1, min(AIMS // 2 - 1, round(half_window * AIMS)))
         mass = sum(density[i] for i in range(-half_aims, half_aims + 1))
         max_mass, middle = mass, 0
@@ -237,6 +219,4 @@ class ResetActuator(PhaseActuator):
             mass += density[(i + half_aims) % AIMS] - density[i - 1 - half_aims]
             if mass > max_mass:
                 max_mass, middle = mass, i
-        if max_mass < UNSURE * (2 * half_aims + 1):
-            return None
-        return middle / AIMS
+        return None if max_mass < UNSURE * (2 * half_aims + 1) else middle / AIMS

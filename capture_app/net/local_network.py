@@ -62,9 +62,8 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
     if (root / "run/firewalld").is_dir():
         zones = [_read(path) for path in sorted((root / "etc/firewalld/zones").glob("*.xml"))]
         rules = "\n".join(zone for zone in zones if zone is not None) if None not in zones else None
-        udp, tcp = "--add-port={port}/udp", "--add-port={port}/tcp"
-        change = "sudo firewall-cmd --permanent {} && sudo firewall-cmd --reload"
-        both, udp = change.replace("{}", f"{udp} {tcp}"), change.replace("{}", udp)
+        change = "sudo firewall-cmd --permanent --add-port={{port}}/udp{} && sudo firewall-cmd --reload"
+        both, udp = change.format(" --add-port={port}/tcp"), change.format("")
         found.append(Firewall("firewalld", both, udp, rules))
     if (root / "etc/systemd/system/sysinit.target.wants/nftables.service").is_symlink():
         rules = _read(root / "etc/nftables.conf")
@@ -84,11 +83,9 @@ def _read(path: Path) -> str | None:
 
 def wifi_interfaces(networks: Path = NETWORKS) -> list[str]:
     """Return the names of this machine's WiFi interfaces."""
-    try:
-        found = [folder.name for folder in networks.iterdir() if (folder / "phy80211").exists()]
-    except OSError:
-        return []
-    return sorted(found)
+    with contextlib.suppress(OSError):
+        return sorted(folder.name for folder in networks.iterdir() if (folder / "phy80211").exists())
+    return []
 
 
 def saves_power(interface: str) -> bool | None:

@@ -114,8 +114,7 @@ class JoinWatch:
             ahead, self._look_ahead = self._look_ahead, None
             found = await (ahead or self._look())
             # What a leader has reported itself is already logged.
-            obstacles = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
-            sentence = "; ".join(map(str, obstacles))
+            sentence = "; ".join(str(one) for one in found if one and one.what not in time.why_joining)
             if _is_unanswered(time):
                 if sentence and sentence != said:
                     self._log.say(sentence)

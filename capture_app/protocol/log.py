@@ -99,11 +99,10 @@ def burst_line(burst: BurstStatus) -> str:
     """Return a line on a burst's progress."""
     if not burst.burst:
         return burst.message
-    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
-    if not burst.done:
-        return so_far + (f", {burst.message}" if burst.message else "")
-    where = f", saved as {burst.session}" if burst.session else ", no session"
-    return so_far + where + (f"; {burst.message}" if burst.message else "")
+    text = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if burst.done:
+        text += f", saved as {burst.session}" if burst.session else ", no session"
+    return ("; " if burst.done else ", ").join(filter(None, (text, burst.message)))
 
 
 def _is_warning(event: RigEvent) -> bool:
@@ -154,8 +153,7 @@ class Log:
 
         `name` is the node that the lines are about; None for a leader's log, which covers all its nodes.
         """
-        self.show, self._record = show, record
-        self.name = name
+        self.show, self._record, self.name = show, record, name
         self._lines: deque[LogLine] = deque(maxlen=MAX_LOG_LINES)
         self._window_s = -RATE_WINDOW_S
         self._lines_of: Counter[str] = Counter()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from capture_app.common.errors import BadInputError, DiskError
 from capture_app.common.pairing_codes import pin_of
@@ -107,30 +107,30 @@ def _new_pem() -> bytes:
     ) + certificate.public_bytes(serialization.Encoding.PEM)
 
 
-class Proof(Struct, frozen=True):
-    """Ed25519 signature under an answer, and the signer's certificate in DER."""
-
-    certificate: Annotated[bytes, Meta(max_length=4096)]
-    signature: Annotated[bytes, Meta(max_length=64)]
+Proof = tuple[Annotated[bytes, Meta(max_length=4096)], Annotated[bytes, Meta(max_length=64)]]
+"""The signer's certificate in DER, and its Ed25519 signature under an answer."""
 
 
 def sign(identity: Identity, *said: Any) -> Proof:
     """Sign what a leader says, each part as JSON."""
-    return Proof(identity.certificate, _private_key(identity.file).sign(_bytes_of(said)))
+    return identity.certificate, _private_key(identity.file).sign(_bytes_of(said))
 
 
 def is_proven(proof: Proof | None, pins: Collection[str], *said: Any) -> bool:
     """Whether a leader with one of these pins has signed exactly this."""
-    if proof is None or pin_of(proof.certificate) not in pins:
+    if proof is None:
+        return False
+    certificate, signature = proof
+    if pin_of(certificate) not in pins:
         return False
     from cryptography import x509
     from cryptography.exceptions import InvalidSignature
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-    key = x509.load_der_x509_certificate(proof.certificate).public_key()
+    key = x509.load_der_x509_certificate(certificate).public_key()
     try:
         assert isinstance(key, Ed25519PublicKey), "every machine's key is of this kind"
-        key.verify(proof.signature, _bytes_of(said))
+        key.verify(signature, _bytes_of(said))
     except InvalidSignature:
         return False
     return True

@@ -48,11 +48,6 @@ class Invitations:
         self._invitations = [*good, Invitation(code, role, self._now_s() + GOOD_FOR_S)]
         return self._invitations[-1]
 
-    @property
-    def invitation(self) -> Invitation | None:
-        """Newest valid code, or None."""
-        return next(reversed(self._good()), None)
-
     def _good(self) -> list[Invitation]:
         return [one for one in self._invitations if one.tries_left > 0 and self._now_s() < one.ends_s]
 

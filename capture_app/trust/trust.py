@@ -64,11 +64,10 @@ class Trust:
     @classmethod
     def of_user(cls) -> "Trust":
         """Return the trust in use here, else this user's, in $XDG_DATA_HOME/simulshot/trust on Linux."""
-        in_use = _IN_USE.get()
-        if in_use is not None:
+        if (in_use := _IN_USE.get()) is not None:
             return in_use
         if os.environ.get(OPEN_VARIABLE, "") not in ("", "0"):
-            return _OPEN
+            return _of_folder(None)
         return _of_folder(user_data_path("simulshot", appauthor=False) / "trust")
 
     @contextlib.contextmanager
@@ -170,9 +169,6 @@ class Trust:
         return self._clients[as_unknown]
 
 
-_OPEN = Trust.open()
-
-
 @functools.cache
-def _of_folder(folder: Path) -> Trust:
+def _of_folder(folder: Path | None) -> Trust:
     return Trust(folder)

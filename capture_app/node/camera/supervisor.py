@@ -120,8 +120,13 @@ class ControlKeeper:
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
         """Set one control; return how the camera's setting differs from the request, empty if it does not."""
+        if value == "auto" and not state.can_be_automatic:
+            return f"it has no automatic {state.control}"
         if value == "auto":
-            return await self._release(state)
+            self.held.pop(state.control, None)
+            self._locked.discard(state.control)
+            await self._supervisor.camera.set_control(state.control, None)
+            return ""
         control, asked = state.control, state.value if isinstance(value, str) else value
         if not state.can_be_set:
             return f"its {control} cannot be set"
@@ -135,14 +140,6 @@ class ControlKeeper:
             return f"it may report another {control} than it used: check whether the picture has changed"
         out_of_range = f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
         return out_of_range if nearest != asked else ""
-
-    async def _release(self, state: ControlState) -> str:
-        if not state.can_be_automatic:
-            return f"it has no automatic {state.control}"
-        self.held.pop(state.control, None)
-        self._locked.discard(state.control)
-        await self._supervisor.camera.set_control(state.control, None)
-        return ""
 
     # The engine does not learn of locks for a burst. An exposure that becomes known shifts the moment of
     # exposure that timestamps are taken for, and with it the grid, just while a burst is captured.

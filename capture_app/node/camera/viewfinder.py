@@ -104,9 +104,14 @@ class Viewfinder:
     @property
     def health(self) -> CameraHealth:
         """Current frame rate, exposure and gain."""
-        newest = self.newest
+        newest, since_ns = self.newest, self._options.clock.now_ns() - RATE_WINDOW_NS
+        recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
+        fps = 0.0 if self.stamps_ns else None
+        if len(recent) > 1:
+            span_ns = max(recent) - min(recent)
+            fps = round((len(recent) - 1) * 1e9 / span_ns, 1) if span_ns else None
         return CameraHealth(
-            fps=self._fps(),
+            fps=fps,
             exposure_ns=None if newest is None else newest.exposure_ns,
             gain=None if newest is None else newest.gain,
         )
@@ -253,14 +258,6 @@ class Viewfinder:
             spool="" if spool is None else str(spool.folder),
             disk_free_bytes=None if spool is None else free_bytes(spool.folder),
         )
-
-    def _fps(self) -> float | None:
-        since_ns = self._options.clock.now_ns() - RATE_WINDOW_NS
-        recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
-        if len(recent) < 2:
-            return 0.0 if self.stamps_ns else None
-        span_ns = max(recent) - min(recent)
-        return round((len(recent) - 1) * 1e9 / span_ns, 1) if span_ns else None
 
 
 def periods_between(period_ns: int, fps: float) -> int:

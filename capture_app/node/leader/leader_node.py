@@ -44,15 +44,15 @@ class LeaderNode:
         """Address for other machines."""
         self.log = options.log
         self.engine, self._clock, self._names = engine, options.clock, names
-        self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
+        sealed = None if options.trust.is_open else SealedLeader(engine)
         self.enrolment = Enrolment(options.trust, self.log, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
         self.bursts = ActiveBursts(options, engine, self._pump)
-        self._local: LocalNodes | None = None
-        if options.spool is not None:
-            self._local = LocalNodes(
-                self.own_address, options.spool, self.log, self.address.host, options.trust
-            )
+        self._local = (
+            None
+            if options.spool is None
+            else LocalNodes(self.own_address, options.spool, self.log, self.address.host, options.trust)
+        )
         viewfinders = Viewfinders()
         self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
         self.service = LeaderService(

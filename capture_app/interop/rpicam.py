@@ -77,16 +77,16 @@ class RpicamSync(RigFollower):
                 await asyncio.sleep(SEND_EVERY_NS / 1e9)
 
     def _send(self, sock: socket.socket, clock: NodeClock, shared: SharedGrid) -> None:
+        grid, time_map = shared
         wall_less_host_ns = time.time_ns() - time.monotonic_ns()
 
         def wall_from_leader(leader_ns: int) -> int:
-            known = shared.time_map
-            local_ns = leader_ns if known is None else known.local_from_leader(leader_ns)
+            local_ns = leader_ns if time_map is None else time_map.local_from_leader(leader_ns)
             return clock.true_from_local(local_ns) + wall_less_host_ns
 
         now_ns = clock.now_ns()
-        leader_ns = now_ns if shared.time_map is None else shared.time_map.leader_from_local(now_ns)
-        packet = sync_packet(shared.grid, leader_ns, wall_from_leader, shutter_ns=self._shutter_ns)
+        leader_ns = now_ns if time_map is None else time_map.leader_from_local(now_ns)
+        packet = sync_packet(grid, leader_ns, wall_from_leader, shutter_ns=self._shutter_ns)
         # A host or an interface may have disappeared, and receivers send no reply.
         for host in self._hosts:
             with contextlib.suppress(OSError):

@@ -64,10 +64,10 @@ async def open_identified(
         if context is None:
             raise
         # An attacker may have cut the handshake: never fall back to an unauthenticated stream.
-        paired = any(Role.LEADER in machine.roles for machine in trust.known.all())
-        what = "it is no longer paired with this machine, or another machine answers"
+        is_paired = any(Role.LEADER in machine.roles for machine in trust.known.all())
+        why = ": it is no longer paired with this machine, or another machine answers" if is_paired else ""
         raise UnknownMachineError(
-            f"the leader at {address} does not prove its identity" + (f": {what}" if paired else ""),
+            f"the leader at {address} does not prove its identity{why}",
             hint="check the address on its screen, which shows OPEN where pairing is skipped",
         ) from error
     try:

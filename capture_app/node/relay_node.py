@@ -181,7 +181,7 @@ class RelayNode:
     def shared_grid(self) -> SharedGrid | None:
         """Return the root's grid, with this relay's map to the root's time."""
         grid, time_map = self._engine.leader.grid, self._engine.member.time.time_map
-        return None if grid is None or time_map is None else SharedGrid(grid, time_map)
+        return None if grid is None or time_map is None else (grid, time_map)
 
     # Streams
 

@@ -83,7 +83,7 @@ async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.soc
     # The root is 50,000 s ahead of this node's clock.
     known = TimeMap(now_ns, 50_000 * S, 0.0, 1000.0, 1000.0, 0.0, 0.0, 300, 1000)
     sync = RpicamSync(["127.0.0.1"], port=pi.getsockname()[1])
-    sync.start(clock, Log(), Rig(SharedGrid(grid, known)).shared_grid)
+    sync.start(clock, Log(), Rig((grid, known)).shared_grid)
     try:
         _, frame_ns = await heard(pi)
     finally:

@@ -56,7 +56,7 @@ class Field:
         machines = [[(m.pin, m.roles) for m in trust.known.all()] for trust in self.others]
         burst = status.burst and (status.burst.received, status.burst.done, status.burst.transfer)
         grid = self.leader.shared_grid()
-        return nodes, burst, status.sessions, files, machines, grid and grid.grid.period_ns
+        return nodes, burst, status.sessions, files, machines, grid and grid[0].period_ns
 
 
 @pytest.fixture(params=["the leader", "a relay"])

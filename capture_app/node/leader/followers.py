@@ -4,7 +4,6 @@ A leader or a relay starts and closes its followers, and knows nothing else of t
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from capture_app.common.clock import NodeClock
 from capture_app.node.burst.burst_session import BurstSession
@@ -14,13 +13,8 @@ from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 
-
-@dataclass(frozen=True, slots=True)
-class SharedGrid:
-    """A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
-
-    grid: FrameGrid
-    time_map: TimeMap | None = None
+SharedGrid = tuple[FrameGrid, TimeMap | None]
+"""A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
 
 
 class RigFollower:

@@ -134,7 +134,7 @@ class LeaderNode:
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the grid of instants, None before the first camera."""
-        return None if self.engine.grid is None else SharedGrid(self.engine.grid)
+        return None if self.engine.grid is None else (self.engine.grid, None)
 
     def _drain(self) -> None:
         now_ns = self._clock.now_ns()
@@ -143,7 +143,7 @@ class LeaderNode:
             if isinstance(event, BurstAnswered):
                 self.bursts.note_answer(event)
             else:
-                self.service.note_change(event)
+                self.service.roster_changed.set()
                 if event.change in ("joined", "returned", "forgotten") and self._names is not None:
                     try:
                         self._names.keep()

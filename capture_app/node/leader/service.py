@@ -17,7 +17,7 @@ from capture_app.common.errors import (
     TryAgainError,
     UnknownMachineError,
 )
-from capture_app.common.tasks import end, has_come
+from capture_app.common.tasks import end
 from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import Channel, TooLargeMessageError, UnreadableMessageError
 from capture_app.net.udp import Pump
@@ -33,7 +33,6 @@ from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.protocol import messages, orders
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
-from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.trust.identity import sign
 from capture_app.trust.trust import Trust
@@ -111,8 +110,8 @@ class LeaderService:
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
         self._settings = RigSettings(options.sessions, viewfinders, options.log)
-        self._departures: dict[str, asyncio.Event] = {}
-        """Nodes that are being removed, by name; the event is set when the roster has lost or removed one."""
+        self.roster_changed = asyncio.Event()
+        """Set whenever a node has joined, was lost, or was removed."""
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that delivers images."""
 
@@ -310,26 +309,19 @@ class LeaderService:
         member = self._engine.roster.members.get(name)
         return member is not None and not member.lost
 
-    def note_change(self, change: NodeChanged) -> None:
-        """Note a change of the roster: a node that is being removed may have left."""
-        departure = self._departures.get(change.name)
-        if departure is not None and not self._is_here(change.name):
-            departure.set()
-
     async def _remove(self, name: str) -> None:
         members = self._engine.roster.members
         is_local = self._local is not None and name in self._local.names
         if is_local or (self._is_here(name) and members[name].camera.kind == PHONE):
-            departure = self._departures.setdefault(name, asyncio.Event())
-            try:
-                if self._local is not None and is_local:
-                    await self._local.remove(name)
-                else:
-                    await self._viewfinders.put_off(name)
-                if self._is_here(name):
-                    await has_come(departure, DEPARTURE_TIMEOUT_S)
-            finally:
-                self._departures.pop(name, None)
+            if self._local is not None and is_local:
+                await self._local.remove(name)
+            else:
+                await self._viewfinders.put_off(name)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(DEPARTURE_TIMEOUT_S):
+                    while self._is_here(name):
+                        self.roster_changed.clear()
+                        await self.roster_changed.wait()
             if name not in members:
                 return
         if self._is_here(name):

@@ -66,9 +66,10 @@ def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration
         for instant in range(len(burst.instants_ns)):
             images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
             for image in sorted(images, key=lambda image: image.leader_ns):
+                at_ns = image.leader_ns - zero_ns
                 seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
                 for topic, name, fields in _foxglove_messages(burst, image, calibration):
-                    kind, at_ns = foxglove_message(name), image.leader_ns - zero_ns
+                    kind = foxglove_message(name)
                     if topic not in channels:
                         schema = register_schema(writer, kind)
                         channels[topic] = writer.register_channel(topic, "protobuf", schema)

@@ -98,7 +98,8 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     if isinstance(rough_s, str):
         return CameraTimes(reason=rough_s)
     (reference_samples, reference_start_s), (samples, start_s) = reference, camera
-    found, size = [], round(WINDOW_S * RATE_HZ)
+    found = []
+    size = round(WINDOW_S * RATE_HZ)
     for at in _loud_windows(samples, size):
         centre_s = start_s + (at + size / 2) / RATE_HZ
         expected = round((centre_s + rough_s - reference_start_s) * RATE_HZ - size / 2)

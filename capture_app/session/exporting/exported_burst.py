@@ -49,8 +49,10 @@ class ExportedBurst:
     ) -> None:
         """Take a session's images, or one `instant` only. Raises BadInputError if that has no image."""
         manifest = session.manifest
-        self.session, self.options, self.name = session, options, session.name
-        self.instants_ns, self.period_ns = manifest.burst.instants_ns, manifest.burst.period_ns
+        self.session, self.options = session, options
+        self.name = session.name
+        self.instants_ns = manifest.burst.instants_ns
+        self.period_ns = manifest.burst.period_ns
         self.recorded = self.images = _images_by_place(session)
         """The session's images (`recorded`), and the ones to export (`images`)."""
         self.frames: list[Frame] = []

@@ -174,7 +174,8 @@ def _views(
     for name, picture in cameras.items():
         if (lens := _lens_of(picture, lenses.values())) is None or picture.frame_id not in poses:
             return None
-        where, (_, pose) = f"{path}: {picture.frame_id}", poses[picture.frame_id]
+        where = f"{path}: {picture.frame_id}"
+        _, pose = poses[picture.frame_id]
         turn, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
         if len(k) != 9:

@@ -169,7 +169,8 @@ class Video(Source):
             period_ns = round((times_ns[-1] - times_ns[0]) / (len(times_ns) - 1)) if len(times_ns) > 1 else 0
             shift_ns = times_ns[-1] + period_ns - own_ns[0] if times_ns else 0
             times_ns += [at_ns + shift_ns for at_ns in own_ns]
-        self._times_ns, self._has_times, self.numbers = {**found}, True, range(len(times_ns))
+        self._times_ns = {**found}
+        self._has_times, self.numbers = True, range(len(times_ns))
         return times_ns
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:

@@ -302,7 +302,8 @@ class OpenSession(Session):
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
         if (rig := self.calibration()) is None or camera.name not in rig.cameras:
             return None
-        of, cam_from_rig = rig.cameras[camera.name], np.eye(4)
+        of = rig.cameras[camera.name]
+        cam_from_rig = np.eye(4)
         cam_from_rig[:3, :3], cam_from_rig[:3, 3] = of.rotation, of.translation
         matrix = of.matrix(camera.facts.width, camera.facts.height)
         return CameraMatrices(matrix, np.array(of.distortion[:5]), cam_from_rig, rig.unit)

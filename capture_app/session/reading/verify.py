@@ -76,7 +76,8 @@ def _burst(session: Session) -> Iterator[Problem]:
     images = Counter((image.camera, image.instant) for image in manifest.images)
     missing = {(one.camera, one.instant) for one in manifest.missing}
     for camera, instant in product(manifest.cameras, range(len(manifest.burst.instants_ns))):
-        of, number = f"of {camera.name} at instant {instant}", images[camera.name, instant]
+        of = f"of {camera.name} at instant {instant}"
+        number = images[camera.name, instant]
         if number > 1:
             yield _contradiction(MANIFEST, f"{number} images {of}")
         if number and (camera.name, instant) in missing:

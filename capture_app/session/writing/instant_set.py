@@ -11,7 +11,6 @@ class InstantSet(Set[int]):
         self._starts: list[int] = []
         self._ends: list[int] = []
         """The end (exclusive) of each run."""
-        self._length = 0
         for instant in sorted(instants):
             self.add(instant)
 
@@ -29,7 +28,7 @@ class InstantSet(Set[int]):
 
     def __len__(self) -> int:
         """Return the number of instants."""
-        return self._length
+        return sum(self._ends) - sum(self._starts)
 
     @property
     def end(self) -> int:
@@ -40,7 +39,6 @@ class InstantSet(Set[int]):
         """Add an instant."""
         if instant in self:
             return
-        self._length += 1
         run = bisect_right(self._starts, instant)
         self._starts.insert(run, instant)
         self._ends.insert(run, instant + 1)

@@ -28,8 +28,7 @@ _PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")
 
 def own_hosts(family: socket.AddressFamily) -> list[str]:
     """Return the addresses of the interfaces that are up, without loopback; empty if unknown."""
-    version = 4 if family == socket.AF_INET else 6
-    return [str(host) for _, host in _named_hosts() if host.version == version]
+    return [str(host) for _, host in _named_hosts() if (host.version == 4) == (family == socket.AF_INET)]
 
 
 def interface_of(address: str) -> str | None:
@@ -51,10 +50,11 @@ def _named_hosts() -> Iterator[tuple[str, ipaddress.IPv4Address | ipaddress.IPv6
         with contextlib.suppress(OSError):
             flags = int((_NETWORKS / adapter.name / "flags").read_text(), 16)
             if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
-                found = (ip.ip if isinstance(ip.ip, str) else ip.ip[0] for ip in adapter.ips)
-                hosts = map(ipaddress.ip_address, found)
-                # A link-local IPv6 address is not usable without its interface.
-                yield from ((adapter.name, one) for one in hosts if one.version == 4 or not one.is_link_local)
+                for ip in adapter.ips:
+                    host = ipaddress.ip_address(ip.ip if isinstance(ip.ip, str) else ip.ip[0])
+                    # A link-local IPv6 address is not usable without its interface.
+                    if host.version == 4 or not host.is_link_local:
+                        yield adapter.name, host
 
 
 class Address(NamedTuple):
@@ -86,9 +86,9 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
             address.host, address.port, type=socket.SOCK_DGRAM, proto=socket.IPPROTO_UDP
         )
     except (OSError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         raise NetworkError(
-            f"cannot resolve host {address.host!r}: {reason}", hint="check the name, or give its IP address"
+            f"cannot resolve host {address.host!r}: {getattr(error, 'strerror', None) or error}",
+            hint="check the name, or give its IP address",
         ) from error
     # Most leaders listen on IPv4 only, so it is preferred if a name has both.
     family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
@@ -152,6 +152,5 @@ def listen_tcp(host: str, *ports: int) -> socket.socket:
 
 def own_machine_address(host: str, family: socket.AddressFamily, port: int) -> Address:
     """Return the address for this machine's processes to a port of `host`; loopback for `any`."""
-    if host not in ANY_HOST:
-        return Address(host, port)
-    return Address("127.0.0.1" if family == socket.AF_INET else "::1", port)
+    loopback = "127.0.0.1" if family == socket.AF_INET else "::1"
+    return Address(loopback if host in ANY_HOST else host, port)

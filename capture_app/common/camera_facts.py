@@ -134,9 +134,7 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     @property
     def stamp_accuracy(self) -> StampAccuracy:
         """Timestamp bias as known or, failing that, assumed; exact for a simulated camera."""
-        if self.stamp is not None:
-            return self.stamp
-        return EXACT_STAMPS if self.kind == SIMULATED else self.assumed_stamp
+        return self.stamp or (EXACT_STAMPS if self.kind == SIMULATED else self.assumed_stamp)
 
     @property
     def shared_uncertainty_ns(self) -> int:
@@ -145,11 +143,9 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         If the reference's uncertainty is unknown, the result is the uncertainty of this camera's assumed
         timestamps.
         """
-        known = self.stamp_accuracy
-        if not known.against:
-            return 0
-        against_ns = known.against_uncertainty_ns
-        return self.assumed_stamp.uncertainty_ns if against_ns is None else against_ns
+        known, assumed_ns = self.stamp_accuracy, self.assumed_stamp.uncertainty_ns
+        against_ns = known.against_uncertainty_ns if known.against else 0
+        return assumed_ns if against_ns is None else against_ns
 
     @property
     def assumed_stamp(self) -> StampAccuracy:
@@ -256,9 +252,8 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def clamped(self, value: float) -> float:
         """Return the value clamped to the range."""
-        if self.minimum is None or self.maximum is None:
-            return value
-        return min(max(value, self.minimum), self.maximum)
+        bounded = self.minimum is not None and self.maximum is not None
+        return min(max(value, self.minimum), self.maximum) if bounded else value
 
 
 def describe(state: ControlState | None) -> str:
@@ -302,10 +297,9 @@ def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
     }
     # Delays measured against different reference cameras are reported only if every camera has a measurement.
     against = {name: error_ns for name, error_ns in unshared_uncertainties_ns(cameras).items() if error_ns}
-    unsure = unsure or against
-    if not unsure:
+    if not (unsure := unsure or against):
         return ""
-    worst = max(unsure, key=lambda name: unsure[name])
+    worst = max(unsure, key=unsure.__getitem__)
     others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
     by_what = f" except against {cameras[worst].stamp_accuracy.against}" if unsure is against else ""
     return (

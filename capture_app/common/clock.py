@@ -21,14 +21,11 @@ from capture_app.common.bounds import TimeNs
 from capture_app.common.errors import BadInputError
 
 MAX_SKEW_PPM = 1000.0
-MAX_OFFSET_S = 10.0 * 365 * 86400
 SEEDED_SKEW_PPM = 50.0
-SEEDED_OFFSET_S = (3600.0, 36000.0)
 _UNIT = 10**12
 _HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
 EVERY_NS = 4_000_000_000
 """Interval over which two clocks read microseconds apart show their rates to about one ppm."""
-READINGS = 5
 SLEWED_PPM = 20.0
 """Minimum rate correction beyond the steady one that is reported."""
 STEADY_PPM = 100.0
@@ -105,7 +102,7 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 def seeded_clock(node: str) -> SimulatedClock:
     """Return the clock of a node name: hours of offset, up to 50 ppm of skew, the same in every run."""
     rng = random.Random(f"clock of {node}")
-    offset_ns = round(rng.uniform(*SEEDED_OFFSET_S) * 1e9)
+    offset_ns = round(rng.uniform(3600.0, 36000.0) * 1e9)
     return SimulatedClock(offset_ns, rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM))
 
 
@@ -130,7 +127,7 @@ def parse_clock(text: str, *, node: str) -> NodeClock:
             values[key] = float(value)
         except ValueError:
             raise BadInputError(f"{key} of clock {text!r} is not a number: {value!r}", hint=_HINT) from None
-    if not abs(values["offset_s"]) <= MAX_OFFSET_S:
+    if not abs(values["offset_s"]) <= 10.0 * 365 * 86400:
         raise BadInputError(
             f"a clock offset of {values['offset_s']:g} s is too large", hint="at most ten years"
         )
@@ -200,8 +197,7 @@ class HostRate:
                 return None
         except (OSError, AttributeError):
             return None
-        tick, frequency = int(kernel.tick), int(kernel.freq)
-        return (tick - TYPICAL_TICK_US) * 1e6 / TYPICAL_TICK_US + frequency / 65536.0
+        return (int(kernel.tick) / TYPICAL_TICK_US - 1.0) * 1e6 + int(kernel.freq) / 65536.0
 
     @staticmethod
     def read_clocks() -> tuple[int, int] | None:
@@ -209,10 +205,9 @@ class HostRate:
         if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
             return None
         readings = []
-        for _ in range(READINGS):
+        for _ in range(5):
             before_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
             monotonic_ns = time.monotonic_ns()
             after_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
             readings.append((after_ns - before_ns, monotonic_ns, (before_ns + after_ns) // 2))
-        _, monotonic_ns, raw_ns = min(readings)
-        return monotonic_ns, raw_ns
+        return min(readings)[1:]

@@ -89,22 +89,19 @@ class AppLeader:
 
     def _receive_call(self, data: bytes, address: Address, now_ns: int) -> None:
         """Handle a received call; heartbeats are the only calls that a phone may send."""
-        host = address[0]
-        call = decode_call(data)
-        name = heartbeat_name(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
-        if call is None or name is None:
-            return
+        host, (method, text) = address[0], decode_call(data) or (0, "")
+        name = heartbeat_name(text) if method == Method.HEARTBEAT else None
         phone = self._phones.get(host)
+        if name is None or (phone is None and len(self._phones) >= MAX_PHONES):
+            return
         if phone is None or phone.lost:
-            if phone is None and len(self._phones) >= MAX_PHONES:
-                return
             phone = self._phones[host] = AppPhone(self._free_name(name, host), host, now_ns)
             what = f"phone {phone.name} at {host} joined with the Android app, which needs no pairing"
             self._events.append(FollowerEvent(phone.name, what))
             self._set_interval()
         phone.last_heard_ns = now_ns
         # Reply to the sender's address: the address in the heartbeat may belong to another of its networks.
-        self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
+        self._out.append((encode_call(Method.HEARTBEAT_ACK, text), (host, CALL_PORT)))
 
     def _receive_answer(self, data: bytes, address: Address, now_ns: int) -> None:
         """Handle a phone's reply to a time request, received at `now_ns`."""
@@ -115,8 +112,8 @@ class AppLeader:
 
     def _ask(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the due time requests, stamped with `now_ns`."""
-        due = [phone for phone in self.present() if phone.take_request(now_ns)]
-        return [(TIME_REQUEST.pack(now_ns), (phone.host, TIME_PORT)) for phone in due]
+        request = TIME_REQUEST.pack(now_ns)
+        return [(request, (phone.host, TIME_PORT)) for phone in self.present() if phone.take_request(now_ns)]
 
     def _next_request(self) -> int | None:
         """Return the leader time (ns) of the next clock request, or None."""
@@ -139,8 +136,7 @@ class AppLeader:
             if silent_ns >= FORGOTTEN_NS:
                 del self._phones[phone.host]
             elif silent_ns >= SILENT_NS and not phone.lost:
-                phone.lost = True
-                what = f"lost phone {phone.name}: it has gone silent"
+                phone.lost, what = True, f"lost phone {phone.name}: it has gone silent"
                 self._events.append(FollowerEvent(phone.name, what, is_warning=True))
                 self._set_interval()
             elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):
@@ -155,15 +151,13 @@ class AppLeader:
             for phone in self._phones.values()
         ]
         due += [phone.report_due_ns or 0 for phone in self.present() if phone.synced]
-        if (trigger_due_ns := self.orders.next_timer()) is not None:
-            due.append(trigger_due_ns)
+        due += [still.due_ns for still in self.orders.stills]
         return min(due, default=None)
 
     def _send_trigger(self, phone: AppPhone, now_ns: int) -> None:
         assert phone.time_map is not None, "a synced phone has a map"
         middle_ns = now_ns + REPORT_INTERVAL_NS // 2
-        offset_ns = phone.time_map.leader_from_local(middle_ns) - middle_ns
-        self._call(phone, Method.OFFSET_UPDATE, str(offset_ns))
+        self._call(phone, Method.OFFSET_UPDATE, str(phone.time_map.leader_from_local(middle_ns) - middle_ns))
         if phone.report_due_ns is None:
             known = duration(_uncertainty_ns(phone, now_ns) or 0.0)
             self._events.append(FollowerEvent(phone.name, f"phone {phone.name} has the time to {known}"))
@@ -192,9 +186,8 @@ class AppLeader:
 
 def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
     """Return the 95 % uncertainty of a phone's leader time, half a second from its offset's reference."""
-    if phone.time_map is None or not phone.synced:
-        return None
-    return phone.time_map.uncertainty_at(now_ns) + _slack_ns(phone.time_map)
+    time_map = phone.time_map if phone.synced else None
+    return None if time_map is None else time_map.uncertainty_at(now_ns) + _slack_ns(time_map)
 
 
 def _slack_ns(time_map: TimeMap) -> float:
@@ -203,11 +196,10 @@ def _slack_ns(time_map: TimeMap) -> float:
 
 
 def _status(phone: AppPhone, now_ns: int) -> FollowerStatus:
-    state = "lost" if phone.lost else "synced" if phone.synced else "synchronizing"
     status = FollowerStatus(
         name=phone.name,
         address=phone.host,
-        state=state,
+        state="lost" if phone.lost else "synced" if phone.synced else "synchronizing",
         samples=phone.samples,
         last_seen_ns=now_ns - phone.last_heard_ns,
     )

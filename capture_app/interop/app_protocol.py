@@ -6,7 +6,9 @@ big-endian 64-bit times in ns. Both go to a fixed port, regardless of the source
 authenticated nor numbered, and only heartbeats are acknowledged.
 """
 
+import re
 import struct
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,7 +27,6 @@ PERIOD_NS, GOAL_PHASE_NS, ALIGNED_NS = 33_320_000, 15_000_000, 100_000
 """Constants of the app (for a Pixel 3): frame period, target of leader time modulo period, and tolerance."""
 PROBE_INTERVAL_NS = 100_000_000
 """Minimum request interval before a phone's first reply: forged heartbeats must not cause a flood."""
-OUTSTANDING = 512
 ACCURATE_NS = 50_000.0
 """Send a phone its offset at this 95 % uncertainty, or once it stops improving. On a simulated link, twice
 this value left 3 of 16 phones up to 214 us off in their first minute; this value left none above 43 us."""
@@ -74,10 +75,8 @@ def heartbeat_name(text: str) -> str | None:
     The address in the text is ignored: it may belong to another network. The last field is the synchronized
     flag.
     """
-    parts = text.rsplit(",", 2)
-    if len(parts) != 3 or parts[2] not in ("true", "false"):
-        return None
-    return parts[0]
+    found = re.fullmatch(r"(.*),[^,]*,(?:true|false)", text, re.DOTALL)
+    return None if found is None else found[1]
 
 
 class AppPhone:
@@ -101,7 +100,7 @@ class AppPhone:
         self._schedule = SteadySchedule()
         self._schedule.begin(now_ns)
         self._probe_due_ns: int | None = now_ns
-        self._outstanding: dict[int, None] = {}
+        self._outstanding: deque[int] = deque(maxlen=512)
         self._is_request_due = False
 
     @property
@@ -125,19 +124,16 @@ class AppPhone:
 
     def take_request(self, now_ns: int) -> bool:
         """Return whether to send a request at `now_ns`, and record it as outstanding."""
-        if not self._is_request_due:
-            return False
-        self._is_request_due = False
-        self._outstanding[now_ns] = None
-        if len(self._outstanding) > OUTSTANDING:
-            del self._outstanding[next(iter(self._outstanding))]
-        return True
+        is_due, self._is_request_due = self._is_request_due, False
+        if is_due:
+            self._outstanding.append(now_ns)
+        return is_due
 
     def take_answer(self, t0_ns: int, t1_ns: int, t2_ns: int, t3_ns: int) -> None:
         """Add a reply's timestamps in ns: t0 and t3 in the leader's clock, t1 and t2 in the phone's."""
         if t0_ns not in self._outstanding:
             return
-        del self._outstanding[t0_ns]
+        self._outstanding.remove(t0_ns)
         if self._probe_due_ns is not None:
             self._probe_due_ns = None
             self._schedule.begin(t3_ns)
@@ -183,7 +179,7 @@ class AppOrders:
 
     def __init__(self) -> None:
         self.is_recording = False
-        self._stills: list[_Still] = []
+        self.stills: list[_Still] = []
         self._quiet_until_ns = 0
 
     def add_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
@@ -194,36 +190,28 @@ class AppOrders:
         """
         taken: list[int] = []
         for instant_ns in instants_ns:
-            before_ns = self._stills[-1].instant_ns if self._stills else None
+            before_ns = self.stills[-1].instant_ns if self.stills else now_ns - STILL_EVERY_NS
             trigger_ns = instant_ns - period_ns // 2
-            if trigger_ns <= now_ns or (before_ns is not None and instant_ns < before_ns + STILL_EVERY_NS):
-                continue
-            due_ns = now_ns if before_ns is None else max(now_ns, before_ns + STILL_EVERY_NS // 2)
-            self._stills.append(_Still(instant_ns, trigger_ns, due_ns))
-            taken.append(instant_ns)
+            if trigger_ns > now_ns and instant_ns >= before_ns + STILL_EVERY_NS:
+                due_ns = max(now_ns, before_ns + STILL_EVERY_NS // 2)
+                self.stills.append(_Still(instant_ns, trigger_ns, due_ns))
+                taken.append(instant_ns)
         return tuple(taken)
 
     def triggers_due(self, now_ns: int) -> list[int]:
         """Return the trigger times (leader time, ns) to send now."""
-        due = []
-        for still in self._stills:
-            if now_ns >= still.due_ns and now_ns < still.trigger_ns:
-                due.append(still.trigger_ns)
-                still.due_ns = now_ns + AGAIN_EVERY_NS
-                if still.due_ns > still.trigger_ns - LAST_CALL_NS:
-                    still.due_ns = still.instant_ns
-        for still in self._stills:
+        due = [still for still in self.stills if still.due_ns <= now_ns < still.trigger_ns]
+        for still in due:
+            again_ns = now_ns + AGAIN_EVERY_NS
+            is_last = again_ns > still.trigger_ns - LAST_CALL_NS
+            still.due_ns = still.instant_ns if is_last else again_ns
+        for still in self.stills:
             if now_ns >= still.instant_ns:
                 self._quiet_until_ns = max(self._quiet_until_ns, still.instant_ns + QUIET_AFTER_NS)
-        self._stills = [still for still in self._stills if now_ns < still.instant_ns]
-        return due
+        self.stills = [still for still in self.stills if now_ns < still.instant_ns]
+        return [still.trigger_ns for still in due]
 
     def may_align(self, now_ns: int) -> bool:
         """Return whether phones may align: no still is near and no recording runs."""
-        if self.is_recording or now_ns < self._quiet_until_ns:
-            return False
-        return all(still.instant_ns > now_ns + QUIET_BEFORE_NS for still in self._stills)
-
-    def next_timer(self) -> int | None:
-        """Return the leader time (ns) at which the next trigger message is due, or None."""
-        return min((still.due_ns for still in self._stills), default=None)
+        is_quiet = not self.is_recording and now_ns >= self._quiet_until_ns
+        return is_quiet and all(still.instant_ns > now_ns + QUIET_BEFORE_NS for still in self.stills)

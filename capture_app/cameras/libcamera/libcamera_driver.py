@@ -23,24 +23,28 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import (
     FOURCC,
     KIND,
+    KnownControls,
     configure,
     facts_as_configured,
+    first_exposure,
+    held_exposure,
+    new_settings,
     origin_of,
     parse_options,
     properties_of,
+    read_states,
     typical_period_ns,
     with_exposure,
     with_rows,
 )
-from capture_app.cameras.libcamera.controls import (
-    KnownControls,
-    first_exposure,
-    held_exposure,
-    new_settings,
-    read_states,
+from capture_app.cameras.libcamera.libcamera_stream import (
+    PACKAGE,
+    FinishedFrame,
+    Library,
+    RequestStream,
+    StampClock,
+    load_library,
 )
-from capture_app.cameras.libcamera.libcamera_library import PACKAGE, Library, load_library
-from capture_app.cameras.libcamera.libcamera_stream import FinishedFrame, RequestStream, StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.cameras.system_packages import is_installed
 from capture_app.common.camera_facts import CameraListing, Control, ControlState, PhaseControl

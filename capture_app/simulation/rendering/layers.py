@@ -13,8 +13,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.rendering import lighting
 from capture_app.simulation.rendering.lighting import OpenSky
 from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
-from capture_app.simulation.scenes.definition import Floats
 from capture_app.simulation.scenes.moving_bodies import Poses
+from capture_app.simulation.scenes.stages import Floats
 
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Offsets of a pixel's four samples from its centre, right and down, in px."""

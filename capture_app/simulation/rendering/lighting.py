@@ -5,7 +5,7 @@ Directions point from a surface to the light; colours are linear BGR.
 
 import numpy as np
 
-from capture_app.simulation.scenes.definition import Floats
+from capture_app.simulation.scenes.stages import Floats
 
 _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)

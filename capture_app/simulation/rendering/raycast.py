@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
-from capture_app.simulation.scenes.definition import Floats, Mesh
+from capture_app.simulation.scenes.stages import Floats, Mesh
 
 _SRGB = np.arange(256, dtype=np.float32) / 255.0
 LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4).astype(np.float32)

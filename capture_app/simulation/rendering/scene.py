@@ -24,8 +24,7 @@ from capture_app.simulation.rendering.layers import (
 from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.scenes import moving_bodies
-from capture_app.simulation.scenes.definition import Floats, SceneDefinition
-from capture_app.simulation.scenes.stages import DEFINITIONS
+from capture_app.simulation.scenes.stages import DEFINITIONS, Floats, SceneDefinition
 
 SCENES = tuple(DEFINITIONS)
 

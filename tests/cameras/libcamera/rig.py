@@ -14,8 +14,7 @@ from typing import Any, cast
 from benchmarks.simulated.links import Link
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.libcamera_driver import LibcameraCamera
-from capture_app.cameras.libcamera.libcamera_library import Library
-from capture_app.cameras.libcamera.libcamera_stream import StampClock
+from capture_app.cameras.libcamera.libcamera_stream import Library, StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump

@@ -10,8 +10,7 @@ import pytest
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import parse_options
 from capture_app.cameras.libcamera.libcamera_driver import listings
-from capture_app.cameras.libcamera.libcamera_library import Library
-from capture_app.cameras.libcamera.libcamera_stream import StampClock
+from capture_app.cameras.libcamera.libcamera_stream import Library, StampClock
 from capture_app.common.camera_facts import MICROSECONDS, Control, PhaseControl, StampSource
 from capture_app.common.errors import BadInputError, CameraError, NotAvailableError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from capture_app.simulation.scenes import definition
+from capture_app.simulation.scenes import stages
 
 Window = tuple[float, float, float, float]
 """A part of a texture: left, top, right, bottom in texture widths and heights; above 1 it repeats."""
@@ -18,7 +18,7 @@ WHOLE: Window = (0.0, 0.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
-class Mesh(definition.Mesh):
+class Mesh(stages.Mesh):
     """A mesh that can still be moved."""
 
     def moved(self, offset: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> "Mesh":

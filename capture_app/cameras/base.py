@@ -28,6 +28,24 @@ class DeviceClock:
     hard_bound_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class SwitchedControl:
+    """A driver's names for a control's value and for the switch that makes it automatic."""
+
+    value: str
+    unit: str | None
+    """None for steps of that model."""
+    switch: str
+    manual: int = 0
+    """Value of the switch for a fixed value."""
+    automatic: tuple[int, ...] = (1,)
+    """Its values for an automatic one, preferred first; the first that the driver accepts is used."""
+    scale: float = 1.0
+    """Size of one step of the value, in `unit`."""
+    together: tuple[str, ...] = ()
+    """Other values that the same switch governs, or that contradict this one."""
+
+
 OnFrame = Callable[[CapturedFrame], None]
 OnFailure = Callable[[Exception], None]
 

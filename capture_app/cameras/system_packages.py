@@ -22,7 +22,6 @@ FOLDERS = (
     f"/usr/lib/python{_VERSION}/site-packages",
 )
 """Folders of the distributions' own Python modules: Debian's for all its versions, then others."""
-_BUILT_FOR = re.compile(r"\.cpython-(\d)(\d+)-")
 _SUFFIXES = frozenset(suffix.removeprefix(".") for suffix in EXTENSION_SUFFIXES)
 
 
@@ -92,5 +91,7 @@ def _other_versions(spec: ModuleSpec) -> list[str]:
     ]
     if any(name.partition(".")[2] in _SUFFIXES for name in compiled):
         return []
-    found = {(int(m[1]), int(m[2])) for name in compiled if (m := _BUILT_FOR.search(name))}
+    found = {
+        (int(m[1]), int(m[2])) for name in compiled if (m := re.compile(r"\.cpython-(\d)(\d+)-").search(name))
+    }
     return [f"{major}.{minor}" for major, minor in sorted(found)]

@@ -31,7 +31,6 @@ OPTIONS = {
     "height": "the same",
     "fps": "frames a second; a webcam may choose another rate",
 }
-MAX_FPS = 1000.0
 MAX_MISSES, MISS_PAUSE_S = 10, 0.05
 """Consecutive missing frames after which the webcam counts as disconnected, and the pause after each."""
 
@@ -64,7 +63,7 @@ class Webcam:
             if value is not None:
                 self._capture.set(prop, value)
         reported_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.fps = reported_fps if 0.1 <= reported_fps <= MAX_FPS else request.fps or DEFAULT_FPS
+        self.fps = reported_fps if 0.1 <= reported_fps <= 1000.0 else request.fps or DEFAULT_FPS
 
     def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
         """Wait for a frame; return its arrival (ns, host's clock) and BGR (H, W, 3), or None without one."""

@@ -27,7 +27,6 @@ CAMERA_OPTIONS = "drops=0,scale=0.75,samples=2"
 """Nothing lost; pictures of 480x360, two rays a pixel, show all that finer ones do, and are quickly made."""
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
-TOLERANCE_US = 50
 
 
 class NodeErrors(Struct, frozen=True, kw_only=True):
@@ -112,7 +111,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     plan = taking.TakePlan(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)
     async with AsyncRig(sessions=out) as rig:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
-        order = AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
+        order = AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=50)
         await give_order(rig.address, order)
         async for event in rig.take(plan):
             match event:

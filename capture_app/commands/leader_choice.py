@@ -20,9 +20,6 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-LOOK_EVERY_S = 0.5
-"""Interval between checks for a new phone invitation, s."""
-
 
 CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
 code_option = click.option(
@@ -117,7 +114,7 @@ async def inviting_phones(
     async def keep_showing() -> None:
         nonlocal shown
         while True:
-            await asyncio.sleep(LOOK_EVERY_S)
+            await asyncio.sleep(0.5)
             with contextlib.suppress(SimulshotError):
                 if (asked := await ask()).url != shown.url:
                     shown = asked

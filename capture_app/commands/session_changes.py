@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from capture_app.rig.repair import RepairResult
 
 _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
-WAIT_S = 20.0
 
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
@@ -130,7 +129,7 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
 @click.option(
     "--wait-s",
     type=FiniteRange(min=0),
-    default=WAIT_S,
+    default=20.0,
     metavar="S",
     help="Time for nodes to connect and send the images they still have; 0 does not wait for nodes.",
 )

@@ -15,7 +15,6 @@ import ifaddr
 from capture_app.common.errors import NetworkError
 
 _IFF_UP, _IFF_LOOPBACK = 0x1, 0x8
-_NETWORKS = Path("/sys/class/net")
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
 """Hosts that mean all interfaces."""
@@ -48,7 +47,7 @@ def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> 
 def _named_hosts() -> Iterator[tuple[str, ipaddress.IPv4Address | ipaddress.IPv6Address]]:
     for adapter in ifaddr.get_adapters():
         with contextlib.suppress(OSError):
-            flags = int((_NETWORKS / adapter.name / "flags").read_text(), 16)
+            flags = int((Path("/sys/class/net") / adapter.name / "flags").read_text(), 16)
             if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
                 for ip in adapter.ips:
                     host = ipaddress.ip_address(ip.ip if isinstance(ip.ip, str) else ip.ip[0])

@@ -11,8 +11,6 @@ import runpy
 import signal
 import sys
 
-_PR_SET_PDEATHSIG = 1
-
 
 def main() -> None:
     """Run the module named by the second argument."""
@@ -28,7 +26,7 @@ def _end_with(parent: int) -> None:
     """Ask Linux to kill this process, even a paused one, when its parent ends; other systems ignore this."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
-        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:  # the parent has ended already
             sys.exit(1)
 

@@ -252,8 +252,9 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def clamped(self, value: float) -> float:
         """Return the value clamped to the range."""
-        bounded = self.minimum is not None and self.maximum is not None
-        return min(max(value, self.minimum), self.maximum) if bounded else value
+        if self.minimum is None or self.maximum is None:
+            return value
+        return min(max(value, self.minimum), self.maximum)
 
 
 def describe(state: ControlState | None) -> str:

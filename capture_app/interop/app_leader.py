@@ -30,8 +30,7 @@ from capture_app.sync.clock.time_map import TimeMap
 
 Address = tuple[str, int]
 MAX_PHONES = 32
-REPORT_INTERVAL_NS = 1_000_000_000
-ALIGN_EVERY_NS = 5_000_000_000
+REPORT_INTERVAL_NS, ALIGN_EVERY_NS = 1_000_000_000, 5_000_000_000
 SILENT_NS, FORGOTTEN_NS = 5_000_000_000, 60_000_000_000
 EXCHANGES_PER_S = 1000.0
 """Maximum rate of clock exchanges, over all phones together."""

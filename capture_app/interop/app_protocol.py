@@ -25,8 +25,6 @@ MAX_BYTES = 1024
 
 PERIOD_NS, GOAL_PHASE_NS, ALIGNED_NS = 33_320_000, 15_000_000, 100_000
 """Constants of the app (for a Pixel 3): frame period, target of leader time modulo period, and tolerance."""
-PROBE_INTERVAL_NS = 100_000_000
-"""Minimum request interval before a phone's first reply: forged heartbeats must not cause a flood."""
 ACCURATE_NS = 50_000.0
 """Send a phone its offset at this 95 % uncertainty, or once it stops improving. On a simulated link, twice
 this value left 3 of 16 phones up to 214 us off in their first minute; this value left none above 43 us."""
@@ -160,7 +158,8 @@ class AppPhone:
     def _prepare_request(self, now_ns: int) -> None:
         self._is_request_due = True
         if self._probe_due_ns is not None:
-            self._probe_due_ns = now_ns + PROBE_INTERVAL_NS
+            # Forged heartbeats must not cause a flood before a phone's first reply.
+            self._probe_due_ns = now_ns + 100_000_000
         else:
             self._schedule.request_sent(now_ns, self._progress)
 

@@ -28,7 +28,6 @@ shorter interval does not help."""
 READY_EVERY_NS = 10_000_000_000
 """Interval of ready times in leader time; clients start recording together at the first one after a
 packet."""
-HOPS = 1
 
 
 def sync_packet(
@@ -70,7 +69,7 @@ class RpicamSync(RigFollower):
     async def _run(self, clock: NodeClock, grid: Callable[[], SharedGrid | None]) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.setblocking(False)
-            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
             while True:
                 if (shared := grid()) is not None:
                     self._send(sock, clock, shared)

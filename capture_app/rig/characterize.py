@@ -39,13 +39,10 @@ OUTLIER = 4.0
 MIN_SHIFTS = 6
 WIDEST_NS = 200_000.0
 """Maximum step: no sensor's row time is longer."""
-MIN_NOISE_NS = 500.0
-"""Minimum noise: no timestamps are better, and finer steps would take long to distinguish."""
 FINEST = 2.0
 """Minimum step, in multiples of the noise."""
 NORMAL = sqrt(2.0 * pi * e)
 """Width of uniform noise with the same entropy as normal noise of 1 sd, in sd."""
-CANDIDATES_AT_ONCE = 10_000
 SURE = log(100.0)
 """Minimum log-likelihood advantage of a step over the best of as many false candidates."""
 MOVES = 20
@@ -54,10 +51,6 @@ STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOV
 """Stretch of each frame beyond the first stretch; no two differences are equal."""
 SETTLING_FRAMES = 40
 """Frames before anything is counted, because a stream that has just begun may stutter."""
-AFTER_START_FRAMES = 12
-"""Frames watched after each start."""
-GOLDEN = 0.618
-"""Restart phases, in multiples of this fraction of the period, cover it evenly for any number of them."""
 
 
 class Moves(Struct, frozen=True, kw_only=True):
@@ -208,7 +201,8 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
 
     None if no step is likely enough, as one hardly wider than the noise, or if there are too few shifts.
     """
-    noise_ns = max(noise_ns, MIN_NOISE_NS)
+    # No timestamps are better than 500 ns, and finer steps would take long to distinguish.
+    noise_ns = max(noise_ns, 500.0)
     if len(shifts_ns) < MIN_SHIFTS or FINEST * noise_ns >= WIDEST_NS:
         return None
     # Differences from the minimum are smaller, so fewer candidates distinguish their multiples.
@@ -216,7 +210,7 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
     ratio = 1.0 - noise_ns / max(offs.max(), noise_ns) / 2.0
     steps_ns = WIDEST_NS * ratio ** np.arange(ceil(log(FINEST * noise_ns / WIDEST_NS) / log(ratio)))
     # In parts, as there are up to a million candidates.
-    parts = np.array_split(steps_ns, ceil(len(steps_ns) / CANDIDATES_AT_ONCE))
+    parts = np.array_split(steps_ns, ceil(len(steps_ns) / 10_000))
     residuals_ns = np.concatenate([_residuals(offs, part) for part in parts])
     likely = np.log(steps_ns / np.maximum(residuals_ns, noise_ns / 2.0))
     advantage = (len(offs) - 2) * (likely.max() - log(NORMAL))
@@ -350,12 +344,13 @@ async def characterize(
         talk(f"starting it {count(starts, 'time')}")
         for number in range(starts):
             if by_restart:
-                latencies_ns.append(await watch.restart(round(number * GOLDEN % 1.0 * facts.period_ns)))
+                # Multiples of this fraction of the period cover it evenly for any number of restarts.
+                latencies_ns.append(await watch.restart(round(number * 0.618 % 1.0 * facts.period_ns)))
             else:
                 await watch.camera.stop()
                 watch = StreamWatch(reopen(), clock)
                 latencies_ns.append(await watch.start())
-            await watch.frames(AFTER_START_FRAMES)
+            await watch.frames(12)
     finally:
         await watch.camera.stop()
     if latencies_ns:

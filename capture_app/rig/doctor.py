@@ -40,13 +40,11 @@ from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
-USB2_MBIT_S = 480
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
 SAMPLE_BYTES = 16 << 20
 SLOW_MB_S = 20.0
 """A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
-LITTLE_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +74,7 @@ def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[UsbCamer
 
 def crowded_buses(cameras: list[UsbCamera]) -> list[list[UsbCamera]]:
     """Return the cameras of each USB 2 bus with several: it is too slow for their uncompressed images."""
-    slow = sorted((one for one in cameras if one.speed_mbit_s <= USB2_MBIT_S), key=attrgetter("bus"))
+    slow = sorted((one for one in cameras if one.speed_mbit_s <= 480), key=attrgetter("bus"))
     by_bus = (list(sharing) for _, sharing in groupby(slow, attrgetter("bus")))
     return [sharing for sharing in by_bus if len(sharing) > 1]
 
@@ -123,7 +121,7 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
     except (OSError, DiskError) as error:
         failure = error if isinstance(error, DiskError) else disk_error(error, folder)
         return Finding("disk", "problem", f"{holds}: {failure.what}", other)
-    remedy = f"free some space, or {other}" if free < LITTLE_BYTES else ""
+    remedy = f"free some space, or {other}" if free < (1 << 30) else ""
     if mb_s < SLOW_MB_S:
         remedy = remedy or f"{other} on a faster disk"
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"

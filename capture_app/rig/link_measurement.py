@@ -29,8 +29,6 @@ from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS, SteadyS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 TRIALS, REPLAYED_TRIALS = 10, 100
-REPLAYED_SKEW_PPM = 20.0
-"""Standard deviation of the simulated clocks' skew on a recorded link; offsets are hours."""
 
 COLUMNS = ("t_s", "rtt_ms")
 MIN_ROWS = 50
@@ -278,7 +276,8 @@ def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, see
     for number in range(trials):
         rng = random.Random(f"{seed} recorded {number}")
         start = rng.randrange(len(link.there_ns))
-        clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, REPLAYED_SKEW_PPM), 10**12)
+        # A clock that is hours off, with a skew of 20 ppm (1 sd).
+        clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, 20.0), 10**12)
         arrivals_true_ns, samples = zip(*link.exchanges(clock, start, messages), strict=True)
         engine = ClockFilter()
         for sample in samples:

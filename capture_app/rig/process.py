@@ -27,7 +27,6 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
 CHECK_EVERY_S = 0.1
-MAX_LOGS = 10
 
 
 class RunningRig(Struct, frozen=True, kw_only=True):
@@ -177,7 +176,8 @@ async def attach(
 def _new_log() -> Path:
     folder = rigs_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    for old in sorted(folder.glob("*.log"))[: 1 - MAX_LOGS]:
+    # The newest nine stay, beside the new one.
+    for old in sorted(folder.glob("*.log"))[:-9]:
         with contextlib.suppress(OSError):
             old.unlink()
     return folder / f"{time.time_ns()}.log"

@@ -31,7 +31,6 @@ from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, LogLine, Preview, RigStatus
 
 A = TypeVar("A", bound=Message)
-ISO_OF_GAIN_1 = 100
 RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
@@ -140,7 +139,7 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
         return {}
     exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
     if exposure and gain and exposure.value is not None and gain.value is not None and gain.unit == TIMES:
-        iso = round(gain.value * ISO_OF_GAIN_1)
+        iso = round(gain.value * 100)
         await give_order(leader, ExposeAppPhones(exposure_ns=round(exposure.value * 1000), iso=iso))
         problem = "the value was sent; the phone does not confirm it"
         problems = {Control.EXPOSURE: problem, Control.GAIN: problem}

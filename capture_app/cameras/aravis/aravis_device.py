@@ -68,9 +68,6 @@ _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatc
 """Features that read the counter: SFNC 2 in ns, GigE Vision 1 in ticks."""
 _CONTROL, _HIGH, _LOW, _LATCH = 0x0944, 0x0948, 0x094C, 2
 """Registers in the bootstrap memory of every GigE Vision device that read the counter."""
-_SOCKET_BYTES = 8 << 20
-_MARGIN_NS = 100
-"""Added to a duration so that it is not rounded down to the step below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +256,8 @@ class AravisDevice:
     def set_period(self, period_ns: int) -> None:
         """Set the frame duration (ns) of all following frames. Raises CameraError."""
         with camera_errors(self.address):
-            self._camera.set_float(self._rate, 1e9 / (period_ns + _MARGIN_NS))
+            # A little longer, so that it is not rounded down to the step below.
+            self._camera.set_float(self._rate, 1e9 / (period_ns + 100))
 
     def start(self, on_lost: Any) -> None:
         """Start streaming; `on_lost` is called, on another thread, when the control of the camera is lost."""
@@ -400,7 +398,7 @@ class AravisDevice:
         stream = camera.create_stream(None, None)
         if camera.is_gv_device():
             stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
-            stream.set_property("socket-buffer-size", _SOCKET_BYTES)
+            stream.set_property("socket-buffer-size", (8 << 20))
         payload = camera.get_payload()
         for _ in range(buffer_count(payload, self.facts.period_ns, max_count=64, max_bytes=256 << 20)):
             stream.push_buffer(self._aravis.Buffer.new_allocate(payload))

@@ -91,26 +91,13 @@ class LatchedClock:
         return DeviceClock(uncertainty_ns=round(uncertainty_ns), hard_bound_ns=round(bound_ns))
 
 
-class FrameNumbers:
-    """Converts the transport's frame numbers, of 16 bits without 0 in GigE Vision 1, to a sequence."""
+def frames_between(last: int, number: int) -> int:
+    """Return the frames from one of the transport's numbers to another; negative for one out of order.
 
-    _CYCLE = 65_535
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self._sequence = 0
-
-    def count(self, number: int) -> int | None:
-        """Return a frame's number since the first one; None for a frame that is out of order."""
-        if self._last is not None:
-            step = number - self._last
-            if step < -self._CYCLE // 2 and self._last <= self._CYCLE:
-                step += self._CYCLE
-            if step <= 0:
-                return None
-            self._sequence += step
-        self._last = number
-        return self._sequence
+    In GigE Vision 1, numbers have 16 bits and leave out 0.
+    """
+    wraps = last <= 65_535 and number - last < -32_768
+    return number - last + 65_535 * wraps
 
 
 _log = logging.getLogger(__name__)
@@ -133,7 +120,8 @@ class AravisCamera(ThreadedCamera):
         self._target_ns: deque[int] = deque()
         """Requested durations, each for one coming frame, that are not yet sent to the camera."""
         self._restore_at_ns: int | None = None
-        self._numbers = FrameNumbers()
+        self._last_number: int | None = None
+        self._sequence = 0
 
     @property
     def device_clock(self) -> DeviceClock | None:
@@ -245,8 +233,12 @@ class AravisCamera(ThreadedCamera):
                 self._say(self._read_counter, self._readings)
 
     def _take(self, frame: DeviceFrame) -> None:
-        sequence = self._numbers.count(frame.number)
-        if frame.data is None or sequence is None:
+        step = 0 if self._last_number is None else frames_between(self._last_number, frame.number)
+        if step <= 0 and self._last_number is not None:
+            return  # it is out of order
+        self._last_number = frame.number
+        self._sequence += step
+        if frame.data is None:
             return  # its number is missing from the stream, as with any dropped frame
         stamp_ns = self._stamp_ns(frame)
         if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
@@ -254,7 +246,7 @@ class AravisCamera(ThreadedCamera):
             return
         facts, readings = self.facts, self._readings
         captured = CapturedFrame(
-            sequence=sequence,
+            sequence=self._sequence,
             stream=0,
             timestamp_ns=stamp_ns,
             picture=machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format),

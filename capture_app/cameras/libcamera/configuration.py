@@ -3,12 +3,12 @@
 import dataclasses
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from msgspec.structs import replace
 
+from capture_app.cameras.base import SwitchedControl
 from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.specs import CameraRequest, read_request
 from capture_app.common.camera_facts import (
@@ -78,24 +78,13 @@ def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[st
     return {name: value for name, value in held.items() if value is not None}
 
 
-@dataclass(frozen=True, slots=True)
-class _Control:
-    """A control of the library, and the switch that makes it automatic, with its two values."""
-
-    value: str
-    unit: str
-    switch: str
-    manual: bool | int = False
-    automatic: bool | int = True
-    together: tuple[str, ...] = ()
-    """Other values that the same switch governs, or that contradict this one."""
-
-
+_AE, _AWB = ("AeEnable", False, (True,)), ("AwbEnable", False, (True,))
+"""Switches of automatic exposure and white balance, with their values for manual and automatic."""
 _CONTROLS = {
-    Control.EXPOSURE: _Control("ExposureTime", MICROSECONDS, "AeEnable", together=("AnalogueGain",)),
-    Control.GAIN: _Control("AnalogueGain", TIMES, "AeEnable", together=("ExposureTime",)),
-    Control.WHITE_BALANCE: _Control("ColourTemperature", KELVIN, "AwbEnable", together=("ColourGains",)),
-    Control.FOCUS: _Control("LensPosition", DIOPTRES, "AfMode", manual=0, automatic=2),
+    Control.EXPOSURE: SwitchedControl("ExposureTime", MICROSECONDS, *_AE, together=("AnalogueGain",)),
+    Control.GAIN: SwitchedControl("AnalogueGain", TIMES, *_AE, together=("ExposureTime",)),
+    Control.WHITE_BALANCE: SwitchedControl("ColourTemperature", KELVIN, *_AWB, together=("ColourGains",)),
+    Control.FOCUS: SwitchedControl("LensPosition", DIOPTRES, "AfMode", automatic=(2,)),
 }
 
 
@@ -113,8 +102,8 @@ def read_states(
             ControlState(
                 control=control,
                 value=None if value is None else float(value),
-                unit=of.unit,
-                automatic=of.switch in known and settings.get(of.switch, of.automatic) == of.automatic,
+                unit=of.unit or "",
+                automatic=of.switch in known and settings.get(of.switch, of.automatic[0]) in of.automatic,
                 can_be_automatic=of.switch in known,
                 minimum=float(limits[0]),
                 maximum=float(min(limits[1], period_us) if control is Control.EXPOSURE else limits[1]),
@@ -137,7 +126,7 @@ def new_settings(
             hint="capture-app cameras controls shows what each camera can set",
         )
     if value is None:
-        return {of.switch: of.automatic}, (of.value, *of.together)
+        return {of.switch: of.automatic[0]}, (of.value, *of.together)
     number = round(value) if control in (Control.EXPOSURE, Control.WHITE_BALANCE) else float(value)
     settings = {of.switch: of.manual, of.value: number}
     if of.switch != "AeEnable":

@@ -69,7 +69,6 @@ IN_EFFECT_FRAMES = 6
 """Max number of frames, after the requests already queued, until a setting takes effect."""
 UNSETTLED_FRAMES = 3
 """First frames after a start, whose metadata may be wrong."""
-PERIOD_FRAMES = 15
 INSIDE_ROW = 0.25
 """Fraction of a row added to a requested duration, because a driver may truncate or round it."""
 SPEC = f"{KIND}:ID[,key=value…]"
@@ -270,7 +269,7 @@ class LibcameraCamera(ThreadedCamera):
 
     async def _learn_period(self) -> None:
         """Measure the frame period of a camera whose frame durations cannot be set."""
-        seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
+        seen = (await self._next_frames(UNSETTLED_FRAMES + 15))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
         period_ns = typical_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
         self._facts = with_exposure(

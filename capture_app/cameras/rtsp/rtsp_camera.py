@@ -20,7 +20,6 @@ from capture_app.cameras.rtsp.connection import (
     AccessUnit,
     AccessUnits,
     Connection,
-    VideoStream,
     reported_ticks,
 )
 from capture_app.cameras.specs import read_request
@@ -187,6 +186,7 @@ class RtspCamera(ThreadedCamera):
         self._begun_with: list[int] = []
         """Media times of the first frames, which are not delivered."""
         self._last_ns = self._sequence = 0
+        self._is_damaged = True
         self._begun_s = 0.0
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
@@ -254,14 +254,37 @@ class RtspCamera(ThreadedCamera):
                     await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))
 
     async def _decode(self) -> None:
-        decoder = _Decoder(self._connection.stream)
+        codec = load_av().CodecContext.create(self._connection.stream.codec, "r")
+        codec.extradata = self._connection.stream.parameter_sets or None
+        codec.options = {"max_pixels": str(MAX_PIXELS)}
         while True:
             media_ns, unit = await self._waiting.get()
-            for picture_ns, picture in await self._in_worker(decoder.decode, media_ns, unit):
+            for picture in await self._in_worker(self._pictures, codec, media_ns, unit):
                 if not self._begun.done():
-                    self._begin(picture_ns, picture)
+                    self._begin(picture.pts, picture)
                 else:
-                    self._hand_on(picture_ns, picture)
+                    self._hand_on(picture.pts, picture)
+
+    def _pictures(self, codec: Any, media_ns: int, unit: AccessUnit) -> list[Any]:
+        """Return the frames, as PyAV objects with their media times, that a unit completes.
+
+        After a lost packet, all frames up to the next key frame are dropped.
+        """
+        av = load_av()
+        self._is_damaged |= not unit.whole
+        packet = av.Packet(unit.data)
+        packet.pts = media_ns
+        try:
+            frames = codec.decode(packet)
+        except av.FFmpegError:
+            self._is_damaged = True
+            return []
+        found = []
+        for frame in frames:
+            self._is_damaged &= not frame.key_frame
+            if not self._is_damaged and frame.pts is not None:
+                found.append(frame)
+        return found
 
     def _begin(self, media_ns: int, picture: Any) -> None:
         """Start delivery once the rate is known, and sender reports have arrived or timed out."""
@@ -316,33 +339,6 @@ class RtspCamera(ThreadedCamera):
                 clock_uncertainty_ns=self._clock.uncertainty_ns(media_ns),
             )
         )
-
-
-class _Decoder:
-    """Decodes frames in order; after a lost packet it drops all frames up to the next key frame."""
-
-    def __init__(self, stream: VideoStream) -> None:
-        self._av, self._is_damaged = load_av(), True
-        self._codec = self._av.CodecContext.create(stream.codec, "r")
-        self._codec.extradata = stream.parameter_sets or None
-        self._codec.options = {"max_pixels": str(MAX_PIXELS)}
-
-    def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, Any]]:
-        """Return the frames, as PyAV objects, that a unit completes, each with its media time."""
-        self._is_damaged |= not unit.whole
-        packet = self._av.Packet(unit.data)
-        packet.pts = media_ns
-        try:
-            frames = self._codec.decode(packet)
-        except self._av.FFmpegError:
-            self._is_damaged = True
-            return []
-        found = []
-        for frame in frames:
-            self._is_damaged &= not frame.key_frame
-            if not self._is_damaged and frame.pts is not None:
-                found.append((frame.pts, frame))
-        return found
 
 
 def load_av() -> Any:

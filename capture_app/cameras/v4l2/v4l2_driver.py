@@ -15,7 +15,6 @@ import stat
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from msgspec import structs
@@ -24,6 +23,7 @@ from capture_app.cameras.base import (
     Camera,
     OnFailure,
     OnFrame,
+    SwitchedControl,
     ThreadedCamera,
     buffer_count,
     wait_for_start,
@@ -50,8 +50,6 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
 """Step of the exposure control."""
-_FOREIGN_CLOCK_NS = 60_000_000_000
-"""A stamp this far from its frame's arrival is not in this process's monotonic clock."""
 _SOURCES = {
     v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
     v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
@@ -82,34 +80,19 @@ def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Control:
-    """A control and the switch that makes it automatic, with the switch's two values."""
-
-    value: str
-    switch: str
-    manual: int = 0
-    automatic: tuple[int, ...] = (1,)
-    """Candidates in order of preference; the first that the driver accepts is used."""
-    unit: str | None = None
-    """None for steps of that model."""
-    scale: float = 1.0
-    """Size of one step, in `unit`."""
-
-
 _CONTROLS = {
-    Control.EXPOSURE: _Control(
+    Control.EXPOSURE: SwitchedControl(
         "EXPOSURE_ABSOLUTE",
+        MICROSECONDS,
         "EXPOSURE_AUTO",
         manual=v4l2.EXPOSURE_MANUAL,
         # Webcams cannot move the aperture and call this "aperture priority"; other cameras call it automatic.
         automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
-        unit=MICROSECONDS,
         scale=_UNIT_NS / 1000,
     ),
-    Control.GAIN: _Control("GAIN", "AUTOGAIN"),
-    Control.WHITE_BALANCE: _Control("WHITE_BALANCE_K", "AUTO_WHITE_BALANCE", unit=KELVIN),
-    Control.FOCUS: _Control("FOCUS_ABSOLUTE", "FOCUS_AUTO"),
+    Control.GAIN: SwitchedControl("GAIN", None, "AUTOGAIN"),
+    Control.WHITE_BALANCE: SwitchedControl("WHITE_BALANCE_K", KELVIN, "AUTO_WHITE_BALANCE"),
+    Control.FOCUS: SwitchedControl("FOCUS_ABSOLUTE", None, "FOCUS_AUTO"),
 }
 
 
@@ -154,7 +137,7 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
     device.set_control(of.value, round(value / of.scale))
 
 
-def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
+def _set_automatic(device: VideoDevice, control: Control, of: SwitchedControl) -> None:
     switch = device.control(of.switch)
     if switch is None:
         raise CameraError(
@@ -332,7 +315,8 @@ class V4L2Camera(ThreadedCamera):
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
         if not self._clock_checked:
-            if abs(buffer.timestamp_ns - time.monotonic_ns()) > _FOREIGN_CLOCK_NS:
+            # A stamp a minute from its frame's arrival is not in this process's monotonic clock.
+            if abs(buffer.timestamp_ns - time.monotonic_ns()) > 60_000_000_000:
                 self._fail(_foreign_clock(self._device.path))
                 return
             self._clock_checked = True

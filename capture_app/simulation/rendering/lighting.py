@@ -10,8 +10,6 @@ from capture_app.simulation.scenes.stages import Floats
 _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
 SUN = np.array([0.62, 0.84, 1.0], np.float32) * 2.7
-SUN_HALF_WIDTH_RAD = 0.012
-"""Half width of the sun with its haze, in radians; it sets how shadows soften with distance."""
 
 _TO_WINDOW = np.array([-0.70, -0.42, -0.58], np.float32)
 TO_WINDOW: Floats = _TO_WINDOW / np.linalg.norm(_TO_WINDOW)
@@ -100,7 +98,8 @@ def tangents(normals: Floats) -> tuple[Floats, Floats]:
 
 def sun_direction(number: int, count: int) -> Floats:
     """Return the direction (3) to one of `count` points distributed over the sun's disc."""
-    radius = SUN_HALF_WIDTH_RAD * np.sqrt((number + 0.5) / count)
+    # Radians, with its haze: it sets how shadows soften with distance.
+    radius = 0.012 * np.sqrt((number + 0.5) / count)
     angle = 2 * np.pi * 0.618034 * number
     towards = TO_SUN + radius * (np.cos(angle) * ACROSS + np.sin(angle) * ALONG)
     return np.asarray(towards / np.linalg.norm(towards), np.float32)

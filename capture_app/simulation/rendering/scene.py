@@ -28,8 +28,6 @@ from capture_app.simulation.scenes.stages import DEFINITIONS, Floats, SceneDefin
 
 SCENES = tuple(DEFINITIONS)
 
-_BLUR_STEP_NS = 4_000_000
-"""Exposure per repetition of a pixel's samples, up to 4 repetitions."""
 _STEPS = 8192
 _WHITE = 6.0
 """Linear light at the end of the tone curve's table."""
@@ -88,7 +86,8 @@ class Scene:
         """
         camera = self._view(view)
         layers, still_light = self._layers(camera)
-        repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4)) if self._samples > 1 else 1
+        # The samples of a pixel are repeated for each 4 ms of exposure, up to 4 times.
+        repeats = int(np.clip(-(-exposure_ns // 4_000_000), 1, 4)) if self._samples > 1 else 1
         light = still_light * repeats
         flat = light.reshape(-1, 3)
         count = repeats * len(layers)

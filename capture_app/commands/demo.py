@@ -2,6 +2,7 @@
 
 import textwrap
 import time
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -143,18 +144,16 @@ def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:
             hint="give a simulated session, such as sample_sessions/jumper",
         )
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
-    worst: dict[str, NodeErrors] = {}
+    errors = defaultdict[str, list[NodeErrors]](list)
     for image in session.manifest.images:
         instant_ns = session.manifest.burst.instants_ns[image.instant]
         assert image.local_ns is not None
-        errors = NodeErrors(
+        of_image = NodeErrors(
             name=image.camera,
             clock_error_ns=image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
             phase_error_ns=image.leader_ns - instant_ns,
             total_error_ns=true_ns[image.camera, image.instant] - instant_ns,
             hard_bound_ns=image.hard_bound_ns or 0,
         )
-        known = worst.get(image.camera)
-        if known is None or abs(errors.total_error_ns) > abs(known.total_error_ns):
-            worst[image.camera] = errors
-    return tuple(worst[name] for name in sorted(worst))
+        errors[image.camera].append(of_image)
+    return tuple(max(errors[name], key=lambda one: abs(one.total_error_ns)) for name in sorted(errors))

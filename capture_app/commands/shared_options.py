@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import os
 import signal
 import socket
@@ -85,18 +86,11 @@ def name_option(text: str) -> Callable[[F], F]:
     """Make the option --name of a node or a relay; `text` is its help."""
     return click.option(
         "--name",
+        type=ParsedType("text", functools.partial(check_name, what="node")),
         default=lambda: name_like(socket.gethostname().split(".")[0], "node"),
-        callback=_check_node_name,
         show_default="the host name",
         help=text,
     )
-
-
-def _check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
-    try:
-        return check_name(value, "node")
-    except BadInputError as error:
-        raise click.BadParameter(str(error)) from None
 
 
 spool_option = click.option(

@@ -69,12 +69,11 @@ class AppPhones(RigFollower):
         """Order a burst's stills or video from the connected phones."""
         if not (phones := len(self._engine.present())):
             return
-        burst = take.burst
-        if burst.video:
-            self._begin_recording(lambda: take.burst.instants_ns[-1], take.finished)
+        if take.burst.video:
+            self._recordings.start(self._record(lambda: take.burst.instants_ns[-1], take.finished))
             self._log_order(phones, RECORD)
         else:
-            self._log_order(phones, self._order(burst.instants_ns, burst.period_ns))
+            self._log_order(phones, self._order(take.burst.instants_ns, take.burst.period_ns))
 
     def take_alone(self, request: BurstRequest) -> str:
         """Order a capture on a rig without cameras; return the order in words, empty without phones.
@@ -98,22 +97,17 @@ class AppPhones(RigFollower):
                 "phones alone record for a given time", hint="capture-app record --seconds 10"
             )
         last_ns = first_ns + round(request.seconds * 1e9)
-        self._begin_recording(lambda: last_ns, asyncio.Event())
+        self._recordings.start(self._record(lambda: last_ns, asyncio.Event()))
         return self._log_order(phones, RECORD)
 
     def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
         taken = self._engine.order_stills(instants_ns, period_ns, self._clock.now_ns())
-        which = f"{len(taken)} of {count(len(instants_ns), 'instant')}"
-        return f"take {which}: one each half a second at most"
-
-    def _begin_recording(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
-        """Record on the phones until `ends_ns()` (leader time, may change) or until `finished` is set."""
-        self._recordings.start(self._record(ends_ns, finished))
+        return f"take {len(taken)} of {count(len(instants_ns), 'instant')}: one each half a second at most"
 
     def _log_order(self, phones: int, what: str) -> str:
         self._advance_burst()
-        text = f"{count(phones, 'phone')} with the app ordered to {what}"
-        text += "; what they take stays on them (capture-app sessions import)"
+        ordered = f"{count(phones, 'phone')} with the app ordered to {what}"
+        text = f"{ordered}; what they take stays on them (capture-app sessions import)"
         self._event_log.note(FollowerEvent(None, text))
         return text
 
@@ -123,6 +117,7 @@ class AppPhones(RigFollower):
         self._advance_burst()
 
     async def _record(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
+        """Record on the phones until `ends_ns()` (leader time, may change) or until `finished` is set."""
         self._engine.record(True)
         self._advance_burst()
         try:

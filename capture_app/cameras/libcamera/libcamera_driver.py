@@ -218,14 +218,11 @@ class LibcameraCamera(ThreadedCamera):
                 again = (asked_ns + command.delay_ns, self.facts.period_ns, self._closing)
                 await self._in_worker(self._stream.start_again_at, *again)
             except RuntimeError as error:
-                self._on_failure(
-                    CameraError(
-                        f"{self.id} does not start again: {error}", hint="it is tried again; check its cable"
-                    )
-                )
-                return
-            if not self._closing.is_set():
-                self._run()
+                what = f"{self.id} does not start again: {error}"
+                self._on_failure(CameraError(what, hint="it is tried again; check its cable"))
+            else:
+                if not self._closing.is_set():
+                    self._run()
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the controls that the camera has, with their values in its last frame."""

@@ -68,23 +68,21 @@ class Playback:
         """
         self._timing, self._slots, self._loop_slots = timing, timing.slots, timing.loop_slots
         self._anchored = anchored
-        self._loop = self._index = 0
-        """Number of completed loops; index of the next frame in the current one."""
+        self._next = 0
+        """Number of the next frame, counted over all loops."""
         self._base_ns = self._first_slot = 0
         self._stream = -1
 
     def start(self, at_ns: int) -> None:
         """Begin a stream at `at_ns` with the next frame or, if anchored, with the frame due at that time."""
-        timing = self._timing
         self._stream += 1
+        self._base_ns, timing = 0, self._timing
         if self._anchored:
-            self._base_ns = 0
-            self._loop = (at_ns - timing.at_ns[0]) // timing.loop_ns
-            self._index = 0
+            self._next = (at_ns - timing.at_ns[0]) // timing.loop_ns * len(timing.at_ns)
             while self._start_ns() < at_ns:
-                self._step()
+                self._next += 1
         else:
-            self._base_ns = at_ns - self._loop * timing.loop_ns - timing.at_ns[self._index]
+            self._base_ns = at_ns - self._start_ns()
         self._first_slot = self._slot()
 
     def lengthen_frame(self, duration_ns: int) -> None:
@@ -93,20 +91,18 @@ class Playback:
 
     def next_frame(self) -> PlayedFrame:
         """Return the next frame of the stream."""
-        frame = PlayedFrame(self._index, self._slot() - self._first_slot, self._stream, self._start_ns())
-        self._step()
+        index = self._next % len(self._slots)
+        frame = PlayedFrame(index, self._slot() - self._first_slot, self._stream, self._start_ns())
+        self._next += 1
         return frame
 
     def _start_ns(self) -> int:
-        return self._base_ns + self._loop * self._timing.loop_ns + self._timing.at_ns[self._index]
+        loop, index = divmod(self._next, len(self._slots))
+        return self._base_ns + loop * self._timing.loop_ns + self._timing.at_ns[index]
 
     def _slot(self) -> int:
-        return self._loop * self._loop_slots + self._slots[self._index]
-
-    def _step(self) -> None:
-        self._index += 1
-        if self._index == len(self._timing.at_ns):
-            self._loop, self._index = self._loop + 1, 0
+        loop, index = divmod(self._next, len(self._slots))
+        return loop * self._loop_slots + self._slots[index]
 
 
 def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:

@@ -225,7 +225,7 @@ def render(
     error of the camera's crystal. The panel's time is 0 at 0 ns.
     """
     stretch = 1.0 + true_ppm * 1e-6
-    photograph = Photograph(
+    return Photograph(
         PANEL,
         WIDTH,
         HEIGHT,
@@ -237,5 +237,4 @@ def render(
         uneven=UNEVEN,
         vignette=0.1,
         ambient=0.8,
-    )
-    return photograph.take(start_ns % CYCLE_NS, rng)
+    ).take(start_ns % CYCLE_NS, rng)

@@ -119,6 +119,12 @@ def step_to(full: int, width: int | None) -> int:
     return 1 if width is None else max(1, full // max(width, 1))
 
 
+def every_nth(image: "NDArray[np.uint8]", width: int | None) -> "NDArray[np.uint8]":
+    """Return the image, subsampled as in `PixelPicture.pixels`."""
+    step = step_to(image.shape[1], width)
+    return image[::step, ::step]
+
+
 @dataclass(frozen=True, slots=True)
 class PixelFormat:
     """Memory layout of an image; sizes in pixels and bytes."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera, wait_for_start
-from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
+from capture_app.cameras.frames import CapturedFrame, PixelPicture, every_nth
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.common.camera_facts import CameraFacts, CameraListing, PhaseControl, TimestampSource
 from capture_app.common.clock import NodeClock
@@ -33,12 +33,6 @@ OPTIONS = {
 }
 MAX_MISSES, MISS_PAUSE_S = 10, 0.05
 """Consecutive missing frames after which the webcam counts as disconnected, and the pause after each."""
-
-
-def _pixels(image: "NDArray[np.uint8]", width: int | None) -> "NDArray[np.uint8]":
-    """Return BGR pixels, subsampled as in `PixelPicture.pixels`."""
-    step = step_to(image.shape[1], width)
-    return image[::step, ::step]
 
 
 class Webcam:
@@ -135,7 +129,7 @@ class WebcamCamera(ThreadedCamera):
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
-                picture = PixelPicture(pixels.nbytes, functools.partial(_pixels, pixels))
+                picture = PixelPicture(pixels.nbytes, functools.partial(every_nth, pixels))
                 self._call_in_loop(self._deliver, CapturedFrame(sequence, stream, arrived_ns, picture))
         except CameraError as error:
             self._call_in_loop(self._fail, error)

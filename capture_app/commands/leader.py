@@ -209,13 +209,11 @@ def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
     """Print how to pair other machines; at a terminal, Enter shows a pairing code for the next one."""
     if node.options.trust.is_open:
         talk("OPEN: anyone who reaches this port can see and control everything (--open)")
-        return
-    if host in LOOPBACK_HOSTS:
-        return
-    shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
-    talk(f"an unpaired machine needs a pairing code once: {shows}")
-    if on_terminal:
-        asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _show_code, node)
+    elif host not in LOOPBACK_HOSTS:
+        shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
+        talk(f"an unpaired machine needs a pairing code once: {shows}")
+        if on_terminal:
+            asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _show_code, node)
 
 
 def _show_code(node: "LeaderNode") -> None:

@@ -136,15 +136,12 @@ def _describe_differences(differences_ns: Sequence[int]) -> str:
 
 def _true_differences_ns(session: Session) -> list[int]:
     """Return the true time difference of each instant's images, ns; empty if unknown."""
-    truth = session.true_times()
-    if truth is None or not {camera.name for camera in session.manifest.cameras} <= {
-        image.camera for image in truth.images
-    }:
-        # The offset between simulated and real cameras of one rig is unknown.
-        return []
-    times_ns = defaultdict[int, list[int]](list)
-    for image in truth.images:
-        times_ns[image.instant].append(image.true_ns)
+    truth, times_ns = session.true_times(), defaultdict[int, list[int]](list)
+    images = () if truth is None else truth.images
+    # The offset between simulated and real cameras of one rig is unknown.
+    if {camera.name for camera in session.manifest.cameras} <= {image.camera for image in images}:
+        for image in images:
+            times_ns[image.instant].append(image.true_ns)
     return [max(of) - min(of) for of in times_ns.values() if len(of) > 1]
 
 

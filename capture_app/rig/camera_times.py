@@ -3,7 +3,6 @@
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 
@@ -42,11 +41,14 @@ async def calibrate(
 
     Return the measurements, the timestamp delay or path asymmetry by which each camera's node now corrects
     its times, and by camera whether the node saved it.
-    Raises the errors of `measure_session`, NetworkError, and the leader's own errors.
+    Raises the error of `reconstruct time`: NotAvailableError where it is not installed, BadInputError where
+    it cannot measure; NetworkError, and the leader's own errors.
     """
     records = {record.name: record for record in session.manifest.cameras}
     if measured is None:
-        measured = await measure_session(session.folder, choose_reference(records))
+        reference = choose_reference(records)
+        arguments = ["time", str(session.folder), *([] if reference is None else ["--reference", reference])]
+        measured = await ask_reconstruct(arguments, MeasuredTimes, niceness=LOWEST_PRIORITY)
     stamps = measured_stamps(records, measured)
     asymmetries = measured_asymmetries(records, measured, stamps)
     given = {
@@ -71,16 +73,6 @@ def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
         if record.facts.stamp_accuracy.source not in UNMEASURED
     }
     return min(known_ns, key=known_ns.__getitem__, default=None)
-
-
-async def measure_session(session: Path, reference: str | None) -> MeasuredTimes:
-    """Run `reconstruct time` on a session, at the lowest priority.
-
-    Raises the error that it ends with: NotAvailableError where it is not installed, BadInputError where it
-    cannot measure.
-    """
-    arguments = ["time", str(session), *([] if reference is None else ["--reference", reference])]
-    return await ask_reconstruct(arguments, MeasuredTimes, niceness=LOWEST_PRIORITY)
 
 
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:

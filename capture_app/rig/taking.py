@@ -222,11 +222,10 @@ class Taking:
 
     async def result(self) -> Saved:
         """Take, and return the last take of the series that was saved. Raises the first error of a take."""
-        ended = [event async for event in self if isinstance(event, Saved | Failed)]
-        for event in ended:
-            if isinstance(event, Failed):
-                raise event.error
-        saved = [event for event in ended if isinstance(event, Saved)]
+        events = [event async for event in self]
+        if error := next((event.error for event in events if isinstance(event, Failed)), None):
+            raise error
+        saved = [event for event in events if isinstance(event, Saved)]
         if not saved:
             raise IncompleteError("the take was stopped before it began")
         # At an interval, takes may be saved in another order than they were taken.

@@ -201,12 +201,9 @@ PROFILES: dict[str, SensorProfile] = {profile.name: profile for profile in _MODE
 
 def find_profile(name: str) -> SensorProfile:
     """Return the profile of that name. Raises BadInputError that lists the known ones."""
-    try:
-        return PROFILES[name]
-    except KeyError:
-        raise BadInputError(
-            f"unknown simulated camera {name!r}", hint=f"there are {', '.join(PROFILES)}"
-        ) from None
+    if name not in PROFILES:
+        raise BadInputError(f"unknown simulated camera {name!r}", hint=f"there are {', '.join(PROFILES)}")
+    return PROFILES[name]
 
 
 def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:

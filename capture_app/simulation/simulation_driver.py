@@ -336,13 +336,11 @@ class SimulatedCamera(Camera):
     def _cancel(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
         self._end_restart()
 
     def _end_restart(self) -> None:
         if self._restarting is not None and not self._restarting.done():
             self._restarting.set_result(None)
-        self._restarting = None
 
     def _halt(self) -> None:
         self._cancel()

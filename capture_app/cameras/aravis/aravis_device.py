@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 
 from capture_app.cameras.base import buffer_count
-from capture_app.cameras.frames import PixelPicture, step_to
+from capture_app.cameras.frames import PixelPicture, every_nth
 from capture_app.cameras.specs import CameraRequest
 from capture_app.cameras.system_packages import load_system_module
 from capture_app.common.camera_facts import (
@@ -96,13 +96,13 @@ def _pixels(
     import cv2
     import numpy as np
 
-    (width, height), (layout, bits), step = size, split_format(pixel_format), step_to(size[0], min_width)
+    (width, height), (layout, bits) = size, split_format(pixel_format)
     shape = (height, width, 3) if layout in ("RGB", "BGR") else (height, width)
     pixels = np.frombuffer(data, "u1" if bits == 8 else "<u2", prod(shape)).reshape(shape)
     picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
     if layout in _CONVERSIONS:
         picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
-    return np.asarray(picture, np.uint8)[::step, ::step]
+    return every_nth(np.asarray(picture, np.uint8), min_width)
 
 
 def split_format(pixel_format: str) -> tuple[str, int]:

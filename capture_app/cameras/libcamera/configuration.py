@@ -94,8 +94,7 @@ def read_states(
     """Return the controls' state from the settings and the last frame; the period limits the exposure."""
     states: list[ControlState] = []
     for control, of in _CONTROLS.items():
-        limits = known.limits(of.value)
-        if limits is None:
+        if (limits := known.limits(of.value)) is None:
             continue
         value = metadata.get(of.value, settings.get(of.value))
         states.append(

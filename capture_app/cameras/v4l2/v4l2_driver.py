@@ -100,12 +100,9 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
     """Return the controls that the device has."""
     states = []
     for control, of in _CONTROLS.items():
-        limits = device.control_range(of.value)
-        if limits is None:
-            continue
-        switch, value = device.control(of.switch), device.control(of.value)
-        states.append(
-            ControlState(
+        if (limits := device.control_range(of.value)) is not None:
+            switch, value = device.control(of.switch), device.control(of.value)
+            state = ControlState(
                 control=control,
                 value=None if value is None else value * of.scale,
                 unit=of.unit or steps_of(model),
@@ -114,7 +111,7 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
                 minimum=limits[0] * of.scale,
                 maximum=limits[1] * of.scale,
             )
-        )
+            states.append(state)
     return tuple(states)
 
 
@@ -126,15 +123,15 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
     of = _CONTROLS[control]
     if value is None:
         _set_automatic(device, control, of)
-        return
-    if device.control_range(of.value) is None:
+    elif device.control_range(of.value) is None:
         raise CameraError(
             f"{device.path} has no control of its {control}",
             hint="capture-app cameras controls shows what each camera can set",
         )
-    if device.control(of.switch) not in (None, of.manual):
-        device.set_control(of.switch, of.manual)
-    device.set_control(of.value, round(value / of.scale))
+    else:
+        if device.control(of.switch) not in (None, of.manual):
+            device.set_control(of.switch, of.manual)
+        device.set_control(of.value, round(value / of.scale))
 
 
 def _set_automatic(device: VideoDevice, control: Control, of: SwitchedControl) -> None:
@@ -227,10 +224,15 @@ class V4L2Camera(ThreadedCamera):
                 self._listen()
 
     async def _let_go(self) -> None:
-        if self._streaming:
+        self._end_stream()
+        await self._in_worker(self._release)
+
+    def _end_stream(self) -> bool:
+        """Listen no more; return whether it had listened."""
+        if was_streaming := self._streaming:
             self._streaming = False
             asyncio.get_running_loop().remove_reader(self._device.fd)
-        await self._in_worker(self._release)
+        return was_streaming
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the device's controls with their current values; empty after it was stopped."""
@@ -332,11 +334,8 @@ class V4L2Camera(ThreadedCamera):
         )
 
     def _fail(self, error: CameraError) -> None:
-        if not self._streaming:
-            return
-        self._streaming = False
-        asyncio.get_running_loop().remove_reader(self._device.fd)
-        self._on_failure(error)
+        if self._end_stream():
+            self._on_failure(error)
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:

@@ -136,10 +136,10 @@ def camera_errors(device: str) -> Iterator[None]:
     try:
         yield
     except library_error as error:
-        unknown = f"{{}} failed: {error.message}", "another program, such as arv-viewer, may say more"
+        unknown = "{} failed: {}", "another program, such as arv-viewer, may say more"
         is_known = error.domain == "arv-device-error-quark"
         what, hint = _ERRORS.get(error.code, unknown) if is_known else unknown
-        raise CameraError(what.format(device), hint=hint) from error
+        raise CameraError(what.format(device, error.message), hint=hint) from error
 
 
 class DeviceControl:
@@ -301,8 +301,8 @@ class AravisDevice:
         camera.set_pixel_format_from_string(pixel_format)
         self._set_region(request)
         _x, _y, width, height = camera.get_region()
-        # A shorter frame may limit the exposure, so that is set first.
         self._set_exposure(request.exposure_us)
+        exposure = self._exposure()
         period_ns, shortest_ns, longest_ns = self._set_rate(request.fps)
         facts = CameraFacts(
             kind=KIND,
@@ -317,7 +317,7 @@ class AravisDevice:
             min_frame_duration_ns=shortest_ns,
             max_frame_duration_ns=longest_ns,
         )
-        return replace(facts, **self._exposure())
+        return replace(facts, **exposure)
 
     def _set_region(self, request: CameraRequest) -> None:
         camera = self._camera
@@ -398,7 +398,7 @@ class AravisDevice:
         stream = camera.create_stream(None, None)
         if camera.is_gv_device():
             stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
-            stream.set_property("socket-buffer-size", (8 << 20))
+            stream.set_property("socket-buffer-size", 8 << 20)
         payload = camera.get_payload()
         for _ in range(buffer_count(payload, self.facts.period_ns, max_count=64, max_bytes=256 << 20)):
             stream.push_buffer(self._aravis.Buffer.new_allocate(payload))

@@ -177,9 +177,9 @@ class AravisCamera(ThreadedCamera):
             latched.add_reading(*reading)
         device.start(lambda: self._call_in_loop(self._lose, f"{device.address} is not controlled any more"))
         first, second = self._first_frame(device), self._first_frame(device)
-        counts = len({counter_ns for _, counter_ns, _ in readings}) > 1
+        is_counting = len({counter_ns for _, counter_ns, _ in readings}) > 1
         # The first stamp may not be valid yet.
-        by_latch_ns = latched.host_ns(second.counter_ns) if counts else None
+        by_latch_ns = latched.host_ns(second.counter_ns) if is_counting else None
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
             self._readings = latched
         elif second.counter_ns != first.counter_ns:

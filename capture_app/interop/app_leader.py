@@ -135,7 +135,8 @@ class AppLeader:
             if silent_ns >= FORGOTTEN_NS:
                 del self._phones[phone.host]
             elif silent_ns >= SILENT_NS and not phone.lost:
-                phone.lost, what = True, f"lost phone {phone.name}: it has gone silent"
+                phone.lost = True
+                what = f"lost phone {phone.name}: it has gone silent"
                 self._events.append(FollowerEvent(phone.name, what, is_warning=True))
                 self._set_interval()
             elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):

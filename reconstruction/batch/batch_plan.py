@@ -110,6 +110,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         offsets_ms=unit.offsets_ms,
         matcher=Matcher(unit.matcher),
         mesh=False,
+        workspace=False,
         time_shifts_ms=unit.time_shifts_ms,
     )
     try:
@@ -122,7 +123,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         return
     for name in TIMES:
         del result[name]
-    # Large, and can be computed again from the images and the depth maps.
+    # PatchMatch leaves one, which is large.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     (folder / MULTIVIEW_RESULT).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]

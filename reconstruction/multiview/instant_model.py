@@ -93,6 +93,8 @@ class MultiviewOptions:
     mesh: bool = True
     cloud: bool = True
     """Whether to clean the fused cloud, which needs Open3D."""
+    workspace: bool = True
+    """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
     quick: bool = False
     """Start the sweep at half the size; do not score the cloud, and clean it only for a mesh."""
     page: bool = False
@@ -189,7 +191,13 @@ def model_instant(
         fused_points=len(cloud.points),
         cloud_points=points,
         mesh_triangles=triangles,
-        files=(FUSED, *files, *(FILES if options.page else ()), WORKSPACE, RESULT),
+        files=(
+            FUSED,
+            *files,
+            *(FILES if options.page else ()),
+            *((WORKSPACE,) if options.workspace else ()),
+            RESULT,
+        ),
         seconds=round(time.perf_counter() - marks["begin"], 3),
         seconds_of=_stage_seconds(marks),
         memory_notes=memory_budget().notes,
@@ -240,7 +248,7 @@ def _match_instant(
         _show_pair(pair, scene.depth_ranges[reference], early)
     workspace = part / WORKSPACE
     depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
-    if matcher.gpu is None:
+    if options.workspace and matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), depth)
     marks["matching"] = time.perf_counter()
     return MatchedInstant(images, sources, scene, depth, left_out, calibration, unit, marks)
@@ -318,7 +326,8 @@ def multiview(
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
         NotAvailableError: the requested matcher, COLMAP or Open3D is not available.
     """
-    require_reconstruction("pycolmap", "writing COLMAP's workspace")
+    if options.workspace:
+        require_reconstruction("pycolmap", "writing COLMAP's workspace")
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
     elif options.quick or find_spec("open3d") is None:

@@ -218,7 +218,6 @@ def model_sequence(
         TryAgainError: another run is writing to `out`.
     """
     began = time.perf_counter()
-    require_reconstruction("pycolmap", "writing COLMAP's workspace")
     if options.each.mesh:
         require_reconstruction("open3d", "making meshes")
     if options.recording:
@@ -316,7 +315,7 @@ def _make(
     leader_ns = dataset.instants_ns[instant]
     try:
         offsets_ms = options.condition.offsets_ms(dataset.cameras, instant)
-        each = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False)
+        each = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False, workspace=False)
         found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))

@@ -154,8 +154,7 @@ class ReconstructedSession(OpenSession):
         Raises BadInputError if it has none.
         """
         dataset = Dataset.open(self.folder)
-        calibration = dataset.calibration()
-        if calibration is None:
+        if (calibration := dataset.calibration()) is None:
             raise BadInputError(f"{dataset.name} has no calibration", hint="calibrate() computes one")
         return LiveDepth(calibrated_views(dataset, calibration), width_px)
 

@@ -72,8 +72,7 @@ def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) 
     seen: dict[str, list[Corners]] = {}
     for path in paths:
         recording = Dataset.open(path)
-        shared = [name for name in recording.cameras if name in dataset.cameras]
-        if not shared:
+        if not (shared := [name for name in recording.cameras if name in dataset.cameras]):
             raise BadInputError(
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
                 hint=f"give a recording of {', '.join(dataset.cameras)}",
@@ -296,8 +295,7 @@ def _rig_poses(
     shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
     for k, seen in corners_by_moment(corners).items():
         for a, b in combinations(seen, 2):
-            ids = sorted(seen[a].keys() & seen[b].keys())
-            if len(ids) >= MIN_CORNERS:
+            if len(ids := sorted(seen[a].keys() & seen[b].keys())) >= MIN_CORNERS:
                 shared.setdefault(frozenset((a, b)), []).append((k, ids))
     poses = {dataset.cameras[0]: (np.eye(3), np.zeros(3))}
     while left := [b for b in dataset.cameras if b not in poses]:

@@ -217,8 +217,7 @@ def _from_board(
 ) -> tuple[Calibration, SharedPoints, BoardCoverage]:
     """Calibrate from recordings of a board, or from the session itself; its corners judge the result."""
     board, recordings = options.board, open_recordings(dataset, options.recordings)
-    corners = detect_board(recordings, board)
-    if not corners:
+    if not (corners := detect_board(recordings, board)):
         _refuse_turned_board(recordings[0], board)
     if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
         talk(
@@ -285,12 +284,10 @@ def _from_elsewhere(
 ) -> tuple[Calibration, SharedPoints, RigCheck]:
     """Load a calibration of the session, its rig or another session, and check it against static points."""
     if source is CalibrationSource.SESSION:
-        found = dataset.calibration()
-        if found is None:
+        if (found := dataset.calibration()) is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
     elif source is CalibrationSource.KEPT:
-        stored = find_calibration(camera_modes(dataset))
-        if stored is None:
+        if (stored := find_calibration(camera_modes(dataset))) is None:
             modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(
                 f"no calibration is kept of these cameras in these modes: {', '.join(modes)}",
@@ -316,8 +313,7 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
         sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
         return fit_calibration(read_views([("", path)], dataset.cameras), sizes)
     other = Dataset.open(path)
-    found = other.calibration()
-    if found is None:
+    if (found := other.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
     ours, theirs = camera_modes(dataset), camera_modes(other)
     for name in ours.keys() & theirs.keys():

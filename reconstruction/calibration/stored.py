@@ -180,8 +180,7 @@ def choose_calibration(dataset: Dataset) -> None:
     Raises:
         BadInputError: its own calibration does not fit its images; the message lists all faults.
     """
-    own = dataset.calibration()
-    if own is not None:
+    if (own := dataset.calibration()) is not None:
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
             faults += find_mixups(views, _middle_features(dataset, views))
@@ -194,8 +193,7 @@ def choose_calibration(dataset: Dataset) -> None:
         return
     if dataset.session.manifest.origin == "imported":
         return
-    stored = find_calibration(camera_modes(dataset))
-    if stored is None:
+    if (stored := find_calibration(camera_modes(dataset))) is None:
         return
     try:
         views = calibrated_views(dataset, stored.calibration)

@@ -69,8 +69,7 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
     """
     for name, camera in found.items():
         view_deg = field_of_view_deg(camera)
-        likely = focal_px.get(name)
-        if likely is None:
+        if (likely := focal_px.get(name)) is None:
             odd, why, exif = view_deg > WIDEST_DEG, "which is unlikely", ""
         else:
             odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
@@ -153,8 +152,7 @@ def _found(
             "no calibration in the session, and none can be found from its images",
             hint=f"the views need to overlap and show something with texture; add a calibration.json{advice}",
         )
-    found = _cameras(rec, dataset)
-    if len(found) < 2:
+    if len(found := _cameras(rec, dataset)) < 2:
         raise NotApplicableError(
             "only one camera could be placed", hint=f"the views need to overlap more{advice}"
         )

@@ -99,8 +99,7 @@ def metres_per_unit_by_board(
 def _board_factor(
     views: tuple[View, View], board: Board, corners: tuple[dict[int, Array], dict[int, Array]]
 ) -> float | None:
-    both = sorted(corners[0].keys() & corners[1].keys())
-    if len(both) < MIN_CORNERS:
+    if len(both := sorted(corners[0].keys() & corners[1].keys())) < MIN_CORNERS:
         return None
     pixels = np.array([[found[number] for number in both] for found in corners], float)
     points = triangulate(views, pixels)

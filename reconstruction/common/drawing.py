@@ -18,8 +18,7 @@ CLOSE_UP_PX = 480
 
 def display_range(depth: Array, moving: Array | None = None) -> tuple[float, float]:
     """Return the nearest and farthest depth to show, without the outer 1 % but including moving objects."""
-    known = depth[depth > 0]
-    if not len(known):
+    if not len(known := depth[depth > 0]):
         return 1.0, 2.0
     fast = known[:0] if moving is None else depth[moving & (depth > 0)]
     near, far = np.percentile(known, [1, 99])

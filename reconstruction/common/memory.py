@@ -106,10 +106,6 @@ class MemoryBudget:
         """Sentences on what was reduced to meet the budget; empty if nothing was."""
         return tuple(self._notes)
 
-    def note(self, text: str) -> None:
-        """Record what was reduced to meet the budget, for the user and the result."""
-        self._notes[text] = None
-
     def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, fraction: float = 1.0) -> float:
         """Return the largest scale, at most 1, at which `what` fits into `fraction` of the budget.
 
@@ -127,10 +123,11 @@ class MemoryBudget:
                     hint="give it more with --memory",
                 )
         if scale < 1.0:
-            self.note(
+            note = (
                 f"{what} is done at {100 * scale:.0f} % of the full size, which would take "
                 f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used (--memory)"
             )
+            self._notes[note] = None
         return scale
 
     def fit_count(self, bytes_each: float, max_count: int, *, fraction: float = 1.0) -> int:
@@ -189,8 +186,7 @@ def parse_size(text: str) -> int:
     Raises:
         ValueError: it is not a size.
     """
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)
-    if found is None:
+    if (found := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)) is None:
         raise ValueError(f"{text!r} is not a size of memory, as in 800MB or 4GB")
     return int(float(found[1]) * _UNITS[found[2]])
 

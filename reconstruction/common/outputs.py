@@ -68,8 +68,7 @@ class StageCache:
 
     def arrays(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """Return a dataclass of arrays, loaded from the stage's .npz or computed and saved there."""
-        path = self.path(stage, ".npz", *inputs)
-        if not path.exists():
+        if not (path := self.path(stage, ".npz", *inputs)).exists():
             part = _part(path)
             with part.open("wb") as file:
                 np.savez(file, **vars(make()))
@@ -79,8 +78,7 @@ class StageCache:
 
     def record(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """Return a msgspec struct (or plain data), loaded from the stage's .json or computed and saved."""
-        path = self.path(stage, ".json", *inputs)
-        if not path.exists():
+        if not (path := self.path(stage, ".json", *inputs)).exists():
             part = _part(path)
             part.write_bytes(msgspec.json.encode(make()))
             part.rename(path)

@@ -232,8 +232,7 @@ def score_overlaps(
     left, top, right, bottom = canvas
     worst = np.zeros((bottom - top, right - left), np.float32)
     for a, b in combinations(layers, 2):
-        overlap = overlap_of(layers[a], layers[b])
-        if overlap is None:
+        if (overlap := overlap_of(layers[a], layers[b])) is None:
             continue
         overlap = overlap.with_brightness_matched(np.ones_like(overlap.both))
         found = measure_misalignment(overlap)

@@ -235,8 +235,7 @@ def register_pictures(
         (a, b): _find_overlap(match_features(flat[a], flat[b]), views[a], views[b])
         for a, b in combinations(points, 2)
     }
-    used = _largest_group(list(points), overlaps)
-    if len(used) < 2:
+    if len(used := _largest_group(list(points), overlaps)) < 2:
         most_shared = max((len(one.fits) for one in overlaps.values()), default=0)
         few = f"no two pictures share more than {most_shared} points"
         unfit = "the points that the pictures share do not fit a camera that only rotates"

@@ -49,8 +49,8 @@ class Condition:
             late_ms = [float(number) for _, _, number in parts]
         except ValueError:
             late_ms = [math.nan]
-        one_kind = by_name or not any(equals for _, equals, _ in parts)
-        if not one_kind or not all(abs(ms) < MAX_OFFSET_MS for ms in late_ms):
+        mixed = not by_name and any(equals for _, equals, _ in parts)
+        if mixed or not all(abs(ms) < MAX_OFFSET_MS for ms in late_ms):
             raise BadInputError(
                 f"{text!r} is not a condition",
                 hint=f"{SYNCED}, {DISTINCT}, 66, a number for each camera such as 0,66, or cam00=0,cam01=66",

@@ -44,8 +44,7 @@ def shift_times(
     """
     placed: dict[tuple[str, int], ImageRecord] = {}
     for record in records:
-        shift_ns = round(shifts_ms.get(record.camera, 0.0) * 1e6)
-        if not shift_ns:
+        if not (shift_ns := round(shifts_ms.get(record.camera, 0.0) * 1e6)):
             placed[record.camera, record.instant] = record
             continue
         leader_ns = record.leader_ns + shift_ns
@@ -306,8 +305,7 @@ class Dataset:
         return chosen
 
     def _check(self, record: ImageRecord) -> None:
-        path = self.session.image_file(record)
-        if not path.is_file():
+        if not (path := self.session.image_file(record)).is_file():
             raise IncompleteError(f"{path} is missing", hint=RESTORE_IMAGE)
         if isinstance(record, FrameRecord):
             if path.stat().st_size < record.offset + record.bytes:

@@ -82,9 +82,8 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
             return dataset.nearest_instants(instant, [ms - offsets[place] for ms in offsets])
         except BadInputError as error:
             problem = str(error)
-    if condition.drawn:
-        problem = f"the burst is too short to draw different offsets around instant {instant}"
-    raise ValueError(problem)
+    too_short = f"the burst is too short to draw different offsets around instant {instant}"
+    raise ValueError(too_short if condition.drawn else problem)
 
 
 def complete_instants(
@@ -148,8 +147,7 @@ def pair_instants(
     else:
         offset = _pair_offset(dataset, condition, first, second)
         pairs, late_ms = list(offset.pairs), offset.actual_ms
-    found = pairs_with_images(dataset, pairs, first, second)
-    if not found:
+    if not (found := pairs_with_images(dataset, pairs, first, second)):
         raise ValueError(f"{first} and {second} have no images at this offset")
     return found, late_ms
 

@@ -186,8 +186,7 @@ def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
         return None
     # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
     for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
-        found = _follow_pairs(dataset, camera, max(1, apart_ns))
-        if found:
+        if found := _follow_pairs(dataset, camera, max(1, apart_ns)):
             return CameraMotion(*(float(np.median(values)) for values in zip(*found, strict=True)))
     return None
 
@@ -208,8 +207,7 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
 
 def _cell_motions(before: Array, after: Array) -> Array:
     """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked."""
-    scale = min(1.0, SIDE_PX / max(before.shape))
-    if scale < 1:
+    if (scale := min(1.0, SIDE_PX / max(before.shape))) < 1:
         before, after = (
             cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
             for image in (before, after)
@@ -220,8 +218,7 @@ def _cell_motions(before: Array, after: Array) -> Array:
     for row, column in np.ndindex(*reversed(GRID)):
         left, top = column * across, row * down
         part = np.ascontiguousarray(before[top : top + down, left : left + across])
-        some = cv2.goodFeaturesToTrack(part, CELL_POINTS, 0.1, 5)
-        if some is not None:
+        if (some := cv2.goodFeaturesToTrack(part, CELL_POINTS, 0.1, 5)) is not None:
             corners.append(some.reshape(-1, 2) + np.array([left, top], np.float32))
     if not corners:
         return np.zeros(0)

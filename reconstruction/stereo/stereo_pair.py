@@ -77,8 +77,7 @@ def fill_holes(disparity: Array) -> Array:
     median filter follows.
     """
     known = np.isfinite(disparity)
-    rows = np.flatnonzero(known.any(axis=1))
-    if not rows.size:
+    if not (rows := np.flatnonzero(known.any(axis=1))).size:
         return np.zeros_like(disparity)
     width = disparity.shape[1]
     columns = np.arange(width, dtype=np.int32)

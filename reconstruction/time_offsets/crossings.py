@@ -176,12 +176,10 @@ StillErrors = tuple[Array, Array]
 def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErrors:
     """Return the epipolar errors of static matches (n, 2) px that fit one geometry, not only the views'."""
     errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
-    good = consistent_matches(views, at_a, at_b)
-    if good is None:
-        good = np.abs(errors) < MAX_STILL_RESIDUAL_PX
-    if not good.any():
-        return np.zeros(0), np.zeros((0, TERMS))
-    return errors[good], geometry_terms(*views, at_a[good], at_b[good])
+    consistent = consistent_matches(views, at_a, at_b)
+    good = np.abs(errors) < MAX_STILL_RESIDUAL_PX if consistent is None else consistent
+    terms = geometry_terms(*views, at_a[good], at_b[good]) if good.any() else np.zeros((0, TERMS))
+    return errors[good], terms
 
 
 def median_px(errors_px: Array) -> float:
@@ -240,8 +238,7 @@ def fit_offset(
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
-    at_rest_px = median_px(still[0])
-    if at_rest_px > MAX_AT_REST_PX:
+    if (at_rest_px := median_px(still[0])) > MAX_AT_REST_PX:
         return misfit(len(still[0]), "points at rest", at_rest_px)
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
     if found.counts.sum() < MIN_VOTES:
@@ -259,8 +256,7 @@ def fit_offset(
     near = (np.abs(late_ms * seen.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
     at_rest.values[0] = peak
     fit = _Fit(found.only(near), still, prior_sd, at_rest)
-    instants = _by_instant(fit, period_ms)
-    if len(instants) < MIN_INSTANTS:
+    if len(instants := _by_instant(fit, period_ms)) < MIN_INSTANTS:
         return OffsetFit(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
@@ -295,7 +291,7 @@ def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, floa
     """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
     max_abs_ms = float(np.abs(found.offset_ms).max()) + 1
     grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
-    widths = np.clip(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS, None)
+    widths = np.maximum(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS)
     votes = np.zeros(len(grid))
     for offset, width, count in zip(found.offset_ms, widths, found.counts, strict=True):
         votes += count * np.exp(-0.5 * ((grid - offset) / width) ** 2)

@@ -125,8 +125,7 @@ class BlinkEdge:
 
 def find_blink_edges(dataset: Dataset, camera: str, rows_ms: Mapping[int, Array]) -> list[BlinkEdge]:
     """Find every switching of a lamp in a camera's images, in order; `rows_ms` are each image's row times."""
-    there = dataset.instants(camera)
-    if len(there) < 2 * (STEP + BESIDE):
+    if len(there := dataset.instants(camera)) < 2 * (STEP + BESIDE):
         return []
     changes = _changes(np.array([float(dataset.grey(camera, k).mean()) for k in there]))
     borders = [-BESIDE, *(at for at, _ in changes), len(there) + BESIDE]

@@ -225,13 +225,13 @@ class PairOffsets:
         """Return matched static points, (n, 2) px in each camera."""
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
         some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
-        for place, k in enumerate(some):
+        half = len(some) // 2
+        for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.rig.features(k)[name] for name in (first, second))
             of_a, of_b = match_at_rest(a, b)
-            other = some[(place + len(some) // 2) % len(some)]
             stays = self._stays(first, k, other)[of_a] & self._stays(second, k, other)[of_b]
             found.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))
-        at_a, at_b = (np.concatenate(of) for of in zip(*found, strict=True))
+        at_a, at_b = map(np.concatenate, zip(*found, strict=True))
         return at_a, at_b
 
     def _find_staying(self, camera: str, instant: int, other: int) -> Array:
@@ -303,8 +303,7 @@ def _correct_in_motion(
 ) -> Correction | None:
     """Correct a calibration and the offset, starting at `near_ms`; None if that does not converge."""
     for _ in range(LINEAR_STEPS):
-        found = correct_views(pair, *in_motion(near_ms), period_ms)
-        if found is None:
+        if (found := correct_views(pair, *in_motion(near_ms), period_ms)) is None:
             break
         near_ms += found.late_ms
         if abs(found.late_ms) < period_ms / 2:

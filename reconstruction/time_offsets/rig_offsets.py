@@ -80,11 +80,7 @@ def adjust_offsets(
     found = {reference: CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)}
     if others:
         rows = [pair for pair in known if pair[0] in joined]
-        design = np.zeros((len(rows), len(others)))
-        for row, pair in enumerate(rows):
-            for name, sign in zip(pair, (-1.0, 1.0), strict=True):
-                if name != reference:
-                    design[row, others.index(name)] = sign
+        design = np.array([[(name == b) - (name == a) for name in others] for a, b in rows], float)
         values, sds = (np.array([known[pair][i] for pair in rows]) for i in (0, 1))
         normal = design.T @ (design / sds[:, None] ** 2)
         offsets = np.linalg.solve(normal, design.T @ (values / sds**2))

@@ -84,8 +84,7 @@ def _common_times(
     """Return each camera's offset, from a lamp if it sees one, else from motion; and the calibration used."""
     progress.step("lamp")
     lit = measure_light_offsets(dataset, reference)
-    unlit = [name for name, one in lit.items() if one.offset_ms is None]
-    if not unlit:
+    if not (unlit := [name for name, one in lit.items() if one.offset_ms is None]):
         return lit, ""
     if len(unlit) < len(lit):
         reference = next(name for name, one in lit.items() if one.source == REFERENCE)

@@ -121,7 +121,9 @@ def silenced_output() -> Iterator[None]:
     with _lock:
         _silenced += 1
         if _silenced == 1:
-            _flush()
+            for file in (sys.stdout, sys.stderr):
+                with suppress(OSError, AttributeError, ValueError):
+                    file.flush()
             _silence(1, 2)
     try:
         yield
@@ -156,12 +158,6 @@ def _silence(*streams: int) -> None:
             _originals[stream] = os.dup(stream)
             os.dup2(nowhere, stream)
     os.close(nowhere)
-
-
-def _flush() -> None:
-    for file in (sys.stdout, sys.stderr):
-        with suppress(OSError, AttributeError, ValueError):
-            file.flush()
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:

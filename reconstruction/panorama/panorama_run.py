@@ -99,8 +99,10 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
             try:
                 stitcher = PanoramaStitcher(*given.conditions["synced"], given.views)
             except ValueError as error:
-                hint = "take them from one place, with a third of overlap between neighbours"
-                raise BadInputError(f"the pictures cannot be stitched: {error}", hint=hint) from error
+                raise BadInputError(
+                    f"the pictures cannot be stitched: {error}",
+                    hint="take them from one place, with a third of overlap between neighbours",
+                ) from error
             made = {
                 name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
                 for name, pictures in given.conditions.items()

@@ -230,9 +230,8 @@ class Dataset:
         try:
             depth, moving = (cv2.resize(a, size, interpolation=how) for a in (truth[0], np.uint8(truth[1])))
         except cv2.error as error:
-            path = self.ground_truth_file(camera, instant)
             raise BadInputError(
-                f"{path} is not a ground-truth file: {error}",
+                f"{self.ground_truth_file(camera, instant)} is not a ground-truth file: {error}",
                 hint="restore it from a copy, or delete it: only scores need it",
             ) from error
         return np.asarray(depth), np.asarray(moving) > 0

@@ -2,6 +2,8 @@
 
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from msgspec import Struct
@@ -59,8 +61,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
         )
     progress = Progress(2)
     if alone:
-        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            rig = _calibrated(dataset, Path(scratch), progress)
+        with _calibrated(dataset, progress) as rig:
             aligned = align_cameras(rig, progress)
         cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, rig.source
     else:
@@ -88,8 +89,7 @@ def _common_times(
         return lit, ""
     if len(unlit) < len(lit):
         reference = next(name for name, one in lit.items() if one.source == REFERENCE)
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = _calibrated(dataset, Path(scratch), progress)
+    with _calibrated(dataset, progress) as rig:
         moved = measure_rig_offsets(rig, reference, progress)
     for name in unlit:
         why, by_light = moved[name].reason, lit[name].reason
@@ -98,11 +98,13 @@ def _common_times(
     return lit, rig.source
 
 
-def _calibrated(dataset: Dataset, scratch: Path, progress: Progress) -> Rig:
-    rig = Rig(dataset, scratch)
-    progress.step("calibration")
-    rig.calibrate()
-    return rig
+@contextmanager
+def _calibrated(dataset: Dataset, progress: Progress) -> Iterator[Rig]:
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig = Rig(dataset, Path(scratch))
+        progress.step("calibration")
+        rig.calibrate()
+        yield rig
 
 
 def _aligned_time(found: CameraTimes) -> CameraTime:

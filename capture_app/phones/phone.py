@@ -20,6 +20,7 @@ from capture_app.common.camera_facts import (
     TimestampSource,
 )
 from capture_app.common.errors import CameraError
+from capture_app.common.tasks import first_of
 from capture_app.common.timeouts import PHONE_IMAGE_TIMEOUT_S
 from capture_app.phones import wire
 from capture_app.phones.wire import FrameReport, Ping
@@ -324,9 +325,7 @@ class Phone:
                         )
                     if self._send is not None:
                         await self._send(request)
-                    closed = asyncio.ensure_future(self.closed.wait())
-                    await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
-                    closed.cancel()
+                    await first_of(asyncio.wait((picture,)), self.closed.wait())
         except TimeoutError:
             raise CameraError(
                 f"{self.name} did not send the image within {PHONE_IMAGE_TIMEOUT_S:g} s",

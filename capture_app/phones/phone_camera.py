@@ -13,7 +13,7 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraFacts, Control, ControlState
 from capture_app.common.errors import CameraError, SimulshotError
-from capture_app.common.tasks import Background, first_of
+from capture_app.common.tasks import Background, first_of, has_come
 from capture_app.common.timeouts import PAGE_CLOSED_S, PHONE_IMAGE_TIMEOUT_S
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
@@ -187,12 +187,7 @@ async def _until_disconnected(phone: Phone) -> None:
     """Return when the phone's user has left, or no page was connected for PAGE_CLOSED_S."""
     while True:
         await phone.closed.wait()
-        if phone.said_goodbye:
-            return
-        try:
-            async with asyncio.timeout(PAGE_CLOSED_S):
-                await phone.back.wait()
-        except TimeoutError:
+        if phone.said_goodbye or not await has_come(phone.back, PAGE_CLOSED_S):
             return
 
 

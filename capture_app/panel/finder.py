@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, Panel, panel_of_marker
+from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, PANEL_OF_MARKER, Panel
 
 Floats = NDArray[np.float64]
 
@@ -85,10 +85,8 @@ def _looks(grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
     yield grey, 1.0
     # In dark images from short exposures, unlit markers have little contrast.
     yield cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0
-    if grey.shape[1] > _LARGE_PX:
-        yield cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5
-    else:
-        yield cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0
+    scale, method = (0.5, cv2.INTER_AREA) if grey.shape[1] > _LARGE_PX else (2.0, cv2.INTER_CUBIC)
+    yield cv2.resize(grey, None, fx=scale, fy=scale, interpolation=method), scale
 
 
 def _detect(detector: "cv2.aruco.ArucoDetector", grey: NDArray[Any], scale: float) -> dict[int, Floats]:
@@ -104,15 +102,14 @@ def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
     """Return the markers of the panel that has the most visible ones."""
     by_panel: dict[str, dict[int, Floats]] = {}
     for number, corners in markers.items():
-        panel = panel_of_marker(number)
+        panel = PANEL_OF_MARKER.get(number)
         if panel is not None:
             by_panel.setdefault(panel.name, {})[number] = corners
     return max(by_panel.values(), key=len, default={})
 
 
 def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:
-    panel = panel_of_marker(next(iter(markers)))
-    assert panel is not None, "only a panel's markers are placed"
+    panel = PANEL_OF_MARKER[next(iter(markers))]
     at = {marker.number: np.array(marker.corners) for marker in panel.markers}
     corners = np.stack([at[number] for number in markers])
     pixels = np.concatenate(list(markers.values()))

@@ -218,12 +218,8 @@ def _panels() -> Iterator[Panel]:
 PANELS = {panel.name: panel for panel in _panels()}
 """All panels by name: the paper's with ticks of 200 us or 10 ms, both side by side, and screens."""
 
-_BY_MARKER = {marker.number: panel for panel in PANELS.values() for marker in panel.markers}
-
-
-def panel_of_marker(number: int) -> Panel | None:
-    """Return the panel that a marker belongs to, or None."""
-    return _BY_MARKER.get(number)
+PANEL_OF_MARKER = {marker.number: panel for panel in PANELS.values() for marker in panel.markers}
+"""The panel that each marker belongs to, by the marker's number."""
 
 
 def panel_named(name: str) -> Panel:

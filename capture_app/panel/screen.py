@@ -56,10 +56,10 @@ def page_html() -> bytes:
 
 
 def _policy(script: str, style: str) -> str:
-    def digest(text: str) -> str:
-        return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-    allowed = f"script-src {digest(script)}; style-src {digest(style)}; img-src data:"
+    digests = (hashlib.sha256(text.encode()).digest() for text in (script, style))
+    allowed = "script-src 'sha256-{}'; style-src 'sha256-{}'; img-src data:".format(
+        *(base64.b64encode(digest).decode() for digest in digests)
+    )
     return f"default-src 'none'; {allowed}; base-uri 'none'; form-action 'none'"
 
 

@@ -8,10 +8,10 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.panel.pattern import (
     MARKER_SIZE,
+    PANEL_OF_MARKER,
     PANELS,
     Panel,
     panel_named,
-    panel_of_marker,
 )
 
 
@@ -73,9 +73,9 @@ def test_each_marker_belongs_to_one_panel() -> None:
     assert max(numbers) < 250
     assert min(numbers) >= 50
     assert all(
-        panel_of_marker(marker.number) is panel for panel in PANELS.values() for marker in panel.markers
+        PANEL_OF_MARKER.get(marker.number) is panel for panel in PANELS.values() for marker in panel.markers
     )
-    assert panel_of_marker(3) is None
+    assert PANEL_OF_MARKER.get(3) is None
 
 
 def test_a_screen_draws_one_edge_before_the_other() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import DICTIONARY, Panel, panel_of_marker
+from capture_app.panel.pattern import DICTIONARY, PANEL_OF_MARKER, Panel
 from tests.browser import CHROMIUM, Browser
 from tests.panel.screen.browser_page import play, shown, start_browser, write_page
 
@@ -38,7 +38,7 @@ def look(picture: NDArray[np.uint8]) -> tuple[Panel, tuple[bool, ...]] | None:
     if numbers is None:
         return None
     corners = dict(zip(np.ravel(numbers).tolist(), (np.reshape(one, (4, 2)) for one in found), strict=True))
-    panel = panel_of_marker(min(corners))
+    panel = PANEL_OF_MARKER.get(min(corners))
     assert panel is not None
     known = np.array([corner for marker in panel.markers for corner in marker.corners])
     seen = np.concatenate([corners[marker.number] for marker in panel.markers])

@@ -81,10 +81,8 @@ def arrange(
 
 def find_samples(sessions: Path) -> Path | None:
     """Return the folder of bundled samples, here or beside the program, or None."""
-    for folder in (Path(SAMPLES), Path(capture_app.__file__).parents[1] / SAMPLES):
-        if folder.is_dir() and folder.resolve() != sessions.resolve():
-            return folder
-    return None
+    places = Path(SAMPLES), Path(capture_app.__file__).parents[1] / SAMPLES
+    return next((one for one in places if one.is_dir() and one.resolve() != sessions.resolve()), None)
 
 
 def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:

@@ -235,9 +235,8 @@ class PlanPanel(Lines, can_focus=True):
 
     def show_period(self, period_ns: int | None) -> None:
         """Show the durations of the frame counts at this period."""
-        if period_ns != self._period_ns:
-            self._period_ns = period_ns
-            self._show()
+        self._period_ns = period_ns
+        self._show()
 
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""

@@ -13,6 +13,7 @@ from rich.color_triplet import ColorTriplet
 from rich.segment import Segment
 from rich.style import Style
 from textual.app import App
+from textual.geometry import Size
 from textual.strip import Strip
 
 Image: TypeAlias = NDArray[np.uint8]
@@ -56,20 +57,15 @@ class CellPicture:
     inks: NDArray[np.uint8]
 
     @property
-    def rows(self) -> int:
-        """Height in cells."""
-        return int(self.glyphs.shape[0])
-
-    @property
-    def columns(self) -> int:
-        """Width in cells."""
-        return int(self.glyphs.shape[1])
+    def size(self) -> Size:
+        """Columns and rows of cells."""
+        return Size(*self.glyphs.shape[::-1])
 
     def strip(self, row: int, plain: Style) -> Strip:
         """Return a row as a Textual strip; `plain` is the style of dots."""
         glyphs = self.glyphs[row]
         if self.palette is Palette.DOTS:
-            return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], self.columns)
+            return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], len(glyphs))
         inks = self.inks[row].astype(np.uint32)
         colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
         starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
@@ -81,7 +77,7 @@ class CellPicture:
                 starts, [*starts[1:], None], colours[starts].tolist(), strict=True
             )
         ]
-        return Strip(segments, self.columns)
+        return Strip(segments, len(glyphs))
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the displayed colours: rows x columns x the 4 quarters of a cell x RGB."""

@@ -79,11 +79,11 @@ class SharpPicture:
         console = Console(width=columns, height=rows, file=io.StringIO(), color_system="truecolor")
         self._sent = sent
         self._lines = [list(line) for line in Segment.split_lines(console.render(sent))]
-        self.columns, self.rows = columns, rows
+        self.size = Size(columns, rows)
 
     def strip(self, row: int, _plain: Style) -> Strip:
         """Return a row of placeholder cells."""
-        return Strip(self._lines[row], self.columns)
+        return Strip(self._lines[row], self.size.width)
 
     def forget(self) -> None:
         """Delete the picture from the terminal."""
@@ -97,9 +97,9 @@ def strip_of_middle(
 
     `plain` is the style of a picture without colours, `around` that of the margin.
     """
-    row = line - (size.height - drawn.rows) // 2
-    left, right = (size.width - drawn.columns) // 2, (size.width - drawn.columns + 1) // 2
-    if not 0 <= row < drawn.rows or left < 0:
+    row, margin = line - (size.height - drawn.size.height) // 2, size.width - drawn.size.width
+    left, right = margin // 2, (margin + 1) // 2
+    if not 0 <= row < drawn.size.height or left < 0:
         return Strip.blank(size.width, around)
     return Strip.join([Strip.blank(left, around), drawn.strip(row, plain), Strip.blank(right, around)])
 
@@ -243,7 +243,7 @@ class Picture(Widget):
         if spans is None or new is None:
             self.refresh()
         elif spans:
-            left, top = (self.size.width - new.columns) // 2, (self.size.height - new.rows) // 2
+            left, top = (self.size.width - new.size.width) // 2, (self.size.height - new.size.height) // 2
             self.refresh(*(Region(left + start, top + row, end - start, 1) for row, start, end in spans))
 
     def _put_sharp(self, new: SharpPicture | None) -> bool:

@@ -28,7 +28,7 @@ def scene(width: int, height: int) -> np.ndarray:
 
 def seen(cells: CellPicture) -> np.ndarray:
     """The RGB image that a person sees, two pixels a cell in both directions."""
-    rows, columns = cells.rows, cells.columns
+    columns, rows = cells.size
     quarters = cells.pixels().reshape(rows, columns, 2, 2, 3)
     return quarters.transpose(0, 2, 1, 3, 4).reshape(2 * rows, 2 * columns, 3)
 
@@ -73,7 +73,7 @@ def test_256_colours_are_those_that_a_terminal_has() -> None:
     cube = {0, 95, 135, 175, 215, 255}
     for red, green, blue in cells.inks.reshape(-1, 3).tolist():
         assert {red, green, blue} <= cube or (red == green == blue and red % 10 == 8)
-    for row in range(cells.rows):
+    for row in range(cells.size.height):
         for segment in cells.strip(row, Style()):
             assert segment.style is not None
             assert segment.style.color is not None
@@ -93,7 +93,9 @@ def test_dots_are_denser_where_it_is_brighter() -> None:
     plain = Style(bold=True)
 
     def dots(cells: CellPicture) -> np.ndarray:
-        return np.array([[ord(c).bit_count() for c in cells.strip(r, plain).text] for r in range(cells.rows)])
+        return np.array(
+            [[ord(c).bit_count() for c in cells.strip(r, plain).text] for r in range(cells.size.height)]
+        )
 
     dark, light = draw_cells(image, Palette.DOTS), draw_cells(image, Palette.DOTS, light=True)
     assert dots(dark).shape == (48, 80)

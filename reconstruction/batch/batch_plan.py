@@ -84,11 +84,11 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
                 chosen = dataset.nearest_instants(instant, unit.offsets_ms)
             except BadInputError as error:
                 refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))
-                continue
-            truth = _truth_checksums(dataset, chosen)
-            made_by = str(matcher), unit.offsets_ms, sorted(shifts.items()), options.program
-            inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
-            made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
+            else:
+                truth = _truth_checksums(dataset, chosen)
+                made_by = str(matcher), unit.offsets_ms, sorted(shifts.items()), options.program
+                inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
+                made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
         units += made
         if options.instants is None:
             refused = [] if made else refused[-1:]

@@ -94,14 +94,13 @@ def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], 
             found, refused = plan(session, options)
         except NotApplicableError as error:
             failures.append(Row(session=session.name, not_applicable=str(error)))
-            continue
         except (SimulshotError, OSError) as error:
             code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
             failures.append(Row(session=session.name, error=str(error), exit_code=code))
-            continue
-        # A session named twice counts once.
-        units.update((unit.key, unit) for unit in found)
-        failures += refused
+        else:
+            # A session named twice counts once.
+            units.update((unit.key, unit) for unit in found)
+            failures += refused
     return list(units.values()), failures
 
 

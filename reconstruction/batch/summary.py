@@ -212,8 +212,7 @@ def _csv(rows: Sequence[Row]) -> str:
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(Row.__struct_fields__)
-    for row in rows:
-        writer.writerow("" if value is None else value for value in msgspec.structs.astuple(row))
+    writer.writerows(map(msgspec.structs.astuple, rows))
     return text.getvalue()
 
 

@@ -128,8 +128,7 @@ class Workers:
             running: dict[Any, Unit] = {}
             while True:
                 for unit in islice(left, count - len(running)):
-                    future = client.submit(_run_in_worker, task, unit, root, memory, cores, pure=False)
-                    running[future] = unit
+                    running[client.submit(_run_in_worker, task, unit, root, memory, cores, pure=False)] = unit
                 if not running:
                     return
                 for future in self._wait_for_any(list(running), client, cluster, count):

@@ -35,8 +35,8 @@ def live(width: int) -> None:
     engine, due_s = None, 0.0
     for data in messages:
         given = msgspec.msgpack.decode(data, type=InstantImages)
-        decoded = {name: decode_preview(jpeg) for name, jpeg in given.jpegs.items()}
-        images = {name: image for name, image in decoded.items() if image is not None}
+        decoded = ((name, decode_preview(jpeg)) for name, jpeg in given.jpegs.items())
+        images = {name: image for name, image in decoded if image is not None}
         answer = DepthPreview(given.instant_ns, given.camera)
         if engine is None and monotonic() >= due_s:
             due_s = monotonic() + LOOK_S

@@ -212,7 +212,8 @@ def _run_studies(
                 name, found = running.pop(future), future.result()
                 del left[name]
                 order.done(name)
-                known = structs.replace(known, studies=known.studies + found.pop("studies", ()), **found)
+                made = known.studies + found.pop("studies", ())
+                known = structs.replace(known, studies=made, **found)
             yield known, tuple(left.values())
     if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies):
         raise no_views

@@ -20,7 +20,7 @@ from reconstruction.report.report_tables import conditions_table, instants_table
 from reconstruction.report.study_report import reported, study_reports
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, TextTable
-from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.study_result import StudyResult
 
 ORIGINS = {
     "simulated": ("Simulated", "pictures and true distances are rendered"),
@@ -44,8 +44,11 @@ def write_report(result: CompareResult, out: Path, running: Sequence[str] = ()) 
 def report_words(result: CompareResult) -> ReportWords:
     """Return the tables of measurements and the names of the conditions, without a page around them."""
     names = name_conditions(result)
-    made = [found for study, found in reported(result) if study.text.measures]
-    tables = [study_table(found, name_conditions(result, found.cameras)) for found in made]
+    tables = [
+        study_table(found, name_conditions(result, found.cameras))
+        for study, found in reported(result)
+        if study.text.measures
+    ]
     return ReportWords(
         synced=names.first,
         offset=names.late,
@@ -94,7 +97,14 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
     kind, meaning = ORIGINS.get(result.origin, ("", ""))
     size = f"{count(result.camera_count, 'camera')}, {count(result.instant_count, 'instant')}"
     two_claims, claims_note = claims(result)
-    pictures = _pictures(views)
+    pictures = [
+        (picture, view)
+        for view in views.values()
+        if not view["text"].section
+        for picture in view["found"].pictures
+    ]
+    # Those with a slider come first.
+    pictures.sort(key=lambda shown: shown[0].panels > 1)
     hero = next((shown for shown in pictures if shown[0].key == shown[1]["text"].hero), None)
     texts = [study.text for study in (*(one for one, _ in made), *study_reports().values())]
     reason = next((text for text in texts if text.why), None)
@@ -129,17 +139,6 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "conditions_table": conditions_table(result),
     }
     return render_page(view, _sections(result, views, len(pictures) > (hero is not None)))
-
-
-def _pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[str, Any]]]:
-    """Return the pictures of studies without a section of their own; pictures with a slider come first."""
-    found = [
-        (picture, view)
-        for view in views.values()
-        if not view["text"].section
-        for picture in view["found"].pictures
-    ]
-    return sorted(found, key=lambda one: one[0].panels > 1)
 
 
 def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictures: bool) -> list[Section]:

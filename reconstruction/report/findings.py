@@ -96,11 +96,11 @@ def rig_judgement(timing: Timing) -> str:
 
 def motion_sentence(timing: Timing) -> str:
     """Return a sentence about cameras that moved while recording; empty if none did."""
-    moving, far = timing.moving_cameras, "too far to be tracked"
+    moving = timing.moving_cameras
     if not moving:
         return ""
-    if max(moving.values()) < 1e3:
-        far = f"by {max(moving.values()):.1f} pixels from frame to frame"
+    max_px = max(moving.values())
+    far = f"by {max_px:.1f} pixels from frame to frame" if max_px < 1e3 else "too far to be tracked"
     who = "The cameras" if len(moving) > 1 else next(iter(moving))
     return (
         f"{who} moved while recording: nearly all points at rest move too, {far}. So these pictures "
@@ -140,11 +140,13 @@ def name_conditions(result: CompareResult, cameras: Sequence[str] = ()) -> Condi
     """
     asked = cameras or (() if result.timing is None else result.timing.cameras)
     late = wording.offset_text(result.actual_offset_ms)
-    heads, many = {"synced": "Recorded", "offset": late[0].upper() + late[1:]}, "both"
+    heads = {"synced": "Recorded", "offset": late[0].upper() + late[1:]}
     if len(asked) > 2:
-        late, heads["offset"], many = UNSYNCHRONIZED, "Unsynced", "all"
+        late = UNSYNCHRONIZED
+        heads["offset"] = "Unsynced"
     if asked and result.together(asked):
         heads["synced"] = "Synced"
+        many = "all" if len(asked) > 2 else "both"
         return ConditionNames("Synchronized", f"when {many} pictures show the same instant", late, heads)
     when = "in the pictures as they were recorded"
     return ConditionNames("As recorded", when, late, heads, apart=result.apart(asked))

@@ -441,7 +441,10 @@ def _stabilized_views(
         for middle in (_largest_centroid, _centroid)
     )
     placed = [one for one in subjects if one is not None]
-    return (stabilize_views(ours, min(placed, key=itemgetter(1))[0], *canvas) if placed else None) or {}
+    if not placed:
+        return {}
+    point, _ = min(placed, key=itemgetter(1))
+    return stabilize_views(ours, point, *canvas) or {}
 
 
 def _centroid(mask: Array) -> Array:

@@ -1,7 +1,6 @@
 """Depth of the middle camera from all cameras, and the cloud fused from all."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -80,49 +79,6 @@ them agree. {{ view.delays|keep_units }}</p>
 """
 
 
-@dataclass(frozen=True)
-class CameraGroup:
-    """Cameras with overlapping views around a central reference, and reasons why others are left out."""
-
-    reference: str
-    cameras: tuple[str, ...]
-    scene: RoughScene
-    """Coarse scene found by a first look."""
-    left_out: Mapping[str, str]
-
-
-def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
-    """Choose the cameras from synchronized images around the instant `middle`.
-
-    Raises:
-        ValueError: fewer than `MIN_CAMERAS` have overlapping views.
-    """
-    dataset = shots.dataset
-    names, instants = dataset.cameras, range(len(dataset.instants_ns))
-    counts = {k: sum(dataset.has_image(c, k) for c in names) for k in instants}
-    complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
-    best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
-    left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
-    images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
-    _require_cameras(images, left_out)
-    try:
-        scene = find_rough_scene(images)
-    except BadInputError as error:
-        raise ValueError(error.what) from error
-    views = {c: image.view for c, image in images.items()}
-    sources = choose_source_views({c: view for c, view in views.items() if c in scene.points}, scene.points)
-    views = {c: view for c, view in views.items() if len(sources.get(c, ())) > 1}
-    left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
-    _require_cameras(views, left_out)
-    reference = choose_reference_view(views, scene.points)
-    nearest = [c for c in sources[reference] if c in views][: MAX_CAMERAS - 1]
-    cameras = [c for c in names if c == reference or c in nearest]
-    enough = f"{MAX_CAMERAS} cameras are enough to compare conditions"
-    left_out |= {c: enough for c in views if c not in cameras}
-    _require_cameras(cameras, left_out)
-    return CameraGroup(reference, tuple(cameras), scene, left_out)
-
-
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
     if len(cameras) < MIN_CAMERAS:
         names = {why: [c for c, its in left_out.items() if its == why] for why in left_out.values()}
@@ -136,27 +92,23 @@ def save_clouds(
     """Write the clouds that have points into out/pictures.
 
     `view` and `moving` (bool) belong to the reference camera. A page starts from its position and rotates
-    about the moving objects.
+    about the centre of the moving objects, else of all points.
     """
     paths = {side: f"pictures/cloud_{side}.ply" for side, found in maps.items() if len(found.points)}
     for side, path in paths.items():
         write_ply(out / path, PointCloud(maps[side].points, maps[side].colours))
+    synced = maps["synced"]
+    known = synced.depth > 0
+    rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
+    points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
     return InstantClouds(
         instant=instant,
         **paths,
         rotation=tuple(view.rotation.ravel().tolist()),
         centre=tuple(view.centre.tolist()),
         focal=view.focal / view.width,
-        pivot=tuple(_pivot(maps["synced"], view, moving).tolist()),
+        pivot=tuple(np.median(points if len(rows) else synced.points, axis=0).tolist()),
     )
-
-
-def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
-    """Return the centre of the moving points, else of all points, in the rig's frame."""
-    known = synced.depth > 0
-    rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
-    points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
-    return np.asarray(np.median(points if len(rows) else synced.points, axis=0))
 
 
 class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -300,8 +252,14 @@ class MultiviewStudy(ConditionStudy):
 
     middle_camera = ""
     """Required middle camera; any other is rejected. Empty accepts all."""
-    group: CameraGroup
-    """The cameras; set by `prepare`."""
+    reference: str
+    """The central camera, on whose pixels depth is scored."""
+    cameras: tuple[str, ...]
+    """The reference and those whose views overlap most with it."""
+    scene: RoughScene
+    """Coarse scene found by a first look."""
+    left_out: dict[str, str]
+    """Why other cameras take no part."""
 
     @property
     def steps(self) -> int:
@@ -320,7 +278,7 @@ class MultiviewStudy(ConditionStudy):
 
     def adopt(self, ours: Self) -> None:
         """Use the middle camera of the comparison's own session."""
-        self.middle_camera = ours.group.reference
+        self.middle_camera = ours.reference
 
     @cached_property
     def matcher(self) -> ChosenMatcher:
@@ -342,9 +300,38 @@ class MultiviewStudy(ConditionStudy):
         self.progress.step("choosing cameras for depth from all cameras")
         if not self.rig.views:
             raise ValueError("the cameras have no calibration")
-        self.group = choose_camera_group(self.shots, self.context.middle)
-        if self.middle_camera not in ("", self.group.reference):
-            raise ValueError(f"its middle camera is {self.group.reference}, not {self.middle_camera}")
+        self._choose_cameras(self.context.middle)
+        if self.middle_camera not in ("", self.reference):
+            raise ValueError(f"its middle camera is {self.reference}, not {self.middle_camera}")
+
+    def _choose_cameras(self, middle: int) -> None:
+        """Choose the cameras from synchronized images around the instant `middle`.
+
+        Raises:
+            ValueError: fewer than `MIN_CAMERAS` have overlapping views.
+        """
+        shots, names, instants = self.shots, self.dataset.cameras, range(len(self.dataset.instants_ns))
+        counts = {k: sum(self.dataset.has_image(c, k) for c in names) for k in instants}
+        complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
+        best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
+        left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
+        images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
+        _require_cameras(images, left_out)
+        try:
+            self.scene = find_rough_scene(images)
+        except BadInputError as error:
+            raise ValueError(error.what) from error
+        points = self.scene.points
+        sources = choose_source_views({c: one.view for c, one in images.items() if c in points}, points)
+        views = {c: one.view for c, one in images.items() if len(sources.get(c, ())) > 1}
+        left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
+        _require_cameras(views, left_out)
+        self.reference = choose_reference_view(views, points)
+        nearest = [c for c in sources[self.reference] if c in views][: MAX_CAMERAS - 1]
+        self.cameras = tuple(c for c in names if c == self.reference or c in nearest)
+        enough = f"{MAX_CAMERAS} cameras are enough to compare conditions"
+        self.left_out = left_out | {c: enough for c in views if c not in self.cameras}
+        _require_cameras(self.cameras, self.left_out)
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
         """Compare a condition with the synchronized one on the same instants, pixels and cameras.
@@ -371,9 +358,9 @@ class MultiviewStudy(ConditionStudy):
         with worker_pool(AT_A_TIME) as pool:
             rest, others = pool.map(list[InstantDepth], (synced, offset))
         found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
-        nows, group = [one.instant for one in instants], self.group
+        nows = [one.instant for one in instants]
         together = [maps["synced"] for maps in found]
-        scorer = InstantScorer(self.shots, group.reference, self.rig.unit, nows, together)
+        scorer = InstantScorer(self.shots, self.reference, self.rig.unit, nows, together)
         with worker_pool(AT_A_TIME) as pool:
             scores = list(pool.map(scorer.measure, nows, [one.shown for one in instants], found))
         tally = Tally()
@@ -384,28 +371,28 @@ class MultiviewStudy(ConditionStudy):
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         return StudyResult(
             name=self.text.name,
-            cameras=group.cameras,
+            cameras=self.cameras,
             instants=tally.instants,
-            offsets_ms=relative_offsets_ms(condition, self.dataset, group.reference, group.cameras),
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
             facts=MultiviewFacts(
-                reference=group.reference,
+                reference=self.reference,
                 tolerance_m=scorer.tolerance_m,
-                width_px=self.shots.views[group.reference].width,
+                width_px=self.shots.views[self.reference].width,
                 matcher=self.matcher.name,
                 matcher_note=self.matcher.note,
                 clouds=clouds,
-                left_out=dict(group.left_out),
+                left_out=self.left_out,
                 cloud_skipped=scorer.no_surfaces,
             ),
         )
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have their images in both conditions."""
-        reference, problem = self.group.reference, self.shots.problem
-        complete = complete_instants(self.dataset, condition, reference, self.group.cameras)
+        reference, problem = self.reference, self.shots.problem
+        complete = complete_instants(self.dataset, condition, reference, self.cameras)
         by_instant = {one.instant: one.shown for one in complete}
         limit = self.options.multiview_instants
         usable = [
@@ -426,7 +413,7 @@ class MultiviewStudy(ConditionStudy):
 
         `made`: the depth that follows from `still`, of the first of them.
         """
-        scene, reference = self.group.scene, self.group.reference
+        scene, reference = self.scene, self.reference
 
         def compute(instants: dict[str, int]) -> InstantDepth:
             shots = {camera: self.shots.image(camera, instant) for camera, instant in instants.items()}
@@ -462,7 +449,7 @@ class MultiviewStudy(ConditionStudy):
         folder: Path,
     ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
         """Write pictures and clouds of the instant with the most moving pixels found."""
-        reference = self.group.reference
+        reference = self.reference
         moving = [self.shots.moving(reference, one.instant) for one in instants]
         pairs = zip(moving, found, strict=True)
         best = int(np.argmax([int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in pairs]))

@@ -112,8 +112,11 @@ class PanoramaStudy(PairStudy):
             return None
         if known[0] == "mover_found":
             return Claim(known[1:], "of moving things in both pictures where these overlap in the panorama")
-        what = "of misfit of moving things where the pictures of the panorama overlap"
-        return Claim(known[1:], what, wording.PIXELS)
+        return Claim(
+            known[1:],
+            "of misfit of moving things where the pictures of the panorama overlap",
+            wording.PIXELS,
+        )
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:

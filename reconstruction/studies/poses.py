@@ -159,9 +159,9 @@ def _camera(view: View) -> tuple[str, str]:
     m = view.matrix
     # COLMAP's first pixel has its centre at (0.5, 0.5).
     numbers = [m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5]
-    if not view.distortion.any():
-        return "PINHOLE", ",".join(map(str, numbers))
-    return "FULL_OPENCV", ",".join(map(str, [*numbers, *view.distortion, 0, 0, 0]))
+    distortion = [*view.distortion, 0, 0, 0] if view.distortion.any() else []
+    model = "FULL_OPENCV" if distortion else "PINHOLE"
+    return model, ",".join(map(str, numbers + distortion))
 
 
 def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) -> list[tuple[float, float]]:
@@ -342,7 +342,8 @@ class PoseStudy(ConditionStudy):
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
         """Compare a condition, without pictures; see `ConditionStudy.compare`."""
-        every, tally = len(self.cameras), Tally()
+        tally = Tally()
+        every = len(self.cameras)
         instants = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, every)
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))

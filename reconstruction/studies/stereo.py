@@ -221,8 +221,11 @@ class StereoStudy(PairStudy):
             return None
         if known[0] == DEPTH_MEASURES[0]:
             return Claim(known[1:], "of the moving surface measured correctly")
-        note = "The true distances are not known here, so this counts pixels where both pictures agree."
-        return Claim(known[1:], "of the moving surface given a distance", note=note)
+        return Claim(
+            known[1:],
+            "of the moving surface given a distance",
+            note="The true distances are not known here, so this counts pixels where both pictures agree.",
+        )
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:

@@ -117,16 +117,13 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
         database.write_frame(model.frame(number), use_frame_id=True)
         database.write_image(model.image(number), use_image_id=True)
         database.write_keypoints(number, places.astype(np.float32))
+        # As in COLMAP's SIFT: 512 times the root of the L1-normalized values.
+        shares = features.descriptors / np.maximum(features.descriptors.sum(1, keepdims=True), 1e-7)
+        roots = np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8)
         sift = colmap.FeatureExtractorType.SIFT
-        database.write_descriptors(number, colmap.FeatureDescriptors(sift, _roots(features.descriptors)))
+        database.write_descriptors(number, colmap.FeatureDescriptors(sift, roots))
     database.close()
     return model
-
-
-def _roots(descriptors: Array) -> Array:
-    """Return descriptors as in COLMAP's SIFT: 512 times the root of the L1-normalized values, uint8."""
-    shares = descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-7)
-    return np.asarray(np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8))
 
 
 def _match(colmap: Any, database: Path, model: Any, limit_px: float) -> None:
@@ -235,6 +232,7 @@ class TriangulationStudy(ConditionStudy):
         """
         self.progress.step("choosing cameras for points by COLMAP")
         self.cameras = self._choose_cameras()
+        # The second camera is delayed where the burst has no delays of all cameras.
         with suppress(ValueError):
             if self.context.offset is None or (len(self.cameras) > 2 and self._instants(ALL_APART)):
                 return
@@ -326,7 +324,9 @@ class TriangulationStudy(ConditionStudy):
             return np.bincount(found.point[which], minlength=len(found.points))
 
         seen = count(np.ones_like(moving))
-        on_moving, judged, correct = 2 * count(moving) >= seen, count(known) == seen, 2 * count(right) >= seen
+        on_moving = 2 * count(moving) >= seen
+        judged = count(known) == seen
+        correct = 2 * count(right) >= seen
         still = (count(hidden) == 0) & ~on_moving
         measured = Measurements()
         for kind, mask, there in (("mover", on_moving, anything), ("static", still, True)):

@@ -80,7 +80,7 @@ def medians(found: StudyResult[Any], side: str = "synced") -> dict[str, float]:
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
     whole = multiview(trio, tmp_path)
     whole.prepare()
-    assert (whole.group.reference, whole.group.cameras) == ("middle", ("left", "middle", "right"))
+    assert (whole.reference, whole.cameras) == ("middle", ("left", "middle", "right"))
     found = whole.compare(Condition(DISTINCT))
     synced, offset = medians(found), medians(found, "offset")
     for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency"):
@@ -237,7 +237,7 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
     session = darken(trio, tmp_path / "dark", [("left", 2)])
     whole = multiview(session, tmp_path / "stages", instants=9, width=160)
     whole.prepare()
-    assert len(whole.group.cameras) == 3
+    assert len(whole.cameras) == 3
     found = whole.compare(Condition.parse("left=33"))
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
     assert [row["instant"] for row in found.per_instant] == [0, 3]
@@ -254,9 +254,9 @@ def test_more_cameras_than_needed_are_left_out(
     session = write_session(tmp_path, scene, views, instants=3)
     whole = multiview(session, tmp_path / "stages", width=160, middle=1)
     whole.prepare()
-    assert whole.group.reference == "cam3"
-    assert len(whole.group.cameras) == 5
-    assert len(whole.group.left_out) == 2
+    assert whole.reference == "cam3"
+    assert len(whole.cameras) == 5
+    assert len(whole.left_out) == 2
     whole.compare(Condition.parse("cam3=33"))
     assert {len(cameras) for cameras in matched} == {5}
 

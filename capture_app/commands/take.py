@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 MAX_FRAMES = 100_000
-MAX_S = 31 * 86_400.0
-REPORT_EVERY_S = 1.0
-"""Minimum interval between progress lines of a take, s."""
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 _wait_option = click.option(
@@ -78,7 +75,8 @@ async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEv
             # A small change of a figure while the rig becomes ready is not worth a line.
             gist = _FIGURE.sub("", line) if isinstance(event, Waiting) else line
             last, last_message, at_s = reported.get(event.number, ("", "", 0.0))
-            too_soon = is_running and message == last_message and time.monotonic() < at_s + REPORT_EVERY_S
+            # Progress alone is reported once a second.
+            too_soon = is_running and message == last_message and time.monotonic() < at_s + 1.0
             if line and gist != last and not too_soon:
                 reported[event.number] = (gist, message, time.monotonic())
                 talk(line)
@@ -90,8 +88,8 @@ def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
     from capture_app.rig import taking
 
     match event:
-        case taking.Countdown(number, seconds):
-            return f"take {number} of {plan.repeat} in {seconds} s" if seconds < plan.countdown_s + 1 else ""
+        case taking.Countdown(number, seconds) if seconds < plan.countdown_s + 1:
+            return f"take {number} of {plan.repeat} in {seconds} s"
         case taking.Moved(camera=camera):
             return f"something moves in front of {camera}"
         case taking.Waiting(reason=reason):
@@ -316,7 +314,7 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
 @leader_option
 @click.option(
     "--seconds",
-    type=FiniteRange(0.001, MAX_S),
+    type=FiniteRange(0.001, 31 * 86_400.0),
     metavar="S",
     show_default="until Ctrl-C or --stop",
     help="Length of the recording.",

@@ -51,9 +51,9 @@ def require_reconstruction(package: str, purpose: str) -> None:
 
 
 def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> NotAvailableError:
-    hints = (how_to_install(extra), hint)
     return NotAvailableError(
-        f"{purpose} needs {package}, which is not installed", hint="; or ".join(filter(None, hints))
+        f"{purpose} needs {package}, which is not installed",
+        hint="; or ".join(filter(None, (how_to_install(extra), hint))),
     )
 
 

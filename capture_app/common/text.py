@@ -44,9 +44,7 @@ def clock_offset(ns: int | None, *, signed: bool = True) -> str:
     if minutes < 60:
         return f"{sign}{minutes} min"
     hours, minutes = divmod(minutes, 60)
-    if hours < 48:
-        return f"{sign}{hours} h {minutes:02d} min"
-    return f"{sign}{hours // 24} d {hours % 24} h"
+    return sign + (f"{hours} h {minutes:02d} min" if hours < 48 else f"{hours // 24} d {hours % 24} h")
 
 
 def rough_time(seconds: float) -> str:

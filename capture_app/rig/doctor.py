@@ -236,8 +236,7 @@ def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[st
     """
     if not announced_hosts(host):
         return []
-    interfaces = wifi_interfaces(root / "sys/class/net")
-    found = (*firewalls(active_firewalls(root), [port]), *wifi(interfaces))
+    found = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
     return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
 
 

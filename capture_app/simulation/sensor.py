@@ -102,8 +102,7 @@ class Sensor:
         if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
         obeying = self._obeying(true_ns)
-        rows = self.profile.whole_rows(exposure_ns)
-        self._exposure_rows[obeying] = rows
+        self._exposure_rows[obeying] = self.profile.whole_rows(exposure_ns)
         typical_rows = self.profile.frame_length_rows
         if self.profile.injection_jitter_ns:
             self._delay_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))

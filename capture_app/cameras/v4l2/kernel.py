@@ -147,8 +147,9 @@ class VideoDevice:
 
     def capability(self) -> Capability:
         """Return the node's driver, model and capabilities."""
-        answer = self._exchange("QUERYCAP", b"", b"", b"", 0, 0, 0)
-        driver, card, _bus, _version, capabilities, device_caps = answer
+        driver, card, _bus, _version, capabilities, device_caps = self._exchange(
+            "QUERYCAP", b"", b"", b"", 0, 0, 0
+        )
         flags = device_caps if capabilities & CAP_DEVICE_CAPS else capabilities
         return Capability(_text(driver), _text(card), flags)
 

@@ -58,8 +58,7 @@ class CompiledEngine(SweepEngine):
     def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
         """Warp as NumPy's engine, which rounds positions to 1/32 pixel."""
         out = np.empty(inverse_depth.shape, np.float32)
-        source = ctypes.byref(_source(source_view))
-        self._call("warp", *out.shape, _floats(inverse_depth), source, out)
+        self._call("warp", *out.shape, _floats(inverse_depth), ctypes.byref(_source(source_view)), out)
         return out
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:

@@ -82,8 +82,7 @@ def _differences(
     found = []
     for view in source_views:
         seen, grey = CPU.warp(view, surface), view.reference.grey
-        inside = np.flatnonzero(seen > 0)
-        factor, bias = match_brightness(seen.reshape(-1), grey.reshape(-1), inside)
+        factor, bias = match_brightness(seen.reshape(-1), grey.reshape(-1), np.flatnonzero(seen > 0))
         off = np.abs(factor * seen[pixels] + bias - grey[pixels])
         found.append(np.where(seen[pixels] > 0, np.minimum(off, MAX_GREY_LEVELS), MAX_GREY_LEVELS))
     return np.asarray(np.sort(found, axis=0)[:MIN_SOURCES].mean(0))

@@ -114,8 +114,7 @@ def find_denied(
         rows, columns, z, inside = project_points(view, points)
         towards = view.centre.astype(np.float32) - points
         cosine = (towards * normals).sum(1) / np.linalg.norm(towards, axis=1)
-        measured = found.depth[rows, columns]
-        confirming += inside & (cosine > 0) & (np.abs(measured - z) < SLACK * z)
+        confirming += inside & (cosine > 0) & (np.abs(found.depth[rows, columns] - z) < SLACK * z)
         # Zero if any neighbouring pixel has no depth.
         nearest = cv2.erode(found.depth, np.ones((3, 3), np.uint8))[rows, columns]
         denying += inside & (nearest > np.where(cosine < BEHIND, 1 - SLACK, 1 + SLACK) * z)

@@ -200,8 +200,10 @@ def _bits(floats: Array) -> Array:
 
 def _binding(number: int) -> dict[str, Any]:
     """Return the layout of a binding: what changes from dispatch to dispatch is bound at an offset."""
-    access = "read-only-storage" if number < COSTS else "storage"
-    buffer = {"type": access, "has_dynamic_offset": number in (TASK, COSTS, TOTAL)}
+    buffer = {
+        "type": "read-only-storage" if number < COSTS else "storage",
+        "has_dynamic_offset": number in (TASK, COSTS, TOTAL),
+    }
     return {"binding": number, "visibility": IN_KERNELS, "buffer": buffer}
 
 

@@ -68,8 +68,7 @@ def build_mesh(
     if not len(made.triangles):
         return len(cloud.points), 0, ("cloud.ply",)
     points, colours = np.asarray(cloud.points), np.rint(255 * np.asarray(cloud.colors)).astype(np.uint8)
-    drawn = draw_clouds({"": (points, colours)}, list(views.values()))
-    write_image(folder / "turntable.png", drawn[""])
+    write_image(folder / "turntable.png", draw_clouds({"": (points, colours)}, list(views.values()))[""])
     return len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png")
 
 

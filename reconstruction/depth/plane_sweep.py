@@ -141,8 +141,7 @@ def adopt_proposals(
     step = scale * (span[1] - span[0]) / (count - 1)
     new = proposed > 0
     level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
-    slopes = np.stack([surface.slope_x, surface.slope_y])
-    planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, rounds=3)
+    planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
     begun = Surface._make((*planes, surface.cost))
     swept = _refine_surface(begun, reference, sources, step, (Refinement(0.25, 3),), options)
     # A moving object is at another place in this image than the one that others confirmed.

@@ -91,8 +91,7 @@ def _wider(mask: Array, radius_px: int) -> Array:
 
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:
     """Return boxes that cover a mask (bool) with a margin, and the part of the mask in each (bool)."""
-    wide = _wider(new, MARGIN_PX).astype(np.uint8)
-    _, parts, boxes, _ = cv2.connectedComponentsWithStats(wide)
+    _, parts, boxes, _ = cv2.connectedComponentsWithStats(_wider(new, MARGIN_PX).astype(np.uint8))
     # The first component is the outside.
     return [
         ((slice(top, top + height), slice(left, left + width)), new & (parts == part))

@@ -196,6 +196,6 @@ def _nearest_views(
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Return normals, fitted over a wider neighbourhood than depth: slopes are more sensitive to noise."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
-    slopes = np.stack([surface.slope_x, surface.slope_y])
+    slopes = np.stack(surface[1:3])
     _, right, down = CPU.fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
     return image.surface_normals(surface.inverse_depth, right, down)

@@ -177,8 +177,7 @@ class UndistortedSession:
         view = self.views[camera]
         image = self.dataset.image(camera, instant)
         if image.shape[1] != view.width:
-            size = (view.width, view.height)
-            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+            image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA)
         try:
             found = undistort_image(camera, instant, image, view)
         except BadInputError as error:

@@ -44,6 +44,8 @@ QUIET = 2
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 LOOK_EVERY_S = 1.0
 MAX_LOG_LINES = 2
+INVITE = "invite"
+"""Name of the dialog that can show another code."""
 _PHONE_STEPS = (
     "1  Scan the code with the phone, and open the page.",
     "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
@@ -96,6 +98,10 @@ def qr_lines(text: str) -> list[Content]:
 class GuideScreen(BoxDialog[None]):
     """Dialog with instructions, a QR code beside them, and log lines received since it opened."""
 
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("i", "begin", "Another code", id="invite.another"),
+    ]
+
     def __init__(
         self,
         name: str,
@@ -117,6 +123,10 @@ class GuideScreen(BoxDialog[None]):
         """Start the guide once the dialog is visible, as it may load a web server."""
         self.show("", ("Preparing …", ""))
         self.call_after_refresh(self.action_begin)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer another code only where the guide shows one."""
+        return action != "begin" or self.id == f"{INVITE}-guide"
 
     def action_begin(self) -> None:
         """Run the guide from its beginning; an invitation then shows another code."""
@@ -144,15 +154,9 @@ class GuideScreen(BoxDialog[None]):
         )
 
 
-class InviteScreen(GuideScreen):
-    """Instructions for another machine: the command, also as a QR code, and the pairing code."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "begin", "Another code", id="invite.another"),
-    ]
-
-    def __init__(self, source: RigLink, leader: str) -> None:
-        super().__init__("invite", "Another machine", 36, partial(_invite, source, leader))
+def invite_screen(source: RigLink, leader: str) -> GuideScreen:
+    """Return the dialog for another machine: the command, also as a QR code, and the pairing code."""
+    return GuideScreen(INVITE, "Another machine", 36, partial(_invite, source, leader))
 
 
 async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:

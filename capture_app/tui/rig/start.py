@@ -21,7 +21,7 @@ from capture_app.protocol.orders import VIEWS, AddCamera, AddSimulated, Order
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import (
-    InviteScreen,
+    invite_screen,
     joining_line,
     joining_place,
     phones_screen,
@@ -210,7 +210,7 @@ class StartPanel(Vertical):
     def action_invite(self) -> None:
         """Show how other machines join."""
         self._choose("invite")
-        self.app.push_screen(InviteScreen(self._source, self._leader))
+        self.app.push_screen(invite_screen(self._source, self._leader))
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""

@@ -80,7 +80,7 @@ class ClientConfig:
     @property
     def phase_tolerance_ns(self) -> int:
         """Phase errors up to this are left alone."""
-        only_restarts = self.camera.phase_control is PhaseControl.RESET
+        only_restarts = self.camera.phase_control == PhaseControl.RESET
         return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
 
     def accuracy_target(self) -> AccuracyTarget:
@@ -345,7 +345,7 @@ class Client(Generic[F]):
 
     @property
     def _can_move(self) -> bool:
-        return self.config.camera.phase_control is not PhaseControl.NONE
+        return self.config.camera.phase_control != PhaseControl.NONE
 
     @property
     def _is_aligned(self) -> bool:
@@ -357,7 +357,7 @@ class Client(Generic[F]):
 
     def _waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
-        if self.config.camera.phase_control is not PhaseControl.RESET:
+        if self.config.camera.phase_control != PhaseControl.RESET:
             return False
         return not self._answered or grid.common_instant_leader_ns is None
 

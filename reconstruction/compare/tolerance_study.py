@@ -280,7 +280,7 @@ def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
     """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
     times, grey = rig.dataset.instants_ns, rig.dataset.grey
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    lengths = [np.zeros(0)]
+    lengths = [np.zeros(0, np.float32)]
     for now in nows[:: max(1, len(nows) // 8)]:
         moving = rig.motion.moving(camera, now)
         near = next((k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)), None)

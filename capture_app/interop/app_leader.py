@@ -151,7 +151,7 @@ class AppLeader:
             for phone in self._phones.values()
         ]
         due += [phone.report_due_ns or 0 for phone in self.present() if phone.synced]
-        due += [still.due_ns for still in self.orders.stills]
+        due += self.orders.stills.values()
         return min(due, default=None)
 
     def _send_trigger(self, phone: AppPhone, now_ns: int) -> None:

@@ -10,7 +10,6 @@ import re
 import struct
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
@@ -164,21 +163,13 @@ class AppPhone:
             self._schedule.request_sent(now_ns, self._progress)
 
 
-@dataclass(slots=True)
-class _Still:
-    """Pending still: instant, trigger time, and time of the next trigger message; leader time in ns."""
-
-    instant_ns: int
-    trigger_ns: int
-    due_ns: int
-
-
 class AppOrders:
     """Pending stills and recording state of all phones; `now_ns` is leader time."""
 
     def __init__(self) -> None:
         self.is_recording = False
-        self.stills: list[_Still] = []
+        self.stills: dict[tuple[int, int], int] = {}
+        """Time of each pending still's next trigger message, by its instant and its trigger time (ns)."""
         self._quiet_until_ns = 0
 
     def add_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
@@ -189,28 +180,26 @@ class AppOrders:
         """
         taken: list[int] = []
         for instant_ns in instants_ns:
-            before_ns = self.stills[-1].instant_ns if self.stills else now_ns - STILL_EVERY_NS
+            before_ns, _ = next(reversed(self.stills), (now_ns - STILL_EVERY_NS, 0))
             trigger_ns = instant_ns - period_ns // 2
             if trigger_ns > now_ns and instant_ns >= before_ns + STILL_EVERY_NS:
-                due_ns = max(now_ns, before_ns + STILL_EVERY_NS // 2)
-                self.stills.append(_Still(instant_ns, trigger_ns, due_ns))
+                self.stills[instant_ns, trigger_ns] = max(now_ns, before_ns + STILL_EVERY_NS // 2)
                 taken.append(instant_ns)
         return tuple(taken)
 
     def triggers_due(self, now_ns: int) -> list[int]:
         """Return the trigger times (leader time, ns) to send now."""
-        due = [still for still in self.stills if still.due_ns <= now_ns < still.trigger_ns]
-        for still in due:
+        due = [still for still, due_ns in self.stills.items() if due_ns <= now_ns < still[1]]
+        for instant_ns, trigger_ns in due:
             again_ns = now_ns + AGAIN_EVERY_NS
-            is_last = again_ns > still.trigger_ns - LAST_CALL_NS
-            still.due_ns = still.instant_ns if is_last else again_ns
-        for still in self.stills:
-            if now_ns >= still.instant_ns:
-                self._quiet_until_ns = max(self._quiet_until_ns, still.instant_ns + QUIET_AFTER_NS)
-        self.stills = [still for still in self.stills if now_ns < still.instant_ns]
-        return [still.trigger_ns for still in due]
+            is_last = again_ns > trigger_ns - LAST_CALL_NS
+            self.stills[instant_ns, trigger_ns] = instant_ns if is_last else again_ns
+        for still in [still for still in self.stills if now_ns >= still[0]]:
+            self._quiet_until_ns = max(self._quiet_until_ns, still[0] + QUIET_AFTER_NS)
+            del self.stills[still]
+        return [trigger_ns for _, trigger_ns in due]
 
     def may_align(self, now_ns: int) -> bool:
         """Return whether phones may align: no still is near and no recording runs."""
         is_quiet = not self.is_recording and now_ns >= self._quiet_until_ns
-        return is_quiet and all(still.instant_ns > now_ns + QUIET_BEFORE_NS for still in self.stills)
+        return is_quiet and all(instant_ns > now_ns + QUIET_BEFORE_NS for instant_ns, _ in self.stills)

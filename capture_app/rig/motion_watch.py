@@ -21,13 +21,6 @@ WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
 
 
 @dataclass(slots=True)
-class _View:
-    mean: NDArray[np.float32]
-    deviation: NDArray[np.float32]
-    seen: int = 1
-
-
-@dataclass(slots=True)
 class MotionWatch:
     """Motion detector with a background model of each camera's region.
 
@@ -36,7 +29,8 @@ class MotionWatch:
 
     region: Region = WHOLE
     min_fraction: float = 0.005
-    _views: dict[str, _View] = field(default_factory=dict)
+    _views: dict[str, tuple[NDArray[np.float32], NDArray[np.float32], int]] = field(default_factory=dict)
+    """Mean and deviation of each camera's pixels, and the number of its images so far."""
 
     def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
         """Return whether a camera's next image (H x W) shows motion; global light changes do not count."""
@@ -45,23 +39,20 @@ class MotionWatch:
         rows = slice(int(top * height), max(int(top * height) + 1, round(bottom * height)))
         columns = slice(int(left * width), max(int(left * width) + 1, round(right * width)))
         picture = grey[rows, columns].astype(np.float32)
-        view = self._views.get(camera)
-        if view is None or view.mean.shape != picture.shape:
-            self._views[camera] = _View(picture, np.zeros_like(picture))
+        known = self._views.get(camera)
+        if known is None or known[0].shape != picture.shape:
+            self._views[camera] = picture, np.zeros_like(picture), 1
             return False
-        brighter = np.median((picture + 1) / (view.mean + 1))
-        difference = np.abs(picture - brighter * view.mean)
-        changed = float((difference > np.maximum(MIN_LEVELS, CLEAR * view.deviation)).mean())
+        mean, deviation, seen = known
+        brighter = np.median((picture + 1) / (mean + 1))
+        difference = np.abs(picture - brighter * mean)
+        changed = float((difference > np.maximum(MIN_LEVELS, CLEAR * deviation)).mean())
         # At least a tenth, so that a lasting change becomes background after some images.
-        weight = max(0.1, 1 / (view.seen + 1))
-        view.mean += weight * (picture - view.mean)
-        view.deviation += weight * (np.minimum(difference, MIN_LEVELS) - view.deviation)
-        view.seen += 1
-        return view.seen > LEARN and changed > self.min_fraction
-
-    def forget(self) -> None:
-        """Restart the background models, as after a burst."""
-        self._views.clear()
+        weight = max(0.1, 1 / (seen + 1))
+        mean += weight * (picture - mean)
+        deviation += weight * (np.minimum(difference, MIN_LEVELS) - deviation)
+        self._views[camera] = mean, deviation, seen + 1
+        return seen >= LEARN and changed > self.min_fraction
 
 
 async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:

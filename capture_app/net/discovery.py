@@ -228,8 +228,7 @@ async def search_leaders(
         while True:
             asked_s = time.monotonic()
             await browser.refresh()
-            mine = await first_to_answer(own(), OWN_S)
-            if mine is not None:
+            if (mine := await first_to_answer(own(), OWN_S)) is not None:
                 return [FoundLeader("this machine", (mine,))]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
             found = browser.found

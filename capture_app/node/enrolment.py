@@ -120,11 +120,12 @@ class Enrolment:
                 f"this machine is no longer known here as {role}",
                 hint=f"pair it again; on the leader's machine: capture-app trust invite --as {role}",
             )
-        principal = Principal(request.name, request.instance, who.pin, request.is_relay)
         self._take_back(self._sealed)
         names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
         return messages.KeyAnswer(
-            grant=self._sealed.keys.grant(principal),
+            grant=self._sealed.keys.grant(
+                Principal(request.name, request.instance, who.pin, request.is_relay)
+            ),
             machines=self._trust.known.vouched_for(who.pin),
             names=names,
         )

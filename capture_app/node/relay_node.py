@@ -261,8 +261,7 @@ class RelayNode:
         """Return the relay's state without a leader, as a sentence; empty while it has one."""
         if self._engine.member.time.is_member:
             return ""
-        time_map = self._engine.member.time.time_map
-        if time_map is None or self._lost_ns is None:
+        if (time_map := self._engine.member.time.time_map) is None or self._lost_ns is None:
             return f"relay {self.options.name} has not found a leader yet"
         return (
             f"relay {self.options.name} lost its leader {(now_ns - self._lost_ns) / 1e9:.0f} s ago and is in"

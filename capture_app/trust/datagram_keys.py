@@ -63,8 +63,7 @@ class ClientKeys:
     def open(self, data: bytes, address: Address) -> tuple[bytes, Principal]:
         """Return a datagram's message and its sender. Raises SealError if it is refused."""
         key_id = key_of(data)
-        client = self._clients.get(key_id)
-        if client is None:
+        if (client := self._clients.get(key_id)) is None:
             raise SealError(Refused.UNKNOWN_KEY)
         message = client.seal.open(data)
         if client.address != address:
@@ -137,8 +136,7 @@ class LeaderKeys:
 
     def take_notice(self, leader: Address, notice: bytes, key_id: int) -> bool:
         """Request another key if this leader's notice is about the present key; return whether it is."""
-        seal = self._seals.get(leader)
-        if seal is None or seal.key_id != key_id or not seal.has_sent(notice):
+        if (seal := self._seals.get(leader)) is None or seal.key_id != key_id or not seal.has_sent(notice):
             return False
         self.missing.add(leader)
         return True

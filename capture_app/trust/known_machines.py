@@ -174,8 +174,7 @@ class KnownMachines:
         introduce machines with any role, another one only leaders. Machines confirmed here, or known through
         another leader, are unchanged. Raises DiskError, BadInputError.
         """
-        voucher = self.find(of)
-        if voucher is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
+        if (voucher := self.find(of)) is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
             return
         allowed = set(Role) if Role.STANDBY in voucher.roles else {Role.LEADER}
 
@@ -199,8 +198,7 @@ class KnownMachines:
     def note_certificate(self, certificate: bytes) -> KnownMachine | None:
         """Store the certificate of a machine that was added by its pin; return None if it was not."""
         pin = pin_of(certificate)
-        known = self.find(pin)
-        if known is None or known.certificate is not None:
+        if (known := self.find(pin)) is None or known.certificate is not None:
             return known
         return None if known.vouched_by else self.add(pin, known.roles[0], certificate=certificate)
 

@@ -39,8 +39,7 @@ class SealedClient:
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram if a leader has sealed it."""
-        message = _opened_by_client(data, address, self.keys, self.refusals)
-        if message is not None:
+        if (message := _opened_by_client(data, address, self.keys, self.refusals)) is not None:
             self._engine.receive_datagram(message, address, now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
@@ -63,8 +62,7 @@ class SealedLeader:
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram if a client has sealed it in its own name."""
-        opened = self._open(data, address)
-        if opened is None:
+        if (opened := self._open(data, address)) is None:
             return
         before = self._leader.impostures
         self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
@@ -129,8 +127,7 @@ def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: 
     if is_version_answer(data):
         # It has no seal so that every version can read it; it is only displayed.
         return data
-    key_id = unknown_key_of(data)
-    if key_id is not None and keys.take_notice(leader, data, key_id):
+    if (key_id := unknown_key_of(data)) is not None and keys.take_notice(leader, data, key_id):
         return None
     try:
         return keys.open(data, leader)

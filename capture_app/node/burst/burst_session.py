@@ -278,8 +278,7 @@ class BurstSession:
     def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
         if saved.cancelled():
             return
-        error = saved.exception()
-        if error is None:
+        if (error := saved.exception()) is None:
             delivery.instants.add(number)
             # Acknowledged before the session is finished, which takes the disk some time.
             self._background.start(self.finish_if_complete())
@@ -334,8 +333,7 @@ class BurstSession:
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""
-        delivery = self._deliveries.get(name)
-        if delivery is None or delivery.is_complete(self._choice):
+        if (delivery := self._deliveries.get(name)) is None or delivery.is_complete(self._choice):
             return
         delivery.given_up, delivery.silent = reason, silent
         try:

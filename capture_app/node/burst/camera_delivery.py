@@ -113,9 +113,11 @@ class CameraDelivery:
         The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged.
         """
         if is_of_earlier_run and self.plan.reported:
-            before = self.plan
             plan = replace(
-                plan, camera=before.camera, calibration=before.calibration, true_clock=before.true_clock
+                plan,
+                camera=self.plan.camera,
+                calibration=self.plan.calibration,
+                true_clock=self.plan.true_clock,
             )
         self.plan = replace(plan, reported=True)
         self.given_up, self.silent = "", False
@@ -146,11 +148,11 @@ class CameraDelivery:
         """Return the session's instants without an image, and why; `lost` are reasons from before."""
         name, chosen = self.name, choice.chosen or ()
         reasons = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
-        for run in self.plan.missing_runs:
-            for instant in range(run.first, min(run.first + run.count, len(chosen))):
-                reasons[instant] = MissingImage(
-                    camera=name, instant=instant, reason=run.reason, dropped=run.dropped
-                )
+        reasons |= {
+            instant: MissingImage(camera=name, instant=instant, reason=run.reason, dropped=run.dropped)
+            for run in self.plan.missing_runs
+            for instant in range(run.first, min(run.first + run.count, len(chosen)))
+        }
         for gap in self.plan.missing:
             if gap.instant in chosen:
                 number = chosen.index(gap.instant)

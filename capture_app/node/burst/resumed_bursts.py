@@ -69,8 +69,7 @@ class ResumedBursts:
         return await asyncio.to_thread(self._answer_if_whole, report, pin)
 
     def _answer_if_whole(self, report: CameraReport, pin: str) -> ReportAck | None:
-        folder = self._find((report.leader, report.burst))
-        if folder is None:
+        if (folder := self._find((report.leader, report.burst))) is None:
             return None
         plan, camera = read_plan(folder), report.camera
         # Check before anything is reopened.
@@ -104,11 +103,9 @@ class ResumedBursts:
         """
         key = (report.leader, report.burst)
         async with self._opening:
-            session = self._open.get(key)
-            if session is not None and not session.finished.is_set():
+            if (session := self._open.get(key)) is not None and not session.finished.is_set():
                 return session
-            folder = await asyncio.to_thread(self._find, key)
-            if folder is None:
+            if (folder := await asyncio.to_thread(self._find, key)) is None:
                 raise BadInputError(
                     f"burst {report.burst} of that leader has no session in {self._root}",
                     hint="move its session back there, then run: capture-app sessions repair SESSION",
@@ -133,8 +130,7 @@ class ResumedBursts:
         return session
 
     def _find(self, key: Key) -> Path | None:
-        known = self._folders.get(key)
-        if known is not None and (known / PLAN).is_file():
+        if (known := self._folders.get(key)) is not None and (known / PLAN).is_file():
             return known
         for plan in sorted(self._root.glob(f"*/{PLAN}")):
             with suppress(BadInputError):

@@ -268,11 +268,10 @@ class BurstUpload:
         """Return a burst that an earlier run of the node left in the spool. Raises SimulshotError."""
         report, images = spooled.read_report(), deque(spooled.read_images())
         here, plan = {image.record.instant for image in images}, report.plan
-        missing = plan.missing
         if not plan.picking and plan.picked is None:
             # Of frames that are sent as they are selected, the leader has all that are no longer here.
             here |= {*plan.instants}
-            missing = tuple(gap for gap in missing if gap.instant not in here)
+        missing = tuple(gap for gap in plan.missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
         return cls(report, images=images, spooled=spooled)
 

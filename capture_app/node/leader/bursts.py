@@ -291,8 +291,7 @@ class ActiveBursts:
 
         Raises BadInputError where no such burst is in progress.
         """
-        session = self._bursts.get(number)
-        if session is None or session.finished.is_set():
+        if (session := self._bursts.get(number)) is None or session.finished.is_set():
             raise BadInputError(
                 f"burst {number} is not under way", hint="capture-app sessions list shows saved ones"
             )

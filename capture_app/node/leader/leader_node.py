@@ -125,8 +125,9 @@ class LeaderNode:
 
     def announced(self, among: Sequence[Address] = ()) -> AbstractAsyncContextManager[None]:
         """Announce this leader on the network while the block runs; `among` are all leaders of its rig."""
-        host, trust = self.options.host, self.options.trust
-        return announced(host, self.address.port, "leader", trust=trust, among=among)
+        return announced(
+            self.options.host, self.address.port, "leader", trust=self.options.trust, among=among
+        )
 
     def status(self) -> RigStatus:
         """Return the current status of the whole rig."""

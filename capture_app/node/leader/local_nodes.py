@@ -169,14 +169,12 @@ class LocalNodes:
 
     async def remove(self, name: str) -> None:
         """End a node. Raises BadInputError if there is none of that name."""
-        child = self._children.get(name)
-        if child is None:
+        if (child := self._children.get(name)) is None:
             raise BadInputError(
                 f"{name} is not a node of this leader's machine",
                 hint="stop capture-app node on its own machine; capture-app status lists the cameras",
             )
-        watching = self._watching.pop(name, None)
-        if watching is None:  # it is being ended already
+        if (watching := self._watching.pop(name, None)) is None:  # it is being ended already
             await child.process.wait()
             return
         watching.cancel()

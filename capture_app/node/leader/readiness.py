@@ -54,8 +54,7 @@ def why_not_ready(members: Sequence[Member], cameras: int, *, accept_degraded: b
     """Return why the rig, of at least `cameras` cameras, is not ready; empty when it is."""
     enough = (NodeState.LOST, NodeState.READY, *([NodeState.DEGRADED] if accept_degraded else []))
     late = [shortfall(member) for member in members if member.report.state not in enough]
-    there = len(present_cameras(members))
-    if there < cameras:
+    if (there := len(present_cameras(members))) < cameras:
         late.append(f"{there} of {cameras} nodes have joined")
     return ", ".join(late)
 

@@ -205,8 +205,7 @@ class LeaderService:
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload, working_on: WorkingOn
     ) -> "asyncio.Future[str]":
         """Receive an image that this stream has reported; permission was checked with the report."""
-        session = working_on.get((message.leader, message.burst, message.camera))
-        if session is None:
+        if (session := working_on.get((message.leader, message.burst, message.camera))) is None:
             raise BadInputError(f"this stream may not send for camera {message.camera!r} in that burst")
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))

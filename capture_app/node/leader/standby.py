@@ -152,8 +152,7 @@ class RankedLeader:
         """
         while True:
             await asyncio.sleep(ASK_EVERY_S)
-            leader = self._engine.leader
-            if leader is None:
+            if (leader := self._engine.leader) is None:
                 continue
             if self._sealed is not None:
                 self._sealed.keys.missing.add(leader)

@@ -84,8 +84,7 @@ class Viewfinders:
                         # Its node waits for this, also if nobody has watched since it sent the preview.
                         await channel.send(PreviewSeen(camera=name))
                     case NodeDetail() | ControlsAnswer() | StampSaved():
-                        asked = stream.asked.pop(type(message), None)
-                        if asked is not None and not asked.done():
+                        if (asked := stream.asked.pop(type(message), None)) is not None and not asked.done():
                             asked.set_result(message)
         finally:
             # The node's next stream may be noticed before the end of this one.
@@ -141,8 +140,7 @@ class Viewfinders:
 
     async def _ask(self, name: str) -> None:
         """Send a node the combined preview request of all operators, if it has changed."""
-        stream = self._streams.get(name)
-        if stream is None:
+        if (stream := self._streams.get(name)) is None:
             return
         requests = [w for w in self._requests.values() if w.cameras is None or name in w.cameras]
         requests = requests or [NO_PREVIEWS]

@@ -131,8 +131,13 @@ class RelayNode:
 
     def announced(self) -> AbstractAsyncContextManager[None]:
         """Announce this relay on the network while the block runs."""
-        options = self.options
-        return announced(options.host, self.address.port, "relay", name=options.name, trust=options.trust)
+        return announced(
+            self.options.host,
+            self.address.port,
+            "relay",
+            name=self.options.name,
+            trust=self.options.trust,
+        )
 
     async def __aenter__(self) -> Self:
         return self

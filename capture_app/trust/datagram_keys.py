@@ -11,6 +11,7 @@ from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, key_o
 Address = tuple[str, int]
 
 CRYPTOGRAPHIC = secrets.SystemRandom()
+"""Source of keys that nobody can guess."""
 MAX_KEYS = 20_000
 """Maximum number of stored keys; beyond it, the least recently used key is forgotten."""
 MAX_KEYS_PER_MACHINE = 256

@@ -116,18 +116,17 @@ class RigMember:
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         facts = stream.facts
-        config = ClientConfig(
-            name=options.name,
-            instance=instance,
-            camera=facts,
-            tolerance_ns=options.tolerance_ns,
-            ring_ns=options.ring_ns,
-            ring_bytes=options.ring_bytes,
-            injection_profile=self._profiles.injection_profile(facts),
-            start_latencies_ns=self._profiles.start_latencies_ns(facts),
-        )
         self._engine: Client[CapturedFrame] = Client(
-            config,
+            ClientConfig(
+                name=options.name,
+                instance=instance,
+                camera=facts,
+                tolerance_ns=options.tolerance_ns,
+                ring_ns=options.ring_ns,
+                ring_bytes=options.ring_bytes,
+                injection_profile=self._profiles.injection_profile(facts),
+                start_latencies_ns=self._profiles.start_latencies_ns(facts),
+            ),
             random.Random(secrets.randbits(64)),
             samples=self._samples,
         )

@@ -138,8 +138,9 @@ class ControlKeeper:
         self._locked.discard(control)
         if value == "hold" and state.automatic and control not in self._live:
             return f"it may report another {control} than it used: check whether the picture has changed"
-        out_of_range = f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
-        return out_of_range if nearest != asked else ""
+        if nearest != asked:
+            return f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
+        return ""
 
     # The engine does not learn of locks for a burst. An exposure that becomes known shifts the moment of
     # exposure that timestamps are taken for, and with it the grid, just while a burst is captured.
@@ -225,8 +226,11 @@ class CameraStream:
         facts = self.camera.facts
         reported, measured = facts.stamp_accuracy, self.measured_stamp
         if measured is None or measured.exposure_ns != facts.exposure_ns:
-            stored = self._options.profiles.read(camera_key(self._options.name, facts))
-            measured = None if reported.is_exact else stored.stamp
+            measured = (
+                None
+                if reported.is_exact
+                else self._options.profiles.read(camera_key(self._options.name, facts)).stamp
+            )
         self.facts = replace(facts, stamp=measured or reported)
 
     def _deliver(self, frame: CapturedFrame) -> None:

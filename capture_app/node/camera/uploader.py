@@ -259,10 +259,9 @@ class Uploader:
         """
         self._log, self._trust = log, trust or Trust.of_user()
         self._opening = NodeStream(camera=camera, instance=instance)
-        self.spool = spool
+        self.spool, self._retry_s = spool, retry_s
         self.leader: Address | None = None
         self._run: int | None = None
-        self._retry_s = retry_s
         self._waiting: deque[BurstUpload] = deque()
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
         self._changed = asyncio.Event()

@@ -149,8 +149,9 @@ class ActiveBursts:
         """Why the leader's disk currently accepts nothing, as last reported."""
         self._background = Background()
         self._background.start(self._watch_silence())
-        folders, wait_ns = options.resume, options.return_ns
-        self._background.start(self.resumed.resume_all(self.now_ns(), folders=folders, wait_ns=wait_ns))
+        self._background.start(
+            self.resumed.resume_all(self.now_ns(), folders=options.resume, wait_ns=options.return_ns)
+        )
 
     def now_ns(self) -> int:
         """Return the leader's time."""

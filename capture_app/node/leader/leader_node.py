@@ -71,20 +71,23 @@ class LeaderNode:
         names = None if options.trust.folder is None else CameraNames(options.trust.folder)
         datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
         continued = options.continued
-        config = LeaderConfig(
-            instance=secrets.randbits(32),
-            transfer_port=listening.getsockname()[1],
-            rig=RigConfig(
-                period_ns=options.period_ns,
-                align_row=options.align_row,
-                max_delay_ns=options.max_delay_ns,
-                grid_phase_ns=options.grid_phase_ns,
+        engine = Leader(
+            LeaderConfig(
+                instance=secrets.randbits(32),
+                transfer_port=listening.getsockname()[1],
+                rig=RigConfig(
+                    period_ns=options.period_ns,
+                    align_row=options.align_row,
+                    max_delay_ns=options.max_delay_ns,
+                    grid_phase_ns=options.grid_phase_ns,
+                ),
+                continues=None if continued is None else continued.upstream_map,
+                grid=None if continued is None else continued.grid,
             ),
-            continues=None if continued is None else continued.upstream_map,
-            grid=None if continued is None else continued.grid,
+            random.Random(secrets.randbits(64)),
+            owners=None if names is None else names.owners,
         )
-        rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners
-        leader = cls(options, Leader(config, rng, owners=owners), listening, names)
+        leader = cls(options, engine, listening, names)
         try:
             for follower in options.followers:
                 follower.start(options.clock, options.log, leader.shared_grid)

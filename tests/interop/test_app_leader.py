@@ -77,9 +77,9 @@ def test_what_happens_to_a_phone_is_told() -> None:
     assert synced is not None
     known = re.fullmatch(r"phone phone0 has the time to (\d+) µs", synced.line)
     assert known is not None
-    # 98 of 100 us are the asymmetry of a round trip of 1 ms, but the dense messages have one of 1.75. Until a
-    # few quick ones have passed, they determine the bar: after three seconds without a gain it is reported.
-    assert 0 < int(known[1]) * 1000 < 2.1 * TARGET_NS
+    # 98 of 100 us are the asymmetry of a round trip of 1 ms. But the first quick messages widen the bar for
+    # two seconds, as the next may be quicker still, and after three without a gain it is reported as it is.
+    assert 0 < int(known[1]) * 1000 < 2.5 * TARGET_NS
     rig.take_away(rig.phones[0])
     rig.run(8.0)
     assert rig.leader.next_event() == FollowerEvent("phone0", "lost phone phone0: it has gone silent", True)

@@ -157,10 +157,7 @@ def fit_line(
     excess, used = everything.excess, 0
     if any(lone):
         votes = _vote(everything, dense)
-        # The dense delays bound the error, too: by their own bar, and by what the lone ones move the line.
-        moved = sum(weight * (of_all - of_dense) for weight, _, (of_all, of_dense) in votes)
-        wider = (ASYMMETRY / 2.0) ** 2 * max(0.0, dense.gap**2 - everything.gap**2)
-        excess = min(max(excess, dense.excess), dense.excess + wider + moved**2)
+        excess = max(excess, dense.excess)
         used = 1 if _is_one_sided(levels, firsts, lone) else 0
     lines = [(weight, offsets[used], skew) for weight, skew, offsets in votes]
     mean, slope = sum(w * o for w, o, _ in lines), sum(w * s for w, _, s in lines)

@@ -71,7 +71,7 @@ MIN_FRACTION = 0.025
 """Minimum fraction of its request rate that an overloaded leader accepts: 500 requests a second.
 
 200 nodes over a cable are then ready after 7.9 s, and 40 nodes at their rate over WiFi after 26 s. On the
-paper's link, where one message in eighty is quick, 17 of 40 are ready after 37 s (all simulated).
+paper's link, where one message in eighty is quick, 12 of 40 are ready after 37 s (all simulated).
 """
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""

@@ -82,8 +82,7 @@ def test_rare_faster_messages_shift_the_offset_only_if_both_directions_have_them
     line = line_between(uppers, lowers)
     assert abs(line.offset) < 30e3, "half of the 400 us by which one direction is faster"
     assert abs(line.skew) < 40e-6
-    one_is_faster_ns = 200e3 if directions == 1 else 0.0
-    assert one_is_faster_ns <= 1.96 * line.excess**0.5 < one_is_faster_ns + 250e3, "the error bar covers both"
+    assert line.excess**0.5 > 100e3, "the error bar still covers a faster path in one direction only"
 
 
 def test_a_moment_of_many_faster_messages_leaves_the_skew_to_all_others() -> None:

@@ -3,7 +3,6 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -31,21 +30,6 @@ MAX_RETURN_PX = 0.5
 """Maximum distance of a point, tracked forward and back, from its start."""
 GHOST_GREY = 30.0
 """Difference in grey levels from which two images are marked as a ghost."""
-
-
-@dataclass(frozen=True)
-class ImageMisalignment:
-    """Displacement of the first image's points in the second: `Overlap` pixels (n, 2), and length, px.
-
-    The length is NaN if tracking failed in either direction.
-    """
-
-    at: Array
-    length: Array
-
-    def of(self, mask: Array) -> Array:
-        """Return the lengths at points inside a mask (bool) of the overlap, including NaN."""
-        return np.asarray(self.length[mask[self.at[:, 1], self.at[:, 0]]])
 
 
 def known(lengths: Array) -> Array:
@@ -98,14 +82,17 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     return Overlap(box, first, second, np.asarray(both) > 0)
 
 
-def measure_misalignment(overlap: Overlap) -> ImageMisalignment:
-    """Track the first image's points into the second and back (Lucas and Kanade)."""
+def measure_misalignment(overlap: Overlap) -> tuple[Array, Array]:
+    """Track the first image's points into the second and back (Lucas and Kanade).
+
+    Returns the points' x and y (2, n; int) in the overlap, and the lengths (n,) of their displacements, px. A
+    length is NaN if tracking failed in either direction.
+    """
     first, second = (
         np.where(overlap.both, picture, 0).astype(np.uint8) for picture in (overlap.first, overlap.second)
     )
     at = _points(first, overlap.both)
-    length = _displacement(first, second, at, overlap.both) if len(at) else np.zeros(0)
-    return ImageMisalignment(at, length)
+    return at.T, _displacement(first, second, at, overlap.both) if len(at) else np.zeros(0)
 
 
 def _points(picture: Array, allowed: Array) -> Array:
@@ -208,24 +195,14 @@ class OverlapScore(Struct, frozen=True, kw_only=True):
     """Mean absolute brightness difference, grey levels."""
 
 
-class OverlapScores(NamedTuple):
-    """Residuals of all overlapping layers, and a picture of them."""
-
-    overlaps: tuple[OverlapScore, ...]
-    misfit: Misalignment
-    """Residual at the points of all overlaps that count."""
-    mover_misfit: Misalignment | None
-    """Residual on moving objects in these overlaps; None if motion is unknown."""
-    ghosts: Array
-    """The lightened mean of the layers (BGR) with ghosts marked."""
-
-
 def score_overlaps(
     layers: Mapping[str, Layer], moving_masks: Mapping[str, Array], canvas: Box, late: Collection[str] = ()
-) -> OverlapScores:
+) -> tuple[tuple[OverlapScore, ...], Misalignment, Misalignment | None, Array]:
     """Measure all overlaps; with delayed cameras in `late`, only their overlaps with others count.
 
-    `moving_masks` are motion masks (bool) of the layers' sizes.
+    `moving_masks` are motion masks (bool) of the layers' sizes. Returns the residual of each overlap, at the
+    points of all overlaps that count, and on moving objects in these (None if motion is unknown); and the
+    lightened mean of the layers (BGR) with ghosts marked.
     """
     scores: list[OverlapScore] = []
     lengths, moving_lengths = [np.zeros(0)], []
@@ -235,10 +212,10 @@ def score_overlaps(
         if (overlap := overlap_of(layers[a], layers[b])) is None:
             continue
         overlap = overlap.with_brightness_matched(np.ones_like(overlap.both))
-        found = measure_misalignment(overlap)
-        moving = [found.of(overlap.crop(moving_masks[a], layers[a].box))] if a in moving_masks else []
+        (x, y), length = measure_misalignment(overlap)
+        moving = [length[overlap.crop(moving_masks[a], layers[a].box)[y, x]]] if a in moving_masks else []
         if not late or (a in late) != (b in late):
-            lengths.append(found.length)
+            lengths.append(length)
             moving_lengths += moving
         part, difference = part_of(overlap.box, canvas), overlap.difference
         worst[part] = np.maximum(worst[part], difference)
@@ -246,12 +223,12 @@ def score_overlaps(
             OverlapScore(
                 first=a,
                 second=b,
-                misfit=Misalignment.at_points(found.length),
+                misfit=Misalignment.at_points(length),
                 mover_misfit=Misalignment.at_points(moving[0]) if moving else None,
                 mad=float(difference[overlap.both].mean()),
             )
         )
-    return OverlapScores(
+    return (
         tuple(scores),
         Misalignment.at_points(np.concatenate(lengths)),
         Misalignment.at_points(np.concatenate(moving_lengths)) if moving_lengths else None,

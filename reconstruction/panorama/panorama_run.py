@@ -131,16 +131,18 @@ def _save_panorama(
     images, moving = shown
     layers = stitcher.layers(images)
     moving_masks = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
-    scores = score_overlaps(layers, moving_masks, stitcher.projection.canvas, late)
+    overlaps, misfit, mover_misfit, ghosts = score_overlaps(
+        layers, moving_masks, stitcher.projection.canvas, late
+    )
     picture = stitcher.compose(layers)
     return ConditionPanorama(
         panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),
-        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", scores.ghosts),
+        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", ghosts),
         width=picture.shape[1],
         height=picture.shape[0],
-        misfit=scores.misfit,
-        mover_misfit=scores.mover_misfit,
-        overlaps=scores.overlaps,
+        misfit=misfit,
+        mover_misfit=mover_misfit,
+        overlaps=overlaps,
     )
 
 

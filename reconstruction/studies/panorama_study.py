@@ -236,10 +236,10 @@ class PanoramaStudy(PairStudy):
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
     """Return a panorama's measures; masks: motion in the first image, in either image, and still control."""
     matched_overlap = overlap.with_brightness_matched(still)
-    found, difference = measure_misalignment(matched_overlap), matched_overlap.difference
-    measured = Measurements(medians={"overlap_misfit_px": known(found.length)})
+    ((x, y), length), difference = measure_misalignment(matched_overlap), matched_overlap.difference
+    measured = Measurements(medians={"overlap_misfit_px": known(length)})
     for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
-        lengths = found.of(points)
+        lengths = length[points[y, x]]
         matched = known(lengths)
         measured.shares[f"{kind}_found"] = len(matched), len(lengths)
         measured.means[f"{kind}_points"] = np.array([len(matched)])

@@ -10,7 +10,7 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.panorama.overlap import OverlapScores, score_overlaps
+from reconstruction.panorama.overlap import Misalignment, OverlapScore, score_overlaps
 from reconstruction.panorama.registration import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
@@ -57,7 +57,9 @@ def test_images_of_two_panoramas_are_separated(wall: dict[str, Any]) -> None:
     assert "another panorama, with other0" in stitcher.left_out["other1"]
 
 
-def judged(stitcher: PanoramaStitcher, images: dict[str, Any]) -> OverlapScores:
+def judged(
+    stitcher: PanoramaStitcher, images: dict[str, Any]
+) -> tuple[tuple[OverlapScore, ...], Misalignment, Misalignment | None, np.ndarray[Any, Any]]:
     return score_overlaps(stitcher.layers(images), {}, stitcher.projection.canvas)
 
 
@@ -69,10 +71,10 @@ def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reaso
     assert "shares" in stitcher.left_out["alien"]
     made = stitcher.compose(stitcher.layers(wall))
     assert made.shape[1] > 1.5 * 480
-    found = judged(stitcher, wall)
-    assert {(o.first, o.second) for o in found.overlaps} >= {("p0", "p1"), ("p1", "p2")}
-    assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in found.overlaps)
-    assert found.misfit.points > 100
+    overlaps, misfit, *_ = judged(stitcher, wall)
+    assert {(o.first, o.second) for o in overlaps} >= {("p0", "p1"), ("p1", "p2")}
+    assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in overlaps)
+    assert misfit.points > 100
     again = PanoramaStitcher(wall)
     assert np.array_equal(made, again.compose(again.layers(wall)))
 
@@ -84,7 +86,7 @@ def test_pictures_only_shifted_or_turned_about_their_axis_come_out_whole(turns: 
     stitcher = PanoramaStitcher(pictures)
     made = stitcher.compose(stitcher.layers(pictures))
     assert made.shape[1] == pytest.approx(680, abs=15)
-    found = judged(stitcher, pictures).misfit
+    _, found, *_ = judged(stitcher, pictures)
     assert found.points > 100
     assert found.p95_px is not None
     assert found.p95_px < 1.5
@@ -98,7 +100,7 @@ def test_the_panorama_does_not_depend_on_the_number_of_threads(wall: dict[str, A
             cv2.setNumThreads(threads)
             stitcher = PanoramaStitcher(wall)
             layers = stitcher.layers(wall)
-            made.append((stitcher.compose(layers), judged(stitcher, wall).misfit))
+            made.append((stitcher.compose(layers), judged(stitcher, wall)[1]))
     finally:
         cv2.setNumThreads(before)
     assert np.array_equal(made[0][0], made[1][0])
@@ -111,10 +113,10 @@ def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -
     still = judged(stitcher, pictures)
     pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
     moved = judged(stitcher, pictures)
-    worst = [max(o.misfit.p95_px or 0 for o in found.overlaps) for found in (still, moved)]
+    worst = [max(o.misfit.p95_px or 0 for o in overlaps) for overlaps, *_ in (still, moved)]
     assert worst[0] < 1
     assert worst[1] == pytest.approx(12, abs=1)
-    marked = [int((found.ghosts == (40, 130, 250)).all(2).sum()) for found in (still, moved)]
+    marked = [int((ghosts == (40, 130, 250)).all(2).sum()) for *_, ghosts in (still, moved)]
     assert marked[1] > marked[0] + 200
 
 

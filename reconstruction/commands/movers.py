@@ -28,8 +28,8 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
     from reconstruction.session.dataset import Dataset
     from reconstruction.session.moving_pixels import SceneMotion, write_masks
 
-    result = write_masks(SceneMotion(Dataset.open(session), step=1), out)
-    moving = (
-        f"{camera}: {100 * fraction:.1f} % of its pixels move" for camera, fraction in result.moving.items()
-    )
-    answer(as_json, result, [*moving, f"{result.masks} masks: {out}"])
+    dataset = Dataset.open(session)
+    moving = write_masks(SceneMotion(dataset, step=1), out)
+    masks = sum(len(dataset.instants(camera)) for camera in moving)
+    lines = [f"{camera}: {100 * fraction:.1f} % of its pixels move" for camera, fraction in moving.items()]
+    answer(as_json, {"masks": masks, "moving": moving}, [*lines, f"{masks} masks: {out}"])

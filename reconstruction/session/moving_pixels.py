@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from msgspec import Struct
 
 from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import Progress
@@ -229,17 +228,10 @@ def _cell_motions(before: Array, after: Array) -> Array:
     return np.array([np.nanmedian(of) for of in cells if np.isfinite(of).sum() >= 2])
 
 
-class MovingMasks(Struct, frozen=True, kw_only=True):
-    """Summary of written masks: their number, and by camera the mean fraction of moving pixels."""
-
-    masks: int
-    moving: dict[str, float]
-
-
-def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> MovingMasks:
+def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> dict[str, float]:
     """Write OUT/<camera>/<instant>.png for every image: white on moving pixels and a margin around them.
 
-    `progress` advances by a step for each camera.
+    Returns each camera's mean fraction of moving pixels. `progress` advances by a step for each camera.
 
     Raises:
         NotApplicableError: a camera has fewer than two images to compare.
@@ -267,4 +259,4 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
                 )
                 write_image(masks / f"{instant:06d}.png", full)
             shares[camera] = sum(moving) / len(moving)
-    return MovingMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)
+    return shares

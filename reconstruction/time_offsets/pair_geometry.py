@@ -1,7 +1,6 @@
 """Epipolar geometry of two views, and the effect of calibration errors on it."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -68,12 +67,8 @@ def places(geometry: Array) -> Array:
     return np.asarray(geometry[:, 1:3] / ODDS_PX[1])
 
 
-class Correction(NamedTuple):
-    """Views with a corrected calibration, and the second camera's delay with its standard deviation, ms."""
-
-    views: tuple[View, View]
-    late_ms: float
-    sd_ms: float
+Correction = tuple[tuple[View, View], float, float]
+"""Views with a corrected calibration, and the second camera's delay with its standard deviation, ms."""
 
 
 def correct_views(
@@ -118,7 +113,7 @@ def correct_views(
                 return None
     if np.abs(found).max() >= MAX_CORRECTION or np.median(np.abs(errors_px(found))) >= CORRECTED_PX:
         return None
-    return Correction(
+    return (
         _corrected(views, found * sds),
         float(found[-1]) * period_ms,
         float(np.sqrt(np.linalg.inv(normal)[-1, -1])) * period_ms,

@@ -252,7 +252,7 @@ def _correct_at_rest(
     still = still_errors(pair, at_a, at_b)
     recorded_px = median_px(still[0])
     if recorded_px > TYPICAL_AT_REST_PX and (correction := correct_views(pair, at_a, at_b)) is not None:
-        return correction.views, still_errors(correction.views, at_a, at_b), recorded_px
+        return correction[0], still_errors(correction[0], at_a, at_b), recorded_px
     return pair, still, recorded_px
 
 
@@ -285,12 +285,12 @@ def fit_in_motion(
             correction = _correct_in_motion(pair, period_ms, in_motion, fit.offset_ms)
         if correction is None:
             return misfit(len(matches[0]), "matched points", max(left_px, recorded_px))
-    recorded_px = _off_px(pair, in_motion(correction.late_ms))
-    fit = fit_offset(cross(correction.views), nothing, period_ms, recorded_px)
+    views, late_ms, sd_ms = correction
+    fit = fit_offset(cross(views), nothing, period_ms, _off_px(pair, in_motion(late_ms)))
     if fit.offset_ms is None:
         return fit
-    sd_ms = float(np.hypot(fit.sd_ms or 0.0, correction.sd_ms))
-    if abs(fit.offset_ms - correction.late_ms) > DISAGREEING * sd_ms:
+    sd_ms = float(np.hypot(fit.sd_ms or 0.0, sd_ms))
+    if abs(fit.offset_ms - late_ms) > DISAGREEING * sd_ms:
         return OffsetFit(reason="the moving points do not agree on one offset")
     return replace(fit, sd_ms=sd_ms)
 
@@ -305,9 +305,10 @@ def _correct_in_motion(
     for _ in range(LINEAR_STEPS):
         if (found := correct_views(pair, *in_motion(near_ms), period_ms)) is None:
             break
-        near_ms += found.late_ms
-        if abs(found.late_ms) < period_ms / 2:
-            return found._replace(late_ms=near_ms)
+        views, late_ms, sd_ms = found
+        near_ms += late_ms
+        if abs(late_ms) < period_ms / 2:
+            return views, near_ms, sd_ms
     return None
 
 

@@ -77,7 +77,7 @@ def test_a_calibration_pixels_off_is_corrected_by_what_stands_still(fault: str) 
     assert np.median(np.abs(epipolar_errors_px(A, off, *nearer))) > 1.5
     found = correct_views((A, off), *seen((2.0, 5.0), 600))
     assert found is not None
-    assert np.median(np.abs(epipolar_errors_px(*found.views, *nearer))) < 0.4
+    assert np.median(np.abs(epipolar_errors_px(*found[0], *nearer))) < 0.4
 
 
 def test_matches_that_fit_no_geometry_correct_nothing() -> None:

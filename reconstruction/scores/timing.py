@@ -98,7 +98,7 @@ def measure_pair_timing(
     spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
-    moving = {name: one.px * spacing_ms / one.ms for name, one in offsets.moving(cameras).items()}
+    moving = {name: px * spacing_ms / ms for name, (px, ms) in offsets.moving(cameras).items()}
     fit = fit or offsets.measure(*cameras)
     timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
     return without_common_times(timing, dataset.unsynchronized)

@@ -1,7 +1,6 @@
 """Detection of motion: moving pixels in the images of a static camera, mask files, and moving cameras."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -164,29 +163,19 @@ class SceneMotion:
         return np.packbits(detect_moving(image, others, self.background(camera)))
 
 
-@dataclass(frozen=True)
-class CameraMotion:
-    """Motion of a camera's image: `still_fraction` of it is static; its median motion is `px` in `ms`."""
+def measure_camera_motion(dataset: Dataset, camera: str) -> tuple[float, float, float] | None:
+    """Track points between some of a camera's images; None if too few can be tracked.
 
-    still_fraction: float
-    px: float
-    ms: float
-
-    @property
-    def moves(self) -> bool:
-        """Whether the camera moved, or nearly everything in its view did, which looks the same."""
-        return self.still_fraction < MIN_STILL
-
-
-def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
-    """Track points between some of a camera's images; None if too few can be tracked."""
+    Returns the static fraction of the image, and its median motion (px) in a time (ms).
+    """
     times = [dataset.instants_ns[k] for k in dataset.instants(camera)]
     if len(times) < 2:
         return None
     # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
     for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
         if found := _follow_pairs(dataset, camera, max(1, apart_ns)):
-            return CameraMotion(*(float(np.median(values)) for values in zip(*found, strict=True)))
+            still_fraction, px, ms = map(float, np.median(found, axis=0))
+            return still_fraction, px, ms
     return None
 
 

@@ -15,7 +15,7 @@ from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest,
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.moving_pixels import CameraMotion, measure_camera_motion
+from reconstruction.session.moving_pixels import MIN_STILL, measure_camera_motion
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
     TYPICAL_AT_REST_PX,
@@ -98,9 +98,10 @@ class PairOffsets:
         self._stays = lru_cache(maxsize=None)(self._find_staying)
         self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
 
-    def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
-        """Return the cameras that move while they record; they have no static background."""
-        return {name: one for name in cameras if (one := self._motion(name)) is not None and one.moves}
+    def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
+        """Return the motion (px, in ms) of cameras that move while they record, without static background."""
+        found = {name: self._motion(name) for name in cameras}
+        return {name: one[1:] for name, one in found.items() if one is not None and one[0] < MIN_STILL}
 
     def measure(
         self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-import msgspec
 import numpy as np
 
 from reconstruction.calibration.calibrated_rig import Rig
@@ -173,13 +172,6 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
     )
 
 
-class TriangulationFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that only the triangulation study has."""
-
-    left_out: list[str]
-    """Calibrated cameras that take no part."""
-
-
 class TriangulationStudy(ConditionStudy):
     """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
@@ -240,8 +232,10 @@ class TriangulationStudy(ConditionStudy):
             late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
             self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
-    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[TriangulationFacts]:
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[dict[str, list[str]]]:
         """Compare a condition, without pictures; see `ConditionStudy.compare`.
+
+        The facts name the calibrated cameras that take no part.
 
         Raises:
             ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
@@ -263,7 +257,7 @@ class TriangulationStudy(ConditionStudy):
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
             measures=tally.measures,
             per_instant=tally.per_instant,
-            facts=TriangulationFacts(left_out=[c for c in self.rig.views if c not in self.cameras]),
+            facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
         )
 
     def _choose_cameras(self) -> tuple[str, ...]:

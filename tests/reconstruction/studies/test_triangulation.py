@@ -121,7 +121,7 @@ def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_pat
     found = points.compare(Condition(SYNCED))
     assert len(found.cameras) == 5
     assert set(points.known.study("stereo").cameras) < set(found.cameras)
-    assert len(found.facts.left_out) == 1
+    assert len(found.facts["left_out"]) == 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import msgspec
 import numpy as np
 
 from reconstruction.common.image_files import save_picture
@@ -45,16 +44,6 @@ offset takes one camera's picture from another column.</p>
 """
 
 
-class BurstGrid(msgspec.Struct, frozen=True, kw_only=True):
-    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
-
-    cameras: tuple[str, ...]
-    instants: tuple[int, ...]
-    times_ms: tuple[float, ...]
-    """Times since the burst's first instant."""
-    thumbnails: tuple[tuple[str, ...], ...]
-
-
 class BurstStudy(Study):
     """Study with small pictures of the burst, which show the source of delayed images."""
 
@@ -68,19 +57,25 @@ class BurstStudy(Study):
     )
 
     @classmethod
-    def files(cls, found: StudyResult[BurstGrid]) -> dict[str, Sequence[str]]:
+    def files(cls, found: StudyResult[dict[str, Any]]) -> dict[str, Sequence[str]]:
         """Return the grid's pictures; see `StudyReport.files`."""
-        return {"the burst": [path for row in found.facts.thumbnails for path in row if path]}
+        return {"the burst": [path for row in found.facts["thumbnails"] for path in row if path]}
 
     def measure(self) -> StudyResult[Any]:
         """Write the grid; see `Study.measure`."""
         assert self.context.folder is not None
         grid = _render(self.dataset, self.context.folder)
-        return StudyResult(name=self.text.name, cameras=grid.cameras, instants=len(grid.instants), facts=grid)
+        return StudyResult(
+            name=self.text.name, cameras=grid["cameras"], instants=len(grid["instants"]), facts=grid
+        )
 
 
-def _render(dataset: Dataset, out: Path) -> BurstGrid:
-    """Write the thumbnails into out/pictures; a long burst is sampled at evenly spaced instants."""
+def _render(dataset: Dataset, out: Path) -> dict[str, Any]:
+    """Write the thumbnails into out/pictures; a long burst is sampled at evenly spaced instants.
+
+    Returns a grid: a row of paths ("" = no image) for each of the `cameras`, with a column for each of the
+    `instants`, whose `times_ms` count from the burst's first instant.
+    """
     times_ns = dataset.instants_ns
     instants = evenly_spaced(range(len(times_ns)), MAX_INSTANTS)
     cameras = dataset.cameras[:MAX_CAMERAS]
@@ -93,9 +88,9 @@ def _render(dataset: Dataset, out: Path) -> BurstGrid:
         small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         return save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small))
 
-    return BurstGrid(
-        cameras=tuple(cameras),
-        instants=tuple(instants),
-        times_ms=tuple((times_ns[k] - times_ns[0]) / 1e6 for k in instants),
-        thumbnails=tuple(tuple(thumbnail(camera, k) for k in instants) for camera in cameras),
-    )
+    return {
+        "cameras": tuple(cameras),
+        "instants": instants,
+        "times_ms": [(times_ns[k] - times_ns[0]) / 1e6 for k in instants],
+        "thumbnails": [[thumbnail(camera, k) for k in instants] for camera in cameras],
+    }

@@ -24,7 +24,6 @@ from reconstruction.scores.study_result import (
 )
 from reconstruction.scores.timing import RigTiming, Timing
 from reconstruction.studies.bullet_time import BulletTime
-from reconstruction.studies.burst import BurstGrid
 from reconstruction.studies.multiview import MultiviewFacts
 from reconstruction.studies.poses import PoseFacts
 from reconstruction.time_offsets.crossings import InstantOffset
@@ -254,14 +253,14 @@ def whole_result(out: Path) -> CompareResult:
         side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
         for side in CONDITIONS
     }
-    grid = BurstGrid(
-        cameras=CAMERAS,
-        instants=tuple(range(8)),
-        times_ms=tuple(33.3 * k for k in range(8)),
-        thumbnails=tuple(
-            tuple(grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)) for name in CAMERAS
-        ),
-    )
+    grid = {
+        "cameras": CAMERAS,
+        "instants": list(range(8)),
+        "times_ms": [33.3 * k for k in range(8)],
+        "thumbnails": [
+            [grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)] for name in CAMERAS
+        ],
+    }
     bullet_time = BulletTime(
         cameras=CAMERAS,
         instant=2,

@@ -91,7 +91,7 @@ def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: Comp
             facts=msgspec.structs.replace(poses.facts, truth_source=nasty),
         ),
         changed_facts(sweep, cameras=cameras, file=nasty),
-        changed_facts(burst, cameras=cameras),
+        msgspec.structs.replace(burst, facts=burst.facts | {"cameras": cameras}),
         session=nasty,
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,

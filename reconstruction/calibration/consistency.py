@@ -265,8 +265,7 @@ def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
     """Return whether every camera's features, including wrong matches, fit those of a neighbour."""
     matched = {(a, b): match_features(features[a], features[b]) for a, b in _neighbours(views, features)}
     groups: Groups = {pair: np.stack(at) for pair, at in matched.items() if len(at[0]) >= MIN_PAIR_POINTS}
-    asked = {name for pair in groups for name in pair}
-    return asked == views.keys() and not _odd(views, groups, _mixed_up_px(views))
+    return set().union(*groups) == views.keys() and not _odd(views, groups, _mixed_up_px(views))
 
 
 def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[str, str]]:

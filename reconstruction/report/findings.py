@@ -329,8 +329,9 @@ def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str
     if error_us is not None and tolerated_us < error_us:
         conclusion = "This take is not accurate enough for this motion."
     elif error_us is not None:
-        ratio = tolerated_us / max(error_us, 1e-3)
-        conclusion = f"{wording.times(ratio)} more accurate than this motion needs."
+        conclusion = (
+            f"{wording.times(tolerated_us / max(error_us, 1e-3))} more accurate than this motion needs."
+        )
     why = "at this delay a tenth of the depth is lost, or half of what moves is off by a pixel"
     return wording.microseconds(tolerated_us), why, conclusion
 

@@ -343,8 +343,9 @@ class PoseStudy(ConditionStudy):
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
         """Compare a condition, without pictures; see `ConditionStudy.compare`."""
         tally = Tally()
-        every = len(self.cameras)
-        instants = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, every)
+        instants = complete_instants(
+            self.dataset, condition, self.cameras[0], self.cameras, min_cameras=len(self.cameras)
+        )
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in evenly_spaced(instants, MAX_INSTANTS):

@@ -320,7 +320,8 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
 
     restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
-    report = export_session(Session.open(session), name, out, show_count("images"), **given)
-    answer(as_json, report, [report.folder])
-    for note in report.notes:
+    burst = export_session(Session.open(session), name, out, show_count("images"), **given)
+    report = {"folder": str(out), "format": name, "images": len(burst.images), "notes": burst.notes}
+    answer(as_json, report, [str(out)])
+    for note in burst.notes:
         talk(note)

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporting.export_session import ExportReport, export_session
+from capture_app.session.exporting.export_session import export_session
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.reading.reader import Session
@@ -129,7 +130,7 @@ def build(folder: Path, recipe: Recipe) -> Session:
 
 
 Make = Callable[..., Session]
-Export = Callable[..., ExportReport]
+Export = Callable[..., ExportedBurst]
 
 
 @pytest.fixture
@@ -142,7 +143,7 @@ def make(tmp_path: Path) -> Make:
 def export(tmp_path: Path) -> Export:
     """Export a session to tmp_path/out."""
 
-    def run(session: Session, name: str, **options: Any) -> ExportReport:
+    def run(session: Session, name: str, **options: Any) -> ExportedBurst:
         return export_session(session, name, tmp_path / "out", **options)
 
     return run

@@ -170,7 +170,7 @@ def nerfstudio_rays(frame: dict[str, float], pixels: Array) -> Array:
 def test_nerfstudio(session: Session, tmp_path: Path) -> None:
     """Its rays (cameras.py), and splatfacto's pictures without distortion (full_images_datamanager.py)."""
     report = export_session(session, "nerfstudio", tmp_path / "out", instant=1)
-    assert report.notes == ()
+    assert not report.notes
     content = json.loads((tmp_path / "out" / "transforms.json").read_text())
     assert [frame["instant"] for frame in content["frames"]] == [1, 1]
     assert [frame["time"] for frame in content["frames"]] == [0.0, 0.0]

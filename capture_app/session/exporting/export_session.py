@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct, structs
+from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.optional_packages import load_optional
@@ -29,23 +29,14 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
 
 
-class ExportReport(Struct, frozen=True, kw_only=True):
-    """Result of an export: its folder, the number of images in the session, and notes for the user."""
-
-    folder: str
-    format: str
-    images: int
-    notes: tuple[str, ...] = ()
-
-
 def export_session(
     session: Session,
     name: str,
     out: Path,
     progress: Progress = lambda done, total: None,
     **options: Any,
-) -> ExportReport:
-    """Export a session to the folder `out`, which must be empty or not exist.
+) -> ExportedBurst:
+    """Export a session to the folder `out`, which must be empty or not exist, and return what was exported.
 
     `options` are the fields of `ExportOptions` and of the format. Raises BadInputError for an unknown format
     or option, a folder with content, or a session that the format cannot hold; IncompleteError for a missing
@@ -66,7 +57,7 @@ def export_session(
             write_frames(burst, output.folder)
             calibration = session.calibration()
             if calibration is not None:
-                calibration = structs.replace(calibration, cameras=calibration.cameras | burst.drawn)
+                calibration = replace(calibration, cameras=calibration.cameras | burst.drawn)
             record = ExportRecord(
                 format=name, manifest=with_images_listed(session.manifest), calibration=calibration
             )
@@ -76,7 +67,7 @@ def export_session(
             f"cannot write {error.filename or out}: {error.strerror or error}",
             hint="make room or choose another --out; nothing was exported",
         ) from error
-    return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=tuple(burst.notes))
+    return burst
 
 
 def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:

@@ -47,17 +47,6 @@ class RecordedTiming:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PlayedFrame:
-    """One frame to play; `start_ns` is its start in ns of the host's monotonic clock."""
-
-    index: int
-    """Index of the recorded frame."""
-    sequence: int
-    stream: int
-    start_ns: int
-
-
 class Playback:
     """Schedules frames at the intervals they were recorded with, in a loop."""
 
@@ -89,10 +78,13 @@ class Playback:
         """Set the duration (ns) of the next frame instead of a period, which shifts all later frames."""
         self._base_ns += duration_ns - self._timing.period_ns
 
-    def next_frame(self) -> PlayedFrame:
-        """Return the next frame of the stream."""
+    def next_frame(self) -> tuple[int, int, int, int]:
+        """Return the next frame of the stream: its index in the recording, sequence, stream, and start.
+
+        The start is in ns of the host's monotonic clock.
+        """
         index = self._next % len(self._slots)
-        frame = PlayedFrame(index, self._slot() - self._first_slot, self._stream, self._start_ns())
+        frame = index, self._slot() - self._first_slot, self._stream, self._start_ns()
         self._next += 1
         return frame
 

@@ -141,15 +141,15 @@ class ReplayCamera(Camera):
         loop, recording = asyncio.get_running_loop(), self._recording
         readout_ns = (self.facts.row_time_ns or 0) * (self.facts.height - 1)
         while True:
-            frame = self._playback.next_frame()
-            record = recording.record(frame.index)
+            index, sequence, stream, start_ns = self._playback.next_frame()
+            record = recording.record(index)
             exposure_ns = None if record is None else record.exposure_ns
-            due_ns = frame.start_ns + (exposure_ns or 0) + readout_ns + DELIVERY_NS
+            due_ns = start_ns + (exposure_ns or 0) + readout_ns + DELIVERY_NS
             if time.monotonic_ns() - due_ns > STALL_NS:
                 await asyncio.sleep(0)
                 continue
             try:
-                picture = await loop.run_in_executor(None, recording.picture, frame.index)
+                picture = await loop.run_in_executor(None, recording.picture, index)
             except (OSError, SimulshotError) as error:
                 self._on_failure(
                     CameraError(
@@ -163,9 +163,9 @@ class ReplayCamera(Camera):
                 continue  # its number is missing from the stream, as with any dropped frame
             self._on_frame(
                 CapturedFrame(
-                    sequence=frame.sequence,
-                    stream=frame.stream,
-                    timestamp_ns=frame.start_ns + (0 if record is None else record.outlier_ns),
+                    sequence=sequence,
+                    stream=stream,
+                    timestamp_ns=start_ns + (0 if record is None else record.outlier_ns),
                     picture=picture,
                     exposure_ns=exposure_ns,
                     gain=None if record is None else record.gain,

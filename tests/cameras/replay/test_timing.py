@@ -2,25 +2,26 @@
 
 from itertools import pairwise
 
-from capture_app.cameras.replay.recordings import Playback, PlayedFrame, RecordedTiming, timing_of_video
+from capture_app.cameras.replay.recordings import Playback, RecordedTiming, timing_of_video
 
 PERIOD = 1000
 JITTERY = timing_of_video((50, 1057, 2043, 5050), PERIOD)
 """Two frames were dropped before the last."""
 
 
-def play(playback: Playback, count: int) -> list[PlayedFrame]:
+def play(playback: Playback, count: int) -> list[tuple[int, int, int, int]]:
+    """The next frames: index, sequence, stream and start of each."""
     return [playback.next_frame() for _ in range(count)]
 
 
 def test_jitter_and_drops_are_the_recordings_own_and_come_again() -> None:
     playback = Playback(JITTERY)
     playback.start(70_000)
-    frames = play(playback, 9)
-    assert [frame.index for frame in frames] == [0, 1, 2, 3, 0, 1, 2, 3, 0]
-    assert [frame.sequence for frame in frames] == [0, 1, 2, 5, 6, 7, 8, 11, 12]
-    steps = [after.start_ns - before.start_ns for before, after in pairwise(frames)]
-    assert frames[0].start_ns == 70_000
+    indices, sequences, _, starts_ns = zip(*play(playback, 9), strict=True)
+    assert indices == (0, 1, 2, 3, 0, 1, 2, 3, 0)
+    assert sequences == (0, 1, 2, 5, 6, 7, 8, 11, 12)
+    steps = [after_ns - before_ns for before_ns, after_ns in pairwise(starts_ns)]
+    assert starts_ns[0] == 70_000
     assert steps == [1007, 986, 3007, PERIOD, 1007, 986, 3007, PERIOD]
 
 
@@ -29,9 +30,7 @@ def test_a_restarted_stream_goes_on_where_it_was_at_the_time_asked_for() -> None
     playback.start(0)
     play(playback, 2)
     playback.start(9_999)
-    frame, after = play(playback, 2)
-    assert frame == PlayedFrame(index=2, sequence=0, stream=1, start_ns=9_999)
-    assert (after.sequence, after.start_ns) == (3, 9_999 + 3007)
+    assert play(playback, 2) == [(2, 0, 1, 9_999), (3, 3, 1, 9_999 + 3007)]
 
 
 def test_a_longer_frame_moves_all_that_come_after_it() -> None:
@@ -39,7 +38,7 @@ def test_a_longer_frame_moves_all_that_come_after_it() -> None:
     playback.start(0)
     play(playback, 1)
     playback.lengthen_frame(PERIOD + 250)
-    assert [frame.start_ns for frame in play(playback, 2)] == [1257, 2243]
+    assert [start_ns for *_, start_ns in play(playback, 2)] == [1257, 2243]
 
 
 def test_anchored_cameras_keep_their_distance_whenever_they_start() -> None:
@@ -48,9 +47,9 @@ def test_anchored_cameras_keep_their_distance_whenever_they_start() -> None:
     first, second = Playback(one, anchored=True), Playback(late, anchored=True)
     first.start(17 * PERIOD + 1)
     second.start(933 * PERIOD)
-    frames = {frame.start_ns: frame.index for frame in play(first, 4000)}
-    for frame in play(second, 30):
-        assert frames[frame.start_ns - 120] == (0, 1, 3)[frame.index]
+    frames = {start_ns: index for index, _, _, start_ns in play(first, 4000)}
+    for index, _, _, start_ns in play(second, 30):
+        assert frames[start_ns - 120] == (0, 1, 3)[index]
     third = Playback(one, anchored=True)
     third.start(17 * PERIOD)
-    assert play(third, 1)[0] == PlayedFrame(index=1, sequence=0, stream=0, start_ns=17 * PERIOD)
+    assert play(third, 1) == [(1, 0, 0, 17 * PERIOD)]

@@ -58,9 +58,8 @@ class FakeDevice(VideoDevice):
         os.close(self.fd)
         self.fd = -1
 
-    def capability(self) -> v4l2.Capability:
-        flags = v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
-        return v4l2.Capability(self.driver, "Fake camera", flags)
+    def capability(self) -> tuple[str, str, int]:
+        return self.driver, "Fake camera", v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
 
     def control(self, control: str) -> int | None:
         return self.controls.get(control)

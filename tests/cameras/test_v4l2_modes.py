@@ -94,7 +94,7 @@ def test_an_unreadable_option_is_named(options: dict[str, str]) -> None:
 )
 def test_nodes_without_pictures_are_refused(flags: int, word: str) -> None:
     with pytest.raises(CameraError, match=word):
-        check_capture("/dev/video1", v4l2.Capability("uvcvideo", "Webcam", flags))
+        check_capture("/dev/video1", "Webcam", flags)
 
 
 @pytest.mark.parametrize(

@@ -100,15 +100,6 @@ def request_number(ioctl: str) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Capability:
-    """A device node's identity; `flags` are the CAP_ bits of this node, not of its whole driver."""
-
-    driver: str
-    card: str
-    flags: int
-
-
-@dataclass(frozen=True, slots=True)
 class Buffer:
     """Driver's description of a buffer; `timestamp_ns` in the clock that its flags name."""
 
@@ -145,13 +136,13 @@ class VideoDevice:
             os.close(self.fd)
             self.fd = -1
 
-    def capability(self) -> Capability:
-        """Return the node's driver, model and capabilities."""
+    def capability(self) -> tuple[str, str, int]:
+        """Return the node's driver, its model, and the CAP_ bits of this node, not of its whole driver."""
         driver, card, _bus, _version, capabilities, device_caps = self._exchange(
             "QUERYCAP", b"", b"", b"", 0, 0, 0
         )
         flags = device_caps if capabilities & CAP_DEVICE_CAPS else capabilities
-        return Capability(_text(driver), _text(card), flags)
+        return _text(driver), _text(card), flags
 
     def formats(self) -> tuple[str, ...]:
         """Return the pixel formats as four-character codes, in the driver's order."""

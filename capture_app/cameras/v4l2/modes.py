@@ -46,16 +46,16 @@ def parse_options(options: Mapping[str, str]) -> CameraRequest:
     return asked if asked.format is None else replace(asked, format=asked.format.upper())
 
 
-def check_capture(path: str, capability: v4l2.Capability) -> None:
-    """Raise CameraError if a device node does not deliver usable images."""
-    flags, needed = capability.flags, v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
+def check_capture(path: str, model: str, flags: int) -> None:
+    """Raise CameraError if a device node with these CAP_ bits does not deliver usable images."""
+    needed = v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING
     if flags & needed != needed:
         reasons = (
             (v4l2.CAP_META_CAPTURE, "carries metadata, not pictures"),
             (v4l2.CAP_VIDEO_CAPTURE_MPLANE, "delivers pictures in several planes, which is not supported"),
         )
         why = next((text for flag, text in reasons if flags & flag), "is not a capture device")
-        raise CameraError(f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras")
+        raise CameraError(f"{path} ({model}) {why}", hint="`capture-app cameras` lists the cameras")
 
 
 def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE) -> tuple[Mode, ...]:

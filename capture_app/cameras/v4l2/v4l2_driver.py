@@ -168,11 +168,11 @@ class V4L2Camera(ThreadedCamera):
         buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits = device.control_range("EXPOSURE_ABSOLUTE")
-        capability = device.capability()
-        self._is_uvc = capability.driver == "uvcvideo"
+        driver, model, _ = device.capability()
+        self._is_uvc = driver == "uvcvideo"
         self._facts = CameraFacts(
             kind="v4l2",
-            model=capability.card,
+            model=model,
             width=layout.width,
             height=layout.height,
             pixel_format=layout.fourcc,
@@ -363,7 +363,8 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     try:
         device = open_video_node(path)
         try:
-            check_capture(path, device.capability())
+            _, model, flags = device.capability()
+            check_capture(path, model, flags)
             layout, period = configure(device, request)
             return V4L2Camera(device, layout, round(period * 1_000_000_000)).in_clock(clock)
         except BaseException:
@@ -404,9 +405,9 @@ def _listings(node: Path) -> Iterator[CameraListing]:
     spec = f"v4l2:{node}"
     try:
         with closing(open_video_node(str(node))) as device:
-            capability = device.capability()
-            check_capture(str(node), capability)
-            yield CameraListing(spec, "v4l2", capability.card, ", ".join(map(str, offered_modes(device))))
+            _, model, flags = device.capability()
+            check_capture(str(node), model, flags)
+            yield CameraListing(spec, "v4l2", model, ", ".join(map(str, offered_modes(device))))
     except CameraError:
         return
     except OSError as error:

@@ -37,16 +37,6 @@ class FramePicture(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class GroundTruth:
-    """Ground truth of a simulated frame: its true start, and depth, objects and motion as an .npz."""
-
-    true_ns: int
-    """True start of the first row's exposure, in the host's monotonic clock."""
-    encode: Callable[[], bytes]
-    """Renders the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
-
-
-@dataclass(frozen=True, slots=True)
 class CapturedFrame:
     """One frame as the driver delivered it; times in ns of the node's own clock."""
 
@@ -60,7 +50,10 @@ class CapturedFrame:
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
     """Red and blue gains over green."""
-    truth: GroundTruth | None = None
+    true_ns: int | None = None
+    """True start of a simulated frame's first row, in the host's monotonic clock."""
+    encode_truth: Callable[[], bytes] | None = None
+    """Renders a simulated frame's .npz of `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
     clock_uncertainty_ns: int = 0
     """95 % error of the conversion from the device's own clock to the node's; 0 without such a clock."""
 

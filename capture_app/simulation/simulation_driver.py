@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import structs
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame, GroundTruth, JpegPicture
+from capture_app.cameras.frames import CapturedFrame, JpegPicture
 from capture_app.cameras.specs import read_number
 from capture_app.common.camera_facts import (
     KELVIN,
@@ -327,7 +327,8 @@ class SimulatedCamera(Camera):
             exposure_ns=frame.exposure_ns,
             gain=self._controls.gain,
             white_balance=(1.0, 1.0),
-            truth=GroundTruth(frame.start_true_ns, partial(encode_truth, self._source, frame)),
+            true_ns=frame.start_true_ns,
+            encode_truth=partial(encode_truth, self._source, frame),
         )
 
     def _true_now_ns(self) -> int:

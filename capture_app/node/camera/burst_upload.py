@@ -184,7 +184,7 @@ def encode_frame(
     frame = picked.frame
     try:
         image = frame.picture.encode()
-        truth = b"" if frame.truth is None or not with_truth else frame.truth.encode()
+        truth = frame.encode_truth() if with_truth and frame.encode_truth else b""
     except Exception as error:
         # Drivers and encoders raise arbitrary exceptions; one bad frame must not end the node.
         raise CameraError(f"the frame could not be encoded: {error}") from error
@@ -214,7 +214,7 @@ def encode_frame(
         burst=report.burst,
         record=record,
         truth_bytes=len(truth),
-        true_ns=None if frame.truth is None else frame.truth.true_ns,
+        true_ns=frame.true_ns,
         truth_sha256=hashlib.sha256(truth).hexdigest() if truth else None,
     )
     return upload, image + truth

@@ -87,8 +87,8 @@ class Recorder:
 
 
 def starts(frames: list[CapturedFrame]) -> list[int]:
-    assert all(frame.truth is not None for frame in frames)
-    return [frame.truth.true_ns for frame in frames if frame.truth is not None]
+    assert all(frame.true_ns is not None for frame in frames)
+    return [frame.true_ns for frame in frames if frame.true_ns is not None]
 
 
 async def frames_of(camera: Camera, seconds: float) -> list[CapturedFrame]:

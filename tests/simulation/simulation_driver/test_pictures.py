@@ -32,8 +32,8 @@ def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
 @in_stepped_time
 async def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
     frame = (await frames_of(sim("sim:perfect"), 0.2))[0]
-    assert frame.truth is not None
-    with np.load(io.BytesIO(frame.truth.encode())) as truth:
+    assert frame.encode_truth is not None
+    with np.load(io.BytesIO(frame.encode_truth())) as truth:
         assert {truth[key].shape for key in truth} == {(480, 640)}
         kinds = {key: truth[key].dtype.name for key in truth}
     assert kinds == {"depth_m": "float32", "objects": "uint8", "movers": "bool"}
@@ -93,14 +93,14 @@ async def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(str
     frame, later = (await recorder.record(camera, 1.0))[:2]
     await camera.stop()
     assert striped.asked == []
-    assert frame.truth is not None
+    assert frame.encode_truth is not None
     frame.picture.encode()
-    frame.truth.encode()
+    frame.encode_truth()
     frame.picture.encode()
     later.picture.encode()
     (view, start_ns, exposure_ns, row_time_ns, seed), truth, again, other = striped.asked
     assert (view, start_ns, exposure_ns, row_time_ns) == truth
-    assert truth == ("right", frame.truth.true_ns, frame.exposure_ns, 11_111)
+    assert truth == ("right", frame.true_ns, frame.exposure_ns, 11_111)
     assert again[-1] == seed != other[-1]
     # 90 rows are read out in 1 ms.
     assert frame.exposure_ns is not None
@@ -113,12 +113,12 @@ async def test_the_rendered_scene() -> None:
     pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
     camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
     frame = (await frames_of(camera, 1.0))[0]
-    assert frame.truth is not None
+    assert frame.encode_truth is not None
     image = cv2.imdecode(np.frombuffer(frame.picture.encode(), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image.shape == (camera.facts.height, camera.facts.width, 3) == (120, 160, 3)
     assert np.asarray(image).std() > 20
-    with np.load(io.BytesIO(frame.truth.encode())) as truth:
+    with np.load(io.BytesIO(frame.encode_truth())) as truth:
         assert truth["depth_m"].shape == (120, 160)
         assert 0.0 < truth["movers"].mean() < 0.5
         assert (truth["depth_m"][truth["movers"]] > 0.1).all()

@@ -12,8 +12,6 @@ import os
 import sys
 from typing import Any
 
-from msgspec import to_builtins
-
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.paper.clock_estimators import estimator_family
@@ -87,7 +85,7 @@ async def _synchronize(options: argparse.Namespace) -> dict[str, Any]:
             error_ns = time_map.leader_from_local(local_ns) - clock.true_from_local(local_ns)
             errors_us.setdefault(name, []).append(error_ns / 1000.0)
     figures = sum_up(trials, kind="emulated link", messages=options.messages, seed=options.seed)
-    return {**to_builtins(figures), "errors_us": {name: error_figures(of) for name, of in errors_us.items()}}
+    return {**figures, "errors_us": {name: error_figures(of) for name, of in errors_us.items()}}
 
 
 def _measure_cases(

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,7 +18,7 @@ from capture_app.console.usage import examples
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capture_app.rig.link_measurement import LinkFigures, LinkTrial
+    from capture_app.rig.link_measurement import LinkTrial
 
 
 @click.command(
@@ -142,19 +142,19 @@ def link(
         talk(f"drew {_draw(done, plot / 'link.png')}")
 
 
-def _lines(figures: "LinkFigures") -> Iterator[str]:
-    trials = f"{count(figures.trials, 'trial')} of {figures.messages} messages"
-    yield f"{figures.kind}, {trials}, seed {figures.seed}"
-    errors_us = (figures.mean_abs_us, figures.max_us, figures.std_us, figures.bias_us)
+def _lines(figures: dict[str, Any]) -> Iterator[str]:
+    trials = f"{count(figures['trials'], 'trial')} of {figures['messages']} messages"
+    yield f"{figures['kind']}, {trials}, seed {figures['seed']}"
+    columns = {"mean_abs_us": "mean abs", "max_us": "largest", "std_us": "std", "bias_us": "bias"}
     yield table(
-        ("clock error, us", "mean abs", "largest", "std", "bias"),
-        [("", *(f"{one:.2f}" for one in errors_us))],
+        ("clock error, us", *columns.values()),
+        [("", *(f"{figures[column]:.2f}" for column in columns))],
     )
     yield (
-        f"{figures.seconds_mean:.2f} s a trial (slowest {figures.seconds_max:.2f} s), least round trip"
-        f" {figures.min_round_trip_us:.0f} us; the error is within the stated 95 % in"
-        f" {100 * figures.coverage_95:.0f} % of the trials, and within the hard bound in"
-        f" {100 * figures.coverage_hard_bound:.0f} %"
+        f"{figures['seconds_mean']:.2f} s a trial (slowest {figures['seconds_max']:.2f} s), least round trip"
+        f" {figures['min_round_trip_us']:.0f} us; the error is within the stated 95 % in"
+        f" {100 * figures['coverage_95']:.0f} % of the trials, and within the hard bound in"
+        f" {100 * figures['coverage_hard_bound']:.0f} %"
     )
 
 

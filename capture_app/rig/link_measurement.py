@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from statistics import fmean, pstdev
-from typing import Literal
+from typing import Any, Literal
 
 from msgspec import Struct
 
@@ -64,28 +64,6 @@ class LinkTrial(Struct, frozen=True, kw_only=True):
     requests: int
     round_trip_us: float
     """Minimum round trip of the trial."""
-
-
-class LinkFigures(Struct, frozen=True, kw_only=True):
-    """Statistics of the trials on one link; errors are estimated minus true leader time."""
-
-    kind: Kind
-    seed: int
-    messages: int
-    """Number of samples in each trial."""
-    trials: int
-    mean_abs_us: float
-    max_us: float
-    std_us: float
-    bias_us: float
-    seconds_mean: float
-    seconds_max: float
-    sent_mean: float
-    min_round_trip_us: float
-    uncertainty_us: float
-    coverage_95: float
-    """Fraction of the trials whose error is within the stated uncertainty."""
-    coverage_hard_bound: float
 
 
 async def serve(host: str, port: int) -> None:
@@ -307,23 +285,26 @@ def judge(reached: Synchronization, clock: NodeClock, true_offset_ns: int = 0) -
     )
 
 
-def sum_up(trials: Sequence[LinkTrial], *, kind: Kind, messages: int, seed: int) -> LinkFigures:
-    """Return the statistics of trials of `messages` messages each."""
+def sum_up(trials: Sequence[LinkTrial], *, kind: Kind, messages: int, seed: int) -> dict[str, Any]:
+    """Return the statistics of trials of `messages` messages each; errors are estimated minus true time.
+
+    A coverage is the fraction of the trials whose error is within the stated uncertainty, or hard bound.
+    """
     errors_us = [trial.error_us for trial in trials]
-    return LinkFigures(
-        kind=kind,
-        seed=seed,
-        messages=messages,
-        trials=len(trials),
-        mean_abs_us=fmean(map(abs, errors_us)),
-        max_us=max(map(abs, errors_us)),
-        std_us=pstdev(errors_us),
-        bias_us=fmean(errors_us),
-        seconds_mean=fmean(trial.seconds for trial in trials),
-        seconds_max=max(trial.seconds for trial in trials),
-        sent_mean=fmean(trial.requests for trial in trials),
-        min_round_trip_us=min(trial.round_trip_us for trial in trials),
-        uncertainty_us=fmean(trial.uncertainty_us for trial in trials),
-        coverage_95=fmean(abs(trial.error_us) <= trial.uncertainty_us for trial in trials),
-        coverage_hard_bound=fmean(abs(trial.error_us) <= trial.hard_bound_us for trial in trials),
-    )
+    return {
+        "kind": kind,
+        "seed": seed,
+        "messages": messages,
+        "trials": len(trials),
+        "mean_abs_us": fmean(map(abs, errors_us)),
+        "max_us": max(map(abs, errors_us)),
+        "std_us": pstdev(errors_us),
+        "bias_us": fmean(errors_us),
+        "seconds_mean": fmean(trial.seconds for trial in trials),
+        "seconds_max": max(trial.seconds for trial in trials),
+        "sent_mean": fmean(trial.requests for trial in trials),
+        "min_round_trip_us": min(trial.round_trip_us for trial in trials),
+        "uncertainty_us": fmean(trial.uncertainty_us for trial in trials),
+        "coverage_95": fmean(abs(trial.error_us) <= trial.uncertainty_us for trial in trials),
+        "coverage_hard_bound": fmean(abs(trial.error_us) <= trial.hard_bound_us for trial in trials),
+    }

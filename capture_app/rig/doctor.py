@@ -5,11 +5,9 @@ import os
 import platform
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import groupby
-from operator import attrgetter
 from pathlib import Path
 from typing import Literal
 
@@ -43,24 +41,14 @@ from capture_app.trust.trust import Trust
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
 SAMPLE_BYTES = 16 << 20
+USB_2_MBIT_S = 480
 SLOW_MB_S = 20.0
 """A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
 
 
-@dataclass(frozen=True, slots=True)
-class UsbCamera:
-    """USB camera with its device node, bus and speed."""
-
-    node: str
-    """Device node, such as /dev/video0."""
-    bus: int
-    speed_mbit_s: int
-    """Negotiated speed of its bus."""
-
-
-def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[UsbCamera]:
-    """Return the USB cameras of this machine, each once, in the order of their device nodes."""
-    found: dict[Path, UsbCamera] = {}
+def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[tuple[str, int, int]]:
+    """Return device node, USB bus and speed (Mbit/s) of each USB camera here, in the order of the nodes."""
+    found: dict[Path, tuple[str, int, int]] = {}
     for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
         interface = (entry / "device").resolve()
         # A camera has several device nodes; the first one delivers the images.
@@ -68,15 +56,8 @@ def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[UsbCamer
         if device is not None and device not in found:
             with suppress(OSError, ValueError):
                 bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
-                found[device] = UsbCamera(f"/dev/{entry.name}", bus, round(speed))
+                found[device] = f"/dev/{entry.name}", bus, round(speed)
     return list(found.values())
-
-
-def crowded_buses(cameras: list[UsbCamera]) -> list[list[UsbCamera]]:
-    """Return the cameras of each USB 2 bus with several: it is too slow for their uncompressed images."""
-    slow = sorted((one for one in cameras if one.speed_mbit_s <= 480), key=attrgetter("bus"))
-    by_bus = (list(sharing) for _, sharing in groupby(slow, attrgetter("bus")))
-    return [sharing for sharing in by_bus if len(sharing) > 1]
 
 
 class Finding(Struct, frozen=True):
@@ -143,17 +124,25 @@ def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
             yield Finding("cameras", "problem", what, hint.removesuffix(")"))
 
 
-def usb(found: list[UsbCamera]) -> Iterator[Finding]:
-    """Report cameras that share a bus that is too slow for them."""
-    for sharing in crowded_buses(found):
-        nodes = " and ".join(camera.node for camera in sharing)
+def usb(found: list[tuple[str, int, int]]) -> Iterator[Finding]:
+    """Report cameras that share a USB 2 bus, which is too slow for their uncompressed images.
+
+    `found`: device node, bus and speed (Mbit/s) of each camera, as `usb_cameras` returns them.
+    """
+    slow = defaultdict[int, list[tuple[str, int]]](list)
+    for node, bus, speed_mbit_s in found:
+        if speed_mbit_s <= USB_2_MBIT_S:
+            slow[bus].append((node, speed_mbit_s))
+    crowded = [sharing for _, sharing in sorted(slow.items()) if len(sharing) > 1]
+    for sharing in crowded:
+        nodes = " and ".join(node for node, _ in sharing)
         yield Finding(
             "usb",
             "warning",
-            f"{nodes} share one USB 2 bus of {sharing[0].speed_mbit_s} Mbit/s",
+            f"{nodes} share one USB 2 bus of {sharing[0][1]} Mbit/s",
             "add format=MJPG to their specs, or plug one into another controller's port",
         )
-    if found and not crowded_buses(found):
+    if found and not crowded:
         yield Finding("usb", "good", f"{count(len(found), 'camera')}, none on a USB 2 bus with another")
 
 

@@ -9,7 +9,7 @@ from capture_app.cameras.v4l2.kernel import driver_error
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import HostRate
 from capture_app.rig import doctor
-from capture_app.rig.doctor import UsbCamera, usb_cameras
+from capture_app.rig.doctor import usb_cameras
 
 SAMPLE_BYTES = 1 << 20
 
@@ -100,7 +100,7 @@ def test_cameras_that_share_a_slow_bus_are_a_warning(tmp_path: Path) -> None:
     plug(tmp_path, "2-1", 2, "5000", "video4")
     plug(tmp_path, "2-2", 2, "5000", "video10")
     found = usb_cameras(tmp_path / "class")
-    assert [camera.node for camera in found] == ["/dev/video0", "/dev/video2", "/dev/video4", "/dev/video10"]
+    assert [node for node, *_ in found] == ["/dev/video0", "/dev/video2", "/dev/video4", "/dev/video10"]
     (warning,) = doctor.usb(found)
     assert warning.grade == "warning"
     assert warning.text.startswith("/dev/video0 and /dev/video2 share one USB 2 bus of 480 Mbit/s")
@@ -108,7 +108,7 @@ def test_cameras_that_share_a_slow_bus_are_a_warning(tmp_path: Path) -> None:
 
 
 def test_cameras_apart_are_no_warning(tmp_path: Path) -> None:
-    (good,) = doctor.usb([UsbCamera("/dev/video0", 1, 480), UsbCamera("/dev/video2", 2, 480)])
+    (good,) = doctor.usb([("/dev/video0", 1, 480), ("/dev/video2", 2, 480)])
     assert good.grade == "good"
     assert list(doctor.usb([])) == []
 

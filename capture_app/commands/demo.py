@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from msgspec import Struct
-from msgspec.structs import astuple
 
 from capture_app.commands.shared_options import FOLDER, run_until_stopped
 from capture_app.common.child import ask_reconstruct
@@ -28,19 +26,6 @@ CAMERA_OPTIONS = "drops=0,scale=0.75,samples=2"
 """Nothing lost; pictures of 480x360, two rays a pixel, show all that finer ones do, and are quickly made."""
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
-
-
-class NodeErrors(Struct, frozen=True, kw_only=True):
-    """One node's errors against the simulator's truth, at the instant where the total is worst; in ns."""
-
-    name: str
-    clock_error_ns: int
-    """Leader time of the frame's timestamp as estimated, minus what it truly was."""
-    phase_error_ns: int
-    """The frame's leader time as recorded, minus its instant."""
-    total_error_ns: int
-    """True start of the frame minus the instant."""
-    hard_bound_ns: int
 
 
 @click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
@@ -71,7 +56,7 @@ def _show_line(line: str) -> None:
 
 def _lines(result: dict[str, Any]) -> Iterator[str]:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
-    nodes = (astuple(node) for node in result["sync"]["nodes"])
+    nodes = (node.values() for node in result["sync"]["nodes"])
     yield table(head, [(name, *(f"{time_ns / 1000:.1f}" for time_ns in of)) for name, *of in nodes])
     yield "\n" + textwrap.fill(str(result["compare"].get("verdict", "")), 88) + "\n"
     yield f"session  {result['session']}"
@@ -95,7 +80,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
         "session": str(session.folder),
         "report": str(report / "report.html"),
         "seconds": round(time.monotonic() - began_s, 2),
-        "sync": {"nodes": nodes, "max_total_error_ns": max(abs(node.total_error_ns) for node in nodes)},
+        "sync": {"nodes": nodes, "max_total_error_ns": max(abs(node["total_error_ns"]) for node in nodes)},
         "compare": compared,
     }
 
@@ -131,10 +116,12 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     return session
 
 
-def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:
-    """Return each camera's errors at its worst image in a simulated session, against the ground truth.
+def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
+    """Return each camera's errors (ns) at its worst image in a simulated session, against the ground truth.
 
-    The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
+    The clock error is that of the timestamp's estimated leader time, the phase error the frame's recorded
+    leader time minus its instant, and the total error the frame's true start minus its instant. The leader's
+    clock is the host's, which is the true time. Raises BadInputError where the session has no
     ground truth.
     """
     truth = session.true_times()
@@ -144,16 +131,16 @@ def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:
             hint="give a simulated session, such as sample_sessions/jumper",
         )
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
-    errors = defaultdict[str, list[NodeErrors]](list)
+    errors = defaultdict[str, list[dict[str, Any]]](list)
     for image in session.manifest.images:
         instant_ns = session.manifest.burst.instants_ns[image.instant]
         assert image.local_ns is not None
-        of_image = NodeErrors(
-            name=image.camera,
-            clock_error_ns=image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
-            phase_error_ns=image.leader_ns - instant_ns,
-            total_error_ns=true_ns[image.camera, image.instant] - instant_ns,
-            hard_bound_ns=image.hard_bound_ns or 0,
-        )
+        of_image = {
+            "name": image.camera,
+            "clock_error_ns": image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
+            "phase_error_ns": image.leader_ns - instant_ns,
+            "total_error_ns": true_ns[image.camera, image.instant] - instant_ns,
+            "hard_bound_ns": image.hard_bound_ns or 0,
+        }
         errors[image.camera].append(of_image)
-    return tuple(max(errors[name], key=lambda one: abs(one.total_error_ns)) for name in sorted(errors))
+    return [max(errors[name], key=lambda one: abs(one["total_error_ns"])) for name in sorted(errors)]

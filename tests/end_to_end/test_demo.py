@@ -49,10 +49,10 @@ async def test_a_burst_of_simulated_nodes_is_held_against_the_truth(tmp_path: Pa
     assert len(session.manifest.images) == 10
     assert said[-1] == "[10/10] images saved" or "missing" in said[-1]
     nodes = measure_sync_errors(session)
-    assert [node.name for node in nodes] == ["cam00", "cam01"]
+    assert [node["name"] for node in nodes] == ["cam00", "cam01"]
     for node in nodes:
-        assert abs(node.clock_error_ns) <= node.hard_bound_ns
-        assert abs(node.total_error_ns) < session.manifest.burst.period_ns // 2
+        assert abs(node["clock_error_ns"]) <= node["hard_bound_ns"]
+        assert abs(node["total_error_ns"]) < session.manifest.burst.period_ns // 2
 
 
 async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from reconstruction.report.page import Section, as_template, render_page, write_
 from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.study_report import reported, study_reports
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
-from reconstruction.scores.comparison_results import CompareResult, ReportWords, TextTable
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 
 ORIGINS = {
@@ -41,28 +41,36 @@ def write_report(result: CompareResult, out: Path, running: Sequence[str] = ()) 
     return write_page(_page(result, out, running), out)
 
 
-def report_words(result: CompareResult) -> ReportWords:
-    """Return the tables of measurements and the names of the conditions, without a page around them."""
+def report_words(result: CompareResult) -> dict[str, Any]:
+    """Return the tables of measurements and the names of the conditions, without a page around them.
+
+    `synced` is "Synchronized", or "As recorded" if the images cannot be of one instant. `offset` is a name
+    such as "67 ms late". `unsynchronized` names the other condition of studies of all cameras.
+
+    Each of the `tables` has the subject of each column in `groups` (moving things or the control; empty if it
+    covers both) and its condition in `columns`. A row is the measure's name, then a value with its unit for
+    each column.
+    """
     names = name_conditions(result)
     tables = [
         study_table(found, name_conditions(result, found.cameras))
         for study, found in reported(result)
         if study.text.measures
     ]
-    return ReportWords(
-        synced=names.first,
-        offset=names.late,
-        unsynchronized=UNSYNCHRONIZED,
-        tables=tuple(
-            TextTable(
-                caption=table.caption,
-                groups=tuple(column.group for column in table.columns),
-                columns=tuple(column.name for column in table.columns),
-                rows=tuple((row.name, *(cell.text for cell in row.cells)) for row in table.rows),
-            )
+    return {
+        "synced": names.first,
+        "offset": names.late,
+        "unsynchronized": UNSYNCHRONIZED,
+        "tables": [
+            {
+                "caption": table.caption,
+                "groups": [column.group for column in table.columns],
+                "columns": [column.name for column in table.columns],
+                "rows": [(row.name, *(cell.text for cell in row.cells)) for row in table.rows],
+            }
             for table in tables
-        ),
-    )
+        ],
+    }
 
 
 def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:

@@ -84,30 +84,6 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     studies: tuple[StudyResult[Any], ...] = ()
 
 
-class TextTable(Struct, frozen=True, kw_only=True):
-    """A table of the report in the report's own words, for a screen."""
-
-    caption: str
-    groups: tuple[str, ...]
-    """Subject of each column of values: moving things or the control; empty if it covers both."""
-    columns: tuple[str, ...]
-    """Condition of each column."""
-    rows: tuple[tuple[str, ...], ...]
-    """The measure's name, then one value with its unit for each column."""
-
-
-class ReportWords(Struct, frozen=True, kw_only=True):
-    """The report's names for the conditions, and its tables in words."""
-
-    synced: str
-    """"Synchronized", or "As recorded" if the images cannot be of one instant."""
-    offset: str
-    """Name of the offset condition, such as "67 ms late"."""
-    unsynchronized: str
-    """Name of the other condition for studies of all cameras."""
-    tables: tuple[TextTable, ...]
-
-
 class CompareResult(Provenance, frozen=True, kw_only=True):
     """All results of `reconstruct compare`; written to `metrics.json` and printed by --json."""
 
@@ -139,7 +115,8 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     """Time offset of the depth pair's second camera, measured by motion; None if it was not measured."""
     rig_timing: RigTiming | None = None
     """Time offsets of all cameras, if there are more than two."""
-    words: ReportWords | None = None
+    words: dict[str, Any] | None = None
+    """The report's names for the conditions, and its tables in words; see `report_words`."""
     report: str = ""
 
     @property

@@ -236,7 +236,8 @@ class PanoramaStudy(PairStudy):
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
     """Return a panorama's measures; masks: motion in the first image, in either image, and still control."""
     matched_overlap = overlap.with_brightness_matched(still)
-    ((x, y), length), difference = measure_misalignment(matched_overlap), matched_overlap.difference
+    (x, y), length = measure_misalignment(matched_overlap)
+    difference = matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(length)})
     for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
         lengths = length[points[y, x]]

@@ -1,4 +1,4 @@
-/* The sweep's hot loops for the processor; `compiled.py` calls them, and `engine.py` says the same in NumPy.
+/* The sweep's hot loops for the processor; `compiled.py` calls them, and `sweep_engine.py` says the same in NumPy.
  *
  * Volumes are height x depths x width. The innermost loops go along a row and are plain, so that a compiler
  * makes vectors of them on any machine; no product is fused with a sum (-ffp-contract=off), so that all machines
@@ -371,7 +371,7 @@ FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, co
   return 0;
 }
 
-/* ---- Planes through each pixel's neighbours, see `plane_fitting.py` ---- */
+/* ---- Planes through each pixel's neighbours, see `SweepEngine` ---- */
 
 enum { LANES = 16 }; /* columns at once; `padded` has so many more than its border needs */
 

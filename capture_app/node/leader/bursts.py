@@ -239,8 +239,9 @@ class ActiveBursts:
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         if self.now_ns() < self._awaited_until_ns:
-            absent = (name for name in self._options.awaited if name not in facts)
-            without |= dict.fromkeys(absent, "it has not come back since the leader was lost")
+            # A camera that has joined again takes part only once it has answered the welcome.
+            absent = {*self._options.awaited}.difference(burst.clients, without)
+            without |= dict.fromkeys(sorted(absent), "it has not come back since the leader was lost")
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.

@@ -19,6 +19,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import RankedLeader, lead_by_rank
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.wire.datagrams import Hello
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
@@ -128,6 +129,9 @@ async def test_a_burst_after_a_takeover_names_the_cameras_that_are_not_back(
             new = await asyncio.wait_for(led.get(), 30.0)
             async with sealed_node(new.own_address, machine, "cam1", camera=make_facts()):
                 await until(lambda: new.engine.roster.cameras())
+                # It has joined again, but has not answered the welcome yet.
+                hello = Hello("cam0", 1, make_facts())
+                new.engine.roster.admit(hello, ("127.0.0.1", 9), new.bursts.now_ns())
                 burst = await new.bursts.order(BurstOrder(frames=1))
             assert burst.burst.clients == ("cam1",)
             assert burst.status.message == ("without cam0: it has not come back since the leader was lost")

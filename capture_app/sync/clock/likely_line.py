@@ -212,10 +212,11 @@ def _gap(sides: Sequence[Sequence[Point]], hulls: Sequence[Sequence[Point]]) -> 
             for levels, points in zip(_levels(sides, best), sides, strict=True)
         ]
         mean_distances, near = map(list, zip(*map(_mean_distances, intercepts), strict=True))
-    # One e-fold of likelihood is their mean. With 0.55 of it, which fits exponential delays, the skew follows
-    # a few lucky messages: 435 us at most 1.3 s after 300 gamma 3 delays, where this has 216 (100 trials).
     one, other = mean_distances
     excess = ((one - other) ** 2 + EXCESS**2 * (one**2 + other**2)) / 4.0
+    # One e-fold of likelihood is the mean distance of the nearest. With 0.55 of it, which fits exponential
+    # delays, the skew follows a few lucky messages: 435 us at most 1.3 s after 300 gamma 3 delays, where this
+    # has 216 (100 trials).
     return _Gap(hulls, best, _room(hulls, best)[0], max(sum(near) / 2.0, 1.0), excess)
 
 

@@ -225,12 +225,15 @@ def _vote(*gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]]]:
     sharpest = min(gaps, key=lambda one: one.width)
     skews = {*(sharpest.best + step for step in _NEAR), *_PRIOR_SKEWS}
     grid = sorted(skew for skew in skews if abs(skew) <= MAX_SKEW)
-    votes = []
+    found = []
     for before, skew, after in zip(grid, grid[1:], grid[2:], strict=False):
         rooms = [_room(one.hulls, skew) for one in gaps]
         lost = sum(max(0.0, one.gap - left) / one.width for one, (left, _) in zip(gaps, rooms, strict=True))
         prior = exp(-0.5 * (skew / SKEW) ** 2) + ODD_HOSTS
-        votes.append(((after - before) * prior * exp(-lost), skew, tuple(offset for _, offset in rooms)))
+        found.append((lost, (after - before) * prior, skew, tuple(offset for _, offset in rooms)))
+    # Two gaps may contradict each other: relative to the best skew, so that not all weights are zero.
+    least = min(lost for lost, *_ in found)
+    votes = [(exp(least - lost) * prior, skew, offsets) for lost, prior, skew, offsets in found]
     total = sum(weight for weight, _, _ in votes)
     return [(weight / total, skew, offsets) for weight, skew, offsets in votes]
 

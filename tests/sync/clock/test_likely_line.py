@@ -103,6 +103,17 @@ def test_a_path_that_has_become_faster_is_believed_after_seven_messages() -> Non
     assert faster.offset == pytest.approx(-2e5, abs=30e3)
 
 
+def test_fast_messages_that_contradict_all_others_still_give_a_line() -> None:
+    """Both kinds are exact to the nanosecond, at skews that are thousands of their widths apart."""
+    dense = [(-i * S / 30, 1e6) for i in range(300)]
+    fast = [-i * S * 10 / 12 for i in range(12)]
+    line = line_between(
+        dense + [(t, 2e5 + 30e-6 * t) for t in fast], dense + [(t, 2e5 - 30e-6 * t) for t in fast]
+    )
+    assert -1e-6 < line.skew < 31e-6
+    assert abs(line.offset) < 1e6
+
+
 def test_one_bound_of_each_direction_gives_the_middle_and_is_not_trusted() -> None:
     line = line_between([(0.0, 900.0)], [(0.0, -100.0)])
     assert (line.offset, line.gap) == pytest.approx((500.0, 800.0))

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import contextvars
 import os
 import time
 from collections.abc import AsyncGenerator, Coroutine, Sequence
@@ -235,4 +236,5 @@ def _run(work: Coroutine[Any, Any, T]) -> T:
     except RuntimeError:
         return asyncio.run(work)
     with ThreadPoolExecutor(1) as thread:
-        return thread.submit(asyncio.run, work).result()
+        # The trust in use applies in that thread, too.
+        return thread.submit(contextvars.copy_context().run, asyncio.run, work).result()

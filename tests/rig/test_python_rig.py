@@ -1,0 +1,23 @@
+"""A rig as Python's users have it, in a script or in a notebook."""
+
+import asyncio
+from pathlib import Path
+
+from capture_app import Rig
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.trust.trust import Trust
+
+
+async def test_a_notebook_joins_a_rig_by_the_trust_in_use(tmp_path: Path) -> None:
+    trust = Trust(tmp_path / "trust")
+    options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust)
+
+    async def notebook() -> str:
+        """Wait for each call while a loop is running already."""
+        with Rig(str(leader.own_address)) as rig:
+            return rig.status().leader
+
+    with trust.in_use():
+        async with await LeaderNode.start(options) as leader:
+            assert await asyncio.to_thread(asyncio.run, notebook()) == str(leader.address)

@@ -1,6 +1,5 @@
 """Keys of a leader's clients: issued one by one over authenticated streams, each for one instance."""
 
-import random
 import secrets
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -10,8 +9,6 @@ from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, key_o
 
 Address = tuple[str, int]
 
-CRYPTOGRAPHIC = secrets.SystemRandom()
-"""Source of keys that nobody can guess."""
 MAX_KEYS = 20_000
 """Maximum number of stored keys; beyond it, the least recently used key is forgotten."""
 MAX_KEYS_PER_MACHINE = 256
@@ -33,25 +30,21 @@ class _Client:
 class ClientKeys:
     """Keys that a leader has issued."""
 
-    def __init__(self, rng: random.Random = CRYPTOGRAPHIC, max_keys: int = MAX_KEYS) -> None:
-        self._rng, self._max_keys = rng, max_keys
+    def __init__(self) -> None:
         self._clients: dict[int, _Client] = {}
         """Clients by key number, most recently heard last."""
         self._at: dict[Address, _Client] = {}
 
-    def __len__(self) -> int:
-        return len(self._clients)
-
     def grant(self, principal: Principal) -> Grant:
         """Issue a key; earlier keys of the same instance remain valid until they are forgotten."""
-        key_id, key = self._rng.getrandbits(32), self._rng.randbytes(KEY_BYTES)
+        key_id, key = secrets.randbits(32), secrets.token_bytes(KEY_BYTES)
         while key_id in self._clients:
-            key_id = self._rng.getrandbits(32)
+            key_id = secrets.randbits(32)
         self._clients[key_id] = _Client(principal, Seal(key_id, key, of_leader=True))
         own = [number for number, client in self._clients.items() if client.principal.pin == principal.pin]
         if len(own) > MAX_KEYS_PER_MACHINE:
             self._forget(own[0])
-        if len(self._clients) > self._max_keys:
+        if len(self._clients) > MAX_KEYS:
             self._forget(next(iter(self._clients)))
         return key_id, key
 

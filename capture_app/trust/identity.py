@@ -118,11 +118,9 @@ def sign(identity: Identity, *said: Any) -> Proof:
 
 def is_proven(proof: Proof | None, pins: Collection[str], *said: Any) -> bool:
     """Whether a leader with one of these pins has signed exactly this."""
-    if proof is None:
+    if proof is None or pin_of(proof[0]) not in pins:
         return False
     certificate, signature = proof
-    if pin_of(certificate) not in pins:
-        return False
     from cryptography import x509
     from cryptography.exceptions import InvalidSignature
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey

@@ -28,7 +28,7 @@ MAX_NOTICES = 64
 
 
 class SealedClient:
-    """Client with a key for each of its leaders; `keys.wanted` lists the leaders without one."""
+    """Client with a key for each of its leaders; `keys.missing` lists the leaders without one."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -51,10 +51,10 @@ class SealedClient:
 class SealedLeader:
     """Leader with a key for each of its clients; answers to unknown peers never exceed their datagrams."""
 
-    def __init__(self, engine: Leader | Relay, keys: ClientKeys | None = None) -> None:
+    def __init__(self, engine: Leader | Relay) -> None:
         self._engine = engine
         self._leader = engine.leader if isinstance(engine, Relay) else engine
-        self.keys = ClientKeys() if keys is None else keys
+        self.keys = ClientKeys()
         self.refusals = Refusals()
         self._notices: list[tuple[bytes, Address]] = []
         self.next_timer = engine.next_timer

@@ -163,15 +163,14 @@ class Refusals:
     """Counts of refused datagrams; `now_ns` is the node's own clock."""
 
     def __init__(self) -> None:
-        self.total = 0
-        self._counts: Counter[tuple[str, Refused]] = Counter()
+        self.counts: Counter[tuple[str, Refused]] = Counter()
+        """Refused datagrams since the last report, by host and reason."""
         self._due_ns: int | None = None
 
     def add(self, host: str, why: Refused) -> None:
         """Count a datagram that was refused from a host."""
-        self.total += 1
-        is_counted = (host, why) in self._counts or len(self._counts) < MAX_KINDS
-        self._counts[host if is_counted else "other hosts", why] += 1
+        is_counted = (host, why) in self.counts or len(self.counts) < MAX_KINDS
+        self.counts[host if is_counted else "other hosts", why] += 1
 
     def take_events(self, now_ns: int) -> list[DatagramsRefused]:
         """Return the refusals since the last report, unless that was less than REPORT_INTERVAL_NS ago."""
@@ -179,9 +178,9 @@ class Refusals:
             return []
         reported = [
             (host, why)
-            for (host, why), count in self._counts.items()
+            for (host, why), count in self.counts.items()
             if count >= FEW or why not in (Refused.UNKNOWN_KEY, Refused.REPLAYED)
         ]
         if reported:
             self._due_ns = now_ns + REPORT_INTERVAL_NS
-        return [DatagramsRefused(*key, self._counts.pop(key)) for key in reported]
+        return [DatagramsRefused(*key, self.counts.pop(key)) for key in reported]

@@ -34,7 +34,7 @@ async def test_a_known_machine_joins_and_keeps_the_time(
     async with sealed_node(leader.own_address, introduced(tmp_path, trust, "machine")) as node:
         await until(lambda: node.time.time_map is not None)
         assert here(leader) == ["cam"]
-        assert node.sealed.refusals.total == 0
+        assert node.sealed.refusals.counts.total() == 0
     async with sealed_node(leader.own_address, trust, "own") as own:
         await until(lambda: own.time.is_member)
 

@@ -9,7 +9,7 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.datagrams import Principal
-from capture_app.trust.datagram_keys import Address, ClientKeys
+from capture_app.trust.datagram_keys import Address
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader
 from tests.facts import make_facts
 
@@ -34,10 +34,9 @@ class SealedRig:
     """A leader and clients on one path, on which whoever holds `tamper` sits; all clocks are the same."""
 
     def __init__(self, *names: str, seed: int = 1) -> None:
-        self.rng = random.Random(seed)
         self.now_ns = 1_000 * MS
         self.engine = Leader(LeaderConfig(instance=5, transfer_port=47010), random.Random(seed))
-        self.leader = SealedLeader(self.engine, ClientKeys(self.rng))
+        self.leader = SealedLeader(self.engine)
         self.tamper: Tamper = lambda data, sender, to: [(data, sender, to)]
         self.nodes = {name: self._new_node(name, number) for number, name in enumerate(names)}
 

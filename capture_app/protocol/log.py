@@ -46,23 +46,26 @@ RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | F
 """Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
 
 
-def event_line(event: RigEvent) -> str:
-    """Return a line for people about an event; empty if it is not worth a line."""
+def event_line(event: RigEvent) -> tuple[str, bool]:
+    """Return a line for people about an event, and whether it needs attention.
+
+    The line is empty if the event is not worth one.
+    """
     match event:
         case events.NodeChanged(change="moved"):
-            return f"{event.name} is now connected to {event.where or 'this leader'}"
+            return f"{event.name} is now connected to {event.where or 'this leader'}", False
         case events.NodeChanged():
-            return _NODE_LINES[event.change].format(event)
-        case events.BurstAnswered():
-            return f"burst {event.burst}: without {event.name}: {event.refusal}" if event.refusal else ""
+            return _NODE_LINES[event.change].format(event), event.change in ("lost", "refused")
+        case events.BurstAnswered(name, burst, refusal):
+            return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
         case HostOffRate():
-            return off_rate_line(event)
+            return off_rate_line(event), bool(event.fast_ppm)
         case FollowerEvent():
-            return event.line
+            return event.line, event.is_warning
         case DatagramsRefused():
-            return str(event)
+            return str(event), True
         case BurstStatus():
-            return burst_line(event)
+            return burst_line(event), event.session is None or event.received != event.expected
 
 
 def off_rate_line(off: HostOffRate) -> str:
@@ -103,20 +106,6 @@ def burst_line(burst: BurstStatus) -> str:
     if burst.done:
         text += f", saved as {burst.session}" if burst.session else ", no session"
     return ("; " if burst.done else ", ").join(filter(None, (text, burst.message)))
-
-
-def _is_warning(event: RigEvent) -> bool:
-    """Whether an event needs attention."""
-    match event:
-        case events.NodeChanged():
-            return event.change in ("lost", "refused")
-        case FollowerEvent():
-            return event.is_warning
-        case HostOffRate():
-            return bool(event.fast_ppm)
-        case BurstStatus():
-            return event.session is None or event.received != event.expected
-    return True
 
 
 def event_record(event: RigEvent) -> dict[str, object]:
@@ -200,12 +189,13 @@ class Log:
 
     def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
-        text, camera = event_line(event), None if isinstance(event, BurstStatus) else event.name
-        if text and not (text := self._admitted(text, camera)):
-            return
+        text, is_warning = event_line(event)
+        camera = None if isinstance(event, BurstStatus) else event.name
         if text:
+            if not (text := self._admitted(text, camera)):
+                return
             if not isinstance(event, BurstStatus) or event.done:
-                self.add(text, camera=camera, level="warning" if _is_warning(event) else "info")
+                self.add(text, camera=camera, level="warning" if is_warning else "info")
             self.show(text)
         if self._record is not None:
             self._record(event_record(event))

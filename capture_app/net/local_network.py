@@ -112,20 +112,16 @@ def parse_power_save(output: str) -> bool | None:
     return {"on": True, "off": False}.get(output.strip().lower().rpartition(" ")[2])
 
 
-def power_saving_towards(host: str, networks: Path = NETWORKS) -> str:
+def power_saving_towards(host: str) -> str:
     """Return the WiFi interface towards a host if it saves power, else an empty string."""
     source = source_address(host, socket.AF_INET6 if ":" in host else socket.AF_INET)
-    interface = None if source is None else interface_of(source)
-    if interface is not None and interface in wifi_interfaces(networks) and saves_power(interface):
-        return interface
-    return ""
+    interface = (None if source is None else interface_of(source)) or ""
+    return interface if interface in wifi_interfaces() and saves_power(interface) else ""
 
 
-def power_saving(interface: str) -> str:
-    """Return the message that an interface saves power."""
-    return f"the WiFi of this machine ({interface}) saves power, which delays messages by up to 0.1 s"
-
-
-def power_saving_remedy(interface: str) -> str:
-    """Return the command that disables power saving until the next boot."""
-    return f"sudo iw dev {interface} set power_save off"
+def power_saving(interface: str) -> tuple[str, str]:
+    """Return the message that an interface saves power, and the command that ends it until the next boot."""
+    return (
+        f"the WiFi of this machine ({interface}) saves power, which delays messages by up to 0.1 s",
+        f"sudo iw dev {interface} set power_save off",
+    )

@@ -8,7 +8,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
-from capture_app.net.local_network import power_saving, power_saving_remedy, power_saving_towards
+from capture_app.net.local_network import power_saving, power_saving_towards
 from capture_app.net.reachability import Obstacle, find_obstacle
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import ask_to_enrol
@@ -127,7 +127,7 @@ class JoinWatch:
     async def _look_at_wifi(self) -> None:
         for leader in self._leaders:
             if interface := await asyncio.to_thread(power_saving_towards, leader.host):
-                self._log.say(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
+                self._log.say("; ".join(power_saving(interface)))
                 return
 
 

@@ -25,7 +25,6 @@ from capture_app.net.local_network import (
     Firewall,
     active_firewalls,
     power_saving,
-    power_saving_remedy,
     saves_power,
     wifi_interfaces,
 )
@@ -261,7 +260,7 @@ def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
     for interface in interfaces:
         match saves_power(interface):
             case True:
-                yield Finding("wifi", "warning", power_saving(interface), power_saving_remedy(interface))
+                yield Finding("wifi", "warning", *power_saving(interface))
             case False:
                 yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
             case None:

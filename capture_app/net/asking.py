@@ -16,7 +16,7 @@ from capture_app.trust.trust import Trust
 A = TypeVar("A", bound=Message)
 
 
-async def next_message(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
+async def next_message(channel: Channel[Any], timeout_s: float) -> messages.FromLeader:
     """Return the leader's next message, which may be a refusal, without its payload. Raises NetworkError."""
     try:
         async with asyncio.timeout(timeout_s):

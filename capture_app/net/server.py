@@ -50,7 +50,7 @@ class TransferServer(Generic[M]):
         stream_timeouts: StreamTimeouts = STREAM_TIMEOUTS,
         trust: Trust | None = None,
     ) -> None:
-        """Limit the open streams to `max_streams`, and apply the timeouts of `patience` to each.
+        """Limit the open streams to `max_streams`, and apply `stream_timeouts` to each.
 
         `trust` is this end's identity and known machines, by default its user's.
         """

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import SimulshotError
 from capture_app.node.camera.burst_upload import SpooledBurst
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.journal import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
@@ -78,10 +77,8 @@ def read_spool(data: bytes, folder: Path) -> None:
 def read_profiles(data: bytes, folder: Path) -> None:
     """What this machine knows of its devices."""
     (folder / "device-profiles.json").write_bytes(data)
-    facts: CameraFacts = make_facts()
-    profiles = DeviceProfiles(folder)
-    profiles.injection_profile(facts)
-    profiles.start_latencies_ns(facts)
+    known = DeviceProfiles(folder).read(mode_key(make_facts()))
+    assert known.usable_injection in (None, known.injection)
 
 
 def read_known_machines(data: bytes, folder: Path) -> None:

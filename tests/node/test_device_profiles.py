@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
-from capture_app.node.camera.device_profiles import FILE, MAX_LATENCIES, DeviceProfiles, link_key, mode_key
+from capture_app.node.camera.device_profiles import FILE, DeviceProfiles, link_key, mode_key
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
@@ -18,13 +18,13 @@ def camera(model: str = "Phone", width: int = 640) -> CameraFacts:
 
 def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path / "data")
-    assert profiles.injection_profile(camera()) is None
+    assert profiles.read(mode_key(camera())).usable_injection is None
     assert profiles.save(mode_key(camera()), injection=PROFILE)
     assert profiles.save(mode_key(camera()), injection=PROFILE), "again changes nothing"
     again = DeviceProfiles(tmp_path / "data")
-    assert again.injection_profile(camera()) == PROFILE
-    assert again.injection_profile(camera(model="Other")) is None
-    assert again.injection_profile(camera(width=1280)) is None
+    assert again.read(mode_key(camera())).usable_injection == PROFILE
+    assert again.read(mode_key(camera(model="Other"))).usable_injection is None
+    assert again.read(mode_key(camera(width=1280))).usable_injection is None
     assert [path.name for path in (tmp_path / "data").iterdir()] == [FILE]
 
 
@@ -32,30 +32,30 @@ def test_a_gain_may_be_any_number_and_a_whole_one_of_before_is_read(tmp_path: Pa
     profiles = DeviceProfiles(tmp_path)
     real = InjectionProfile(10_840, 1.463, 3056.25)
     assert profiles.save(mode_key(camera()), injection=real)
-    assert profiles.injection_profile(camera()) == real
+    assert profiles.read(mode_key(camera())).usable_injection == real
     written = (tmp_path / FILE).read_text()
     (tmp_path / FILE).write_text(written.replace("1.463", "2"))
-    assert profiles.injection_profile(camera()) == InjectionProfile(10_840, 2, 3056.25)
+    assert profiles.read(mode_key(camera())).usable_injection == InjectionProfile(10_840, 2, 3056.25)
     (tmp_path / FILE).write_text(written.replace("1.463", "40"))
-    assert profiles.injection_profile(camera()) is None
+    assert profiles.read(mode_key(camera())).usable_injection is None
 
 
 def test_a_broken_file_is_as_good_as_none(tmp_path: Path) -> None:
     (tmp_path / FILE).write_bytes(b'{"sim/Phone": [1')
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.injection_profile(camera()) is None
+    assert profiles.read(mode_key(camera())).usable_injection is None
     assert profiles.save(mode_key(camera()), injection=PROFILE)
-    assert profiles.injection_profile(camera()) == PROFILE
+    assert profiles.read(mode_key(camera())).usable_injection == PROFILE
 
 
 def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.start_latencies_ns(camera()) == ()
+    assert profiles.read(mode_key(camera())).start_latencies_ns == ()
     profiles.save(mode_key(camera()), injection=PROFILE)
     assert profiles.save(mode_key(camera()), start_latencies_ns=tuple(range(100)))
-    assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MAX_LATENCIES, 100))
-    assert profiles.injection_profile(camera()) == PROFILE
-    assert profiles.start_latencies_ns(camera(model="Other")) == ()
+    assert profiles.read(mode_key(camera())).start_latencies_ns == tuple(range(100))
+    assert profiles.read(mode_key(camera())).usable_injection == PROFILE
+    assert profiles.read(mode_key(camera(model="Other"))).start_latencies_ns == ()
 
 
 def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
         )
         assert all(saved)
     profiles = DeviceProfiles(tmp_path)
-    assert all(profiles.injection_profile(camera(model=model)) == PROFILE for model in models)
+    assert all(profiles.read(mode_key(camera(model=model))).usable_injection == PROFILE for model in models)
 
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:

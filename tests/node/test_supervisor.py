@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import CameraError
-from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
@@ -37,13 +37,12 @@ class Bench:
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        self.supervisor: CameraSupervisor
+        options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
+        self.supervisor = CameraSupervisor(options, retry_s=0.0)
 
     async def start(self) -> None:
-        options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
-        stream = CameraStream(options)
-        await stream.open()
-        self.supervisor = CameraSupervisor(options, stream, cast(Any, self), cast(Any, self), retry_s=0.0)
+        await self.supervisor.open()
+        self.supervisor.connect(cast(Any, self), cast(Any, self))
 
     async def next_camera(self) -> FakeCamera:
         return await asyncio.wait_for(self.opened.get(), 30)

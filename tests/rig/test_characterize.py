@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from capture_app.cli import run
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import CameraError
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.rig.characterize import Character, characterize, common_step, save
 from capture_app.simulation.profiles import PROFILES
 from tests.simulation.simulation_driver.stepped import LoopClock, in_stepped_time
@@ -89,8 +89,8 @@ async def test_a_camera_without_frames_is_an_error_in_words() -> None:
 
 
 def kept(folder: Path, facts: CameraFacts) -> tuple[object, int]:
-    profiles = DeviceProfiles(folder)
-    return profiles.injection_profile(facts), len(profiles.start_latencies_ns(facts))
+    known = DeviceProfiles(folder).read(mode_key(facts))
+    return known.usable_injection, len(known.start_latencies_ns)
 
 
 def test_what_nodes_use_is_kept(tmp_path: Path) -> None:

@@ -296,10 +296,8 @@ class BurstUpload:
         """
         if not self.streamed:
             return self.report
-        report = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
-        if not self.ended:
-            return report
-        return report.with_plan(picked=self.over, missing_runs=tuple(self.missing_runs))
+        decided = {"picked": self.over, "missing_runs": tuple(self.missing_runs)} if self.ended else {}
+        return self.report.with_plan(instants=waiting, picking=not self.ended, missing=(), **decided)
 
     def load(self, image: ImageUpload) -> bytes | None:
         """Return an image's bytes; None if the spool no longer has them unchanged.

@@ -22,7 +22,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.device_profiles import link_key, mode_key
-from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.joining import JoinWatch, KeyRequester
@@ -55,8 +55,8 @@ class CameraNode:
     """A camera that joins a leader, stays synchronized, and keeps trying while the leader is lost."""
 
     def __init__(self, options: NodeOptions) -> None:
-        self.options = options
-        self._member: RigMember | None = None
+        self.options, self._log, self._clock = options, options.log, options.clock
+        self._last_state: NodeState | None = None
 
     async def run(self) -> None:
         """Open the camera, join, and capture until cancelled.
@@ -64,13 +64,13 @@ class CameraNode:
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
         opened at the start, BadInputError for an unusable spool or machine key. Later failures are retried.
         """
-        options, self._member = self.options, None
+        options, self._last_state, self._is_leaving = self.options, None, False
         # Anyone who knows the number can speak for this camera, so it has too many bits to be guessed.
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
-        uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
-        with contextlib.closing(uploader):
-            uploader.load_spool()
+        self._uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
+        with contextlib.closing(self._uploader):
+            self._uploader.load_spool()
             options.trust.client_context()
             found = [await resolve(leader) for leader in options.leaders]
             family = found[0][0]
@@ -81,41 +81,22 @@ class CameraNode:
                 )
             watch = JoinWatch(options.leaders, options.log)
             watch.look_ahead()
-            stream = CameraStream(options)
-            await stream.open()
+            self._camera = CameraSupervisor(options)
+            await self._camera.open()
             try:
-                peers = tuple(peer for _, peer in found)
-                self._member = RigMember(options, instance, stream, uploader, peers)
-                await self._member.run(client_socket(family), watch)
+                self._prepare(instance, tuple(peer for _, peer in found))
+                await self._take_part(client_socket(family), watch)
             finally:
-                await stream.camera.stop()
+                await self._camera.camera.stop()
 
-    @property
-    def standing(self) -> tuple[NodeState | None, str]:
-        """The node's state, None before it has begun, and in plain words why it is not ready."""
-        return (None, "") if self._member is None else self._member.standing
-
-
-class RigMember:
-    """Membership of one open camera in a rig: its protocol engine and its connections."""
-
-    def __init__(
-        self,
-        options: NodeOptions,
-        instance: int,
-        stream: CameraStream,
-        uploader: Uploader,
-        peers: tuple[Address, ...],
-    ) -> None:
-        """`instance` is the run of the node, `peers` are its leaders' addresses."""
-        self.options = options
-        self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
-        self._stream, self._uploader = stream, uploader
+    def _prepare(self, instance: int, peers: tuple[Address, ...]) -> None:
+        """Make the engine of the run `instance`, for the leaders at `peers`, and connect all parts to it."""
+        options, facts = self.options, self._camera.facts
+        profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
-        facts = stream.facts
         self._engine: Client[CapturedFrame] = Client(
             ClientConfig(
                 name=options.name,
@@ -124,8 +105,8 @@ class RigMember:
                 tolerance_ns=options.tolerance_ns,
                 ring_ns=options.ring_ns,
                 ring_bytes=options.ring_bytes,
-                injection_profile=self._profiles.injection_profile(facts),
-                start_latencies_ns=self._profiles.start_latencies_ns(facts),
+                injection_profile=profile.usable_injection,
+                start_latencies_ns=profile.start_latencies_ns,
             ),
             random.Random(secrets.randbits(64)),
             samples=self._samples,
@@ -140,14 +121,14 @@ class RigMember:
             options.trust,
             self._pump,
         )
-        self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
-        self._viewfinder = Viewfinder(options, instance, self._camera, self._engine, uploader, self._samples)
-        stream.receivers.append(self._viewfinder.add_frame)
+        self._camera.connect(self._engine, self._pump)
+        self._viewfinder = Viewfinder(
+            options, instance, self._camera, self._engine, self._uploader, self._samples
+        )
+        self._camera.receivers.append(self._viewfinder.add_frame)
         self._host_rate = HostRate()
-        self._last_state: NodeState | None = None
-        self._is_leaving = False
 
-    async def run(self, sock: socket.socket, watch: JoinWatch) -> None:
+    async def _take_part(self, sock: socket.socket, watch: JoinWatch) -> None:
         """Take part over a UDP socket until cancelled."""
         self._pump.start(sock)
         try:
@@ -194,15 +175,12 @@ class RigMember:
             message = self._engine.report(self._clock.now_ns()).message
             self._log.say(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
-                self._save_profile()
-
-    def _save_profile(self) -> None:
-        """Store the parameters that brought the camera into phase, as they are proven."""
-        aligner, mode = self._engine.aligner, mode_key(self._stream.facts)
-        if aligner.actuator.profile is not None:
-            self._profiles.save(mode, injection=aligner.actuator.profile)
-        if aligner.start_latencies_ns:
-            self._profiles.save(mode, start_latencies_ns=aligner.start_latencies_ns)
+                # What brought the camera into phase is proven now.
+                of = self._engine.aligner
+                proven = {"injection": of.actuator.profile, "start_latencies_ns": of.start_latencies_ns}
+                self.options.profiles.save(
+                    mode_key(self._camera.facts), **{name: value for name, value in proven.items() if value}
+                )
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         if isinstance(event, FramesSelected):
@@ -216,8 +194,8 @@ class RigMember:
             self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
-            link = self._profiles.read(link_key(self.options.name, leader.host))
-            self._engine.set_path_asymmetry(link.asymmetry)
+            link = link_key(self.options.name, leader.host)
+            self._engine.set_path_asymmetry(self.options.profiles.read(link).asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})
@@ -230,10 +208,10 @@ class RigMember:
             self._uploader.extend_burst(picked)
             return
         name, leader, burst = self.options.name, picked.trigger.leader, picked.trigger.burst
-        facts, camera, streamed = self._stream.facts, self._stream.camera, picked.trigger.streamed
-        true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
-        if facts.kind == SIMULATED and true_clock is None:
-            true_clock = SimulatedClock(0)
+        facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger.streamed
+        true_clock = SimulatedClock(0) if facts.kind == SIMULATED else None
+        if isinstance(self._clock, SimulatedClock):
+            true_clock = self._clock
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.phase_tolerance_ns
         plan = CameraPlan(
             camera=camera_record(

@@ -16,7 +16,6 @@ from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.injection import GAIN_LIMITS
 
 FILE = "device-profiles.json"
-MAX_LATENCIES = 24
 
 
 class DeviceProfile(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -31,6 +30,13 @@ class DeviceProfile(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     asymmetry: PathAsymmetry | None = msgspec.field(default=None, name="way")
     """Measured path asymmetry of a link."""
 
+    @property
+    def usable_injection(self) -> InjectionProfile | None:
+        """Effect of a long frame if it is plausible, else None."""
+        known, (min_gain, max_gain) = self.injection, GAIN_LIMITS
+        is_usable = known is not None and min_gain <= known.gain <= max_gain and known.row_time_ns > 0
+        return known if is_usable else None
+
 
 class DeviceProfiles:
     """Stored timing profiles of camera models in one folder.
@@ -41,17 +47,6 @@ class DeviceProfiles:
     def __init__(self, folder: Path | None = None) -> None:
         """`folder` replaces the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
         self._path = (folder or user_data_path("simulshot")) / FILE
-
-    def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
-        """Return the effect of a long frame on cameras of this kind and mode; None if unknown."""
-        known = self.read(mode_key(facts)).injection
-        min_gain, max_gain = GAIN_LIMITS
-        is_usable = known is not None and min_gain <= known.gain <= max_gain and known.row_time_ns > 0
-        return known if is_usable else None
-
-    def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
-        """Return start latencies of cameras of this kind and mode, modulo the period in ns, newest last."""
-        return self.read(mode_key(facts)).start_latencies_ns[-MAX_LATENCIES:]
 
     def read(self, key: str) -> DeviceProfile:
         """Return what is known of a mode, a camera or a link, by its key."""

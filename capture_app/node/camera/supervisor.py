@@ -194,24 +194,32 @@ class NodeOptions:
     """Called when an operator removes the camera from the rig."""
 
 
-class CameraStream:
-    """A streaming camera, across all reopenings of the device; it begins with `open`.
+class CameraSupervisor:
+    """A node's camera, across all reopenings of the device; it begins with `open`.
 
     Each receiver gets each frame in order. Frames that arrive before there is a receiver are dropped.
     """
 
-    def __init__(self, options: NodeOptions) -> None:
-        self._options = options
+    def __init__(self, options: NodeOptions, *, retry_s: float = RETRY_S) -> None:
+        """A failed camera is reopened every `retry_s`."""
+        self._options, self._retry_s = options, retry_s
         self.measured_stamp: StampAccuracy | None = None
         """Timestamp accuracy measured in this run, for `update_facts`."""
         self.receivers: list[Callable[[CapturedFrame], None]] = []
+        self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
+        """Commands, each with the local time in ns at which the engine computed it."""
+        self._engine_ns = 0
+        self.controls = ControlKeeper(self)
+        """Exposure, gain, white balance and focus."""
+        self._streams_before = self._last_stream = 0
 
     async def open(self) -> None:
         """Open the camera, again after a failure, and start its stream. Raises the camera's errors."""
-        self.camera = self._options.open_camera()
-        self.started_ns = self._options.clock.now_ns()
+        self.camera: Camera = self._options.open_camera()
+        """The open camera."""
+        self._started_ns = self._options.clock.now_ns()
         """Time of the start command, in ns of the node's clock."""
-        failed = self.failed = asyncio.get_running_loop().create_future()
+        failed = self._failed = asyncio.get_running_loop().create_future()
         """The error of the device once it has failed."""
 
         def on_failure(error: Exception) -> None:
@@ -237,35 +245,11 @@ class CameraStream:
         for receive in self.receivers:
             receive(frame)
 
-
-class CameraSupervisor:
-    """Link between a camera and an engine: passes frames and commands, reopens a failed camera."""
-
-    def __init__(
-        self,
-        options: NodeOptions,
-        stream: CameraStream,
-        engine: Client[CapturedFrame],
-        pump: Pump,
-        *,
-        retry_s: float = RETRY_S,
-    ) -> None:
-        """`pump` runs the engine; a failed camera is reopened every `retry_s`."""
-        self._options, self._retry_s = options, retry_s
-        self.stream, self._engine, self._pump = stream, engine, pump
-        self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
-        """Commands, each with the local time in ns at which the engine computed it."""
-        self._engine_ns = 0
-        self.controls = ControlKeeper(self)
-        """Exposure, gain, white balance and focus."""
-        self._streams_before = self._last_stream = 0
-        engine.stream_started(stream.started_ns)
-        stream.receivers.append(self.add_frame)
-
-    @property
-    def camera(self) -> Camera:
-        """The open camera."""
-        return self.stream.camera
+    def connect(self, engine: Client[CapturedFrame], pump: Pump) -> None:
+        """Pass frames to an engine, which `pump` runs, and its commands to the camera."""
+        self._engine, self._pump = engine, pump
+        engine.stream_started(self._started_ns)
+        self.receivers.append(self.add_frame)
 
     def collect_commands(self) -> None:
         """Queue the engine's commands for the camera, and lock its controls while a burst is captured."""
@@ -279,7 +263,7 @@ class CameraSupervisor:
         Raises CameraError if another camera is connected then.
         """
         while True:
-            error = await self.stream.failed
+            error = await self._failed
             self._options.log.say(f"camera failed: {error}")
             self._report_to_engine(str(error))
             await self.camera.stop()
@@ -296,7 +280,7 @@ class CameraSupervisor:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the targeted start: the same phase in a later period is as good.
-                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self.stream.facts.period_ns)
+                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self.facts.period_ns)
             try:
                 await self.camera.apply(command)
             except CameraError as error:
@@ -307,28 +291,29 @@ class CameraSupervisor:
                     self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
-        before = self.stream.facts
+        before = self.facts
         self._streams_before = self._last_stream + 1
         while True:
             await asyncio.sleep(self._retry_s)
             try:
-                await self.stream.open()
+                await self.open()
                 break
             except SimulshotError as reason:
                 await self.camera.stop()
                 self._report_to_engine(str(reason))
         # A camera that was unplugged forgets its exposure; it is still the same camera.
-        facts = self.stream.facts
-        if replace(facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
-            raise CameraError(f"another camera is connected now: {facts.model}", hint="start the node again")
-        self._engine.stream_started(self.stream.started_ns)
+        if replace(self.facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
+            raise CameraError(
+                f"another camera is connected now: {self.facts.model}", hint="start the node again"
+            )
+        self._engine.stream_started(self._started_ns)
 
     def note_exposure(self) -> None:
         """Notify the engine if the camera's exposure or timestamp accuracy has changed."""
-        before = self.stream.facts
-        self.stream.update_facts()
-        if self.stream.facts != before:
-            self._engine.update_camera(self.stream.facts)
+        before = self.facts
+        self.update_facts()
+        if self.facts != before:
+            self._engine.update_camera(self.facts)
             self._pump.turn()
 
     def add_frame(self, frame: CapturedFrame) -> None:

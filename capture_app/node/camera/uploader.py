@@ -57,11 +57,15 @@ class BurstSender:
         changed: asyncio.Event,
         log: Log,
         waiting: Collection[BurstUpload],
+        roots: Collection[str],
     ) -> None:
-        """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams."""
-        self.roots: Collection[str] = ()
-        """Below a relay, pins of the rig's leaders: one of them must have signed the answers to a burst."""
-        self._channel, self._changed, self._log, self._waiting = channel, changed, log, waiting
+        """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams.
+
+        `roots` are, below a relay, pins of the rig's leaders: one of them must have signed the answers to a
+        burst.
+        """
+        self._channel, self._changed, self._log = channel, changed, log
+        self._waiting, self.roots = waiting, roots
         self._in_flight: deque[ImageUpload] = deque()
         self._answer: asyncio.Task[FromLeader] | None = None
         self._receipts: dict[int, ImageReceipt] = {}
@@ -230,14 +234,10 @@ async def _write_report(burst: BurstUpload, report: CameraReport) -> None:
 
 
 async def _delete(files: Collection[Path]) -> None:
-    def delete() -> None:
-        for file in files:
-            # On a disk that is now read-only it stays, and is offered again when the node restarts.
-            with contextlib.suppress(OSError):
-                file.unlink(missing_ok=True)
-
-    if files:
-        await asyncio.to_thread(delete)
+    for file in files:
+        # On a disk that is now read-only it stays, and is offered again when the node restarts.
+        with contextlib.suppress(OSError):
+            await asyncio.to_thread(file.unlink, missing_ok=True)
 
 
 class Uploader:
@@ -291,8 +291,10 @@ class Uploader:
                 self._log.say(f"left in the spool: {error}")
             else:
                 if burst.images:
-                    waiting = count(len(burst.images), "image")
-                    self._log.say(f"burst {burst.report.burst}: {waiting} still in {spooled.folder}")
+                    self._log.say(
+                        f"burst {burst.report.burst}: {count(len(burst.images), 'image')} still in"
+                        f" {spooled.folder}"
+                    )
                     self._waiting.append(burst)
                 else:
                     spooled.remove()
@@ -353,6 +355,7 @@ class Uploader:
         self._changed.set()
 
     async def _encode_all(self) -> None:
+        """Encode pending frames, burst by burst, and move each to its burst's images."""
         while True:
             self._to_encode.clear()
             burst = next((burst for burst in self._bursts if burst.frames), None)
@@ -360,27 +363,23 @@ class Uploader:
                 await self._store_ends()
                 await self._to_encode.wait()
                 continue
-            await self._encode_next(burst)
+            picked, image = burst.frames[0], None
+            try:
+                image = await asyncio.get_running_loop().run_in_executor(
+                    self._thread, self._encode, burst, picked
+                )
+            except CameraError as error:
+                burst.report_lost([picked.instant], str(error))
+                self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
+            # The leader may have refused the burst while the frame was encoded.
+            if burst.frames and burst.frames[0] is picked:
+                burst.frames.popleft()
+                if image is not None:
+                    burst.images.append(image)
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._changed.set()
             self._to_sync.set()
-
-    async def _encode_next(self, burst: BurstUpload) -> None:
-        """Encode the first pending frame of a burst, and move it to its images."""
-        picked, image = burst.frames[0], None
-        try:
-            image = await asyncio.get_running_loop().run_in_executor(
-                self._thread, self._encode, burst, picked
-            )
-        except CameraError as error:
-            burst.report_lost([picked.instant], str(error))
-            self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
-        # The leader may have refused the burst while the frame was encoded.
-        if burst.frames and burst.frames[0] is picked:
-            burst.frames.popleft()
-            if image is not None:
-                burst.images.append(image)
 
     def _encode(self, burst: BurstUpload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
         """Encode a frame into the spool if there is room, else into memory; runs in a thread of its own."""
@@ -444,11 +443,16 @@ class Uploader:
                 async with (
                     await connect(self.leader, FromLeader, trust=self._trust) as channel,
                     contextlib.aclosing(
-                        BurstSender(channel, self._changed, self._log, self._waiting)
+                        BurstSender(
+                            channel,
+                            self._changed,
+                            self._log,
+                            self._waiting,
+                            self._trust.roots_of(channel.who.pin),
+                        )
                     ) as sender,
                 ):
-                    self._stream = channel
-                    self._roots = sender.roots = self._trust.roots_of(channel.who.pin)
+                    self._stream, self._roots = channel, sender.roots
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
                     while self._waiting or self._space_is_due:

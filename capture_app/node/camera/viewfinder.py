@@ -230,8 +230,8 @@ class Viewfinder:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
         profiles, is_stored, uncertainty_ns = self._options.profiles, True, None
         if measured.stamp is not None:
-            facts = self._camera.stream.facts
-            self._camera.stream.measured_stamp = measured.stamp
+            facts = self._camera.facts
+            self._camera.measured_stamp = measured.stamp
             self._camera.note_exposure()
             is_stored = profiles.save(camera_key(self._name, facts), stamp=measured.stamp)
         if measured.asymmetry is not None:

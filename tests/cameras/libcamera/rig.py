@@ -18,7 +18,7 @@ from capture_app.cameras.libcamera.libcamera_stream import Library, StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
-from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.protocol.log import Log
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
@@ -76,16 +76,16 @@ class Node:
             clock=spec.clock,
             log=Log(rig.said.append),
         )
-        self.supervisor: CameraSupervisor
+        self.supervisor = CameraSupervisor(self.options)
         self.client: Client[CapturedFrame]
         self._timer: asyncio.TimerHandle | None = None
 
     async def run(self, rng: random.Random) -> None:
-        stream = CameraStream(self.options)
-        await stream.open()
-        config = ClientConfig(self.name, rng.getrandbits(32), stream.facts, self.rig.tolerance_ns)
+        await self.supervisor.open()
+        facts = self.supervisor.facts
+        config = ClientConfig(self.name, rng.getrandbits(32), facts, self.rig.tolerance_ns)
         self.client = Client(config, rng)
-        self.supervisor = CameraSupervisor(self.options, stream, self.client, cast(Pump, self))
+        self.supervisor.connect(self.client, cast(Pump, self))
         self.turn()
         await self.supervisor.carry_out_commands()
 

@@ -17,9 +17,9 @@ import socket
 import ssl
 import struct
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Generic, Self, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import msgspec
 
@@ -135,7 +135,7 @@ class TooLargeMessageError(NetworkError):
     """A message that no peer would accept was not sent; the stream goes on."""
 
 
-class Channel(Generic[M]):
+class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
     """One open stream of messages; `M` is the union of messages that may arrive."""
 
     def __init__(
@@ -315,9 +315,6 @@ class Channel(Generic[M]):
                 await self._writer.wait_closed()
         except OSError:
             self.abort()
-
-    async def __aenter__(self) -> Self:
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()

@@ -82,8 +82,7 @@ async def find_obstacle(
     Each of the two steps takes at most `silence_s`. `trust` is this end's, by default its user's.
     """
     try:
-        family, address = await resolve(leader)
-        return await _find_obstacle(leader, family, address, silence_s, trust or Trust.of_user())
+        return await _find_obstacle(leader, *await resolve(leader), silence_s, trust or Trust.of_user())
     except SimulshotError as error:
         return Obstacle(error.what, error.hint)
 
@@ -116,8 +115,7 @@ async def first_to_answer(leaders: Sequence[Address], silence_s: float = PROBE_T
 
     async def if_it_answers(leader: Address) -> Address | None:
         with contextlib.suppress(NetworkError):
-            family, address = await resolve(leader)
-            return leader if (await _ask(family, address))[0] is Answer.CAME else None
+            return leader if (await _ask(*await resolve(leader)))[0] is Answer.CAME else None
         return None
 
     asked = [asyncio.create_task(if_it_answers(leader)) for leader in leaders]
@@ -197,14 +195,13 @@ async def _why_unknown(leader: Address, address: Address, trust: Trust, silence_
         return None
     try:
         async with asyncio.timeout(silence_s):
-            _, writer, _ = await open_identified(address, trust, as_unknown=False)
+            (await open_identified(address, trust, as_unknown=False))[1].close()
     except TimeoutError:
         return Obstacle(f"the port of {leader} is open, but {SAYS_NOTHING}", WHAT_HANGS)
     except UnknownMachineError as error:
         return Obstacle(error.what, error.hint)
     except OSError as error:
         return obstacle(leader, Answer.CAME, _answer_of(error), is_there=True)
-    writer.close()
     return None
 
 
@@ -241,10 +238,9 @@ async def _receive_version(sock: socket.socket, token: bytes) -> int:
 async def _open(leader: Address) -> Answer:
     """Open a stream, and close it again."""
     try:
-        _, writer = await asyncio.open_connection(*leader)
+        (await asyncio.open_connection(*leader))[1].close()
     except OSError as error:
         return _answer_of(error)
-    writer.close()
     return Answer.CAME
 
 

@@ -168,11 +168,10 @@ def allowed_streams() -> int:
     """Return the number of streams that this process has file descriptors for, after raising its limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY:
-        target = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
-        if target > soft:
-            with suppress(OSError, ValueError):
-                resource.setrlimit(resource.RLIMIT_NOFILE, (target, hard))
-                soft = target
+        target = max(soft, MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard))
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (target, hard))
+            soft = target
         return max(1, min(MAX_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
     return MAX_STREAMS
 

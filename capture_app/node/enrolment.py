@@ -195,9 +195,7 @@ def peer_of(message: pairing_messages.SpeaksFor, relay: Peer) -> Peer:
 
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:
     """Return whether a peer is the machine from which this run of a node joined, even if the node is lost."""
-    if member is None or member.instance != instance:
-        return False
-    if who.via and who.node != (member.name, instance):
+    if member is None or member.instance != instance or (who.via and who.node != (member.name, instance)):
         return False
     return member.principal is None or (member.principal.pin, member.pin) == (who.via or who.pin, who.pin)
 

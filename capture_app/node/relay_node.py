@@ -59,7 +59,7 @@ class RelayOptions(PortOptions):
     """Leaders or relays of one rig, tried in turn, best first."""
 
 
-class RelayNode:
+class RelayNode(AbstractAsyncContextManager["RelayNode"]):
     """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
 
     Streams of its nodes are forwarded to the leader byte by byte, through any number of relays. An image is
@@ -138,9 +138,6 @@ class RelayNode:
             name=self.options.name,
             trust=self.options.trust,
         )
-
-    async def __aenter__(self) -> Self:
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.stop()

@@ -11,7 +11,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.common.camera_facts import CameraFacts
-from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
@@ -20,11 +20,12 @@ from capture_app.node.burst.intake import Intake, known, on_disk
 from capture_app.node.burst.plans import (
     InstantChoice,
     burst_of,
+    burst_record,
     check_machine,
     check_report,
     check_truth,
+    choose_instants,
     instant_range,
-    plan_of,
     result_text,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
@@ -85,7 +86,7 @@ class BurstSession:
         self._plan: BurstPlan | None = writer.plan
         """The plan that is to be on disk."""
         self._writing_plan = asyncio.Lock()
-        self._intake = Intake(writer, disk, self.finished, self._deliveries, in_videos=burst.video)
+        self._intake = Intake(writer, disk, burst, self.finished, self._deliveries)
         self._background = Background()
 
     @classmethod
@@ -132,9 +133,21 @@ class BurstSession:
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
 
-        `pins` are the cameras' machines. Raises DiskFullError where there is no room for it.
+        `note` is for the manifest, `pins` are the cameras' machines. Raises DiskFullError where there is no
+        room for it.
         """
-        self._plan = plan_of(self.burst, self._writer, leader, note, pins or {})
+        self._plan = BurstPlan(
+            name=self._writer.name,
+            created=self._writer.created,
+            software=self._writer.software,
+            leader=leader,
+            number=self.burst.number,
+            burst=burst_record(self.burst),
+            cameras=(),
+            pins={name: pin for name, pin in (pins or {}).items() if pin},
+            spare=self.burst.spare,
+            note=note,
+        )
         await self._save_plan(self._choice.requested)
 
     # Status and summaries
@@ -221,15 +234,15 @@ class BurstSession:
             raise
         try:
             async with self._intake.interrupted(delivery.name):
-                self._check_open()
+                self._intake.check_open()
                 first = not delivery.plan.reported
                 if first and report.events:
                     events = ({**event, "camera": delivery.name} for event in report.events)
                     await on_disk(self._disk, self._writer.add_event, *events)
                 delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
-                delivery.note_heard(now_ns, advanced=first or not self._choice.is_committed)
+                delivery.note_heard(now_ns, advanced=first or not self._choice.committed.is_set())
                 await self._commit_instants()
-                if self._choice.is_committed:
+                if self._choice.committed.is_set():
                     await self._save_plan(self._choice.requested)
         except DiskError as error:
             self.trouble = str(error)
@@ -249,11 +262,9 @@ class BurstSession:
         If the stream breaks off with NetworkError, the part received so far stays. Raises BadInputError,
         TryAgainError for a damaged image, DiskFullError, as does the future; a full disk ends the burst.
         """
-        self._check_open()
+        self._intake.check_open()
         if self.burst.streamed and upload.record.instant >= self.burst.frames:
             # The node learned late that the burst ends earlier.
-            async for _ in payload:
-                pass
             return known(upload.record.sha256)
         number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
         path = image_path(upload.camera, number, suffix)
@@ -294,7 +305,11 @@ class BurstSession:
         """
         async with self._committing:
             awaited = [of.reported_plan for of in self._deliveries.values() if not of.given_up]
-            chosen = None if self._choice.is_committed else self._choice.find(awaited)
+            chosen = (
+                None
+                if self._choice.committed.is_set()
+                else choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
+            )
             if chosen is not None:
                 await self._save_plan(chosen)
                 self._choice.commit(chosen)
@@ -417,10 +432,14 @@ class BurstSession:
         if calibrated:
             writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
         writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
-        origin = "simulated" if writer.knows_true_times else "captured"
-        note = "" if writer.plan is None else writer.plan.note
-        cameras = [of.camera for of in plans.values()]
-        return writer.finish(cameras, burst, missing, origin, note, plan=self._plan).folder
+        return writer.finish(
+            [of.camera for of in plans.values()],
+            burst,
+            missing,
+            "simulated" if writer.knows_true_times else "captured",
+            "" if writer.plan is None else writer.plan.note,
+            plan=self._plan,
+        ).folder
 
     # Parts
 
@@ -458,10 +477,6 @@ class BurstSession:
             raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}")
         return self._deliveries[name]
 
-    def _check_open(self) -> None:
-        if self.finished.is_set():
-            raise TryAgainError(f"burst {self.burst.number} is over")
-
     def _waiting_text(self) -> str:
         """Return in words what the burst waits for: the disk, or cameras without a report; '' if nothing."""
         images, seconds = self._intake.waiting()
@@ -469,7 +484,7 @@ class BurstSession:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
         late = [of for _, of in sorted(self._deliveries.items()) if not of.is_complete(self._choice)]
         unreported = [of.name for of in late if not of.reported_plan]
-        if unreported and not self._choice.is_committed and len(unreported) < len(self._deliveries):
+        if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):
             return f"waiting to hear from {', '.join(unreported)}"
         # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.
         since_ns = self._now_ns - self.burst.instants_ns[-1]

@@ -62,7 +62,7 @@ class CameraDelivery:
         plan = self.plan
         if self.given_up:
             return True
-        if not plan.reported or not choice.is_committed or plan.picking:
+        if not plan.reported or not choice.committed.is_set() or plan.picking:
             return False
         if plan.picked is not None:
             decided = range(min(plan.picked, len(choice.chosen or ())))
@@ -81,13 +81,12 @@ class CameraDelivery:
 
         `lost` are reasons by name; `ends_ns` is the burst's last instant.
         """
-        silent_ns = now_ns - self.heard_ns
         disconnected_ns, stalled_ns = (
             (CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS)
             if self.short_timeout
             else (CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS)
         )
-        if silent_ns >= disconnected_ns and (not self.streams or self.name in lost):
+        if now_ns - self.heard_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
         # The next instant of a camera that still selects frames may be hours away, but not after the last.
         is_selecting = self.streams and self.name not in lost and self.plan.picking

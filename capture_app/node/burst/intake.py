@@ -21,6 +21,7 @@ from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_selection import Burst
 
 DISK_THREADS = 8
 MAX_BATCH = 128
@@ -126,13 +127,12 @@ class Intake:
         self,
         writer: SessionWriter,
         disk: ThreadPoolExecutor,
+        burst: Burst,
         over: asyncio.Event,
         cameras: Iterable[str],
-        *,
-        in_videos: bool,
     ) -> None:
         """Take images of these cameras until the burst is `over`."""
-        self._writer, self._disk, self._over, self._in_videos = writer, disk, over, in_videos
+        self._writer, self._disk, self._burst, self._over = writer, disk, burst, over
         # One write at a time: a node that retries after a broken stream meets its own first attempt.
         self._writing = {camera: asyncio.Lock() for camera in cameras}
         self._partial: dict[str, PartialImage] = {}
@@ -169,19 +169,19 @@ class Intake:
         damaged image or once the burst is over, DiskError.
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
-        if self._in_videos:
+        if self._burst.video:
             data = b"".join([chunk async for chunk in payload])
             whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
             async with self._writing[camera]:
-                self._check_open(upload)
+                self.check_open()
                 frame = StoredImage(record, data, true_ns=upload.true_ns)
                 return self.find(camera, instant) or self.add(frame)
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):
             async with self.interrupted(camera):
-                self._check_open(upload)
+                self.check_open()
                 self._partial[camera] = partial
                 await on_disk(self._disk, partial.open)
             end = upload.offset
@@ -190,7 +190,7 @@ class Intake:
                 end += len(chunk)
                 arrived[instant] = max(arrived.get(instant, 0), end)
         async with self._writing[camera]:
-            self._check_open(upload)
+            self.check_open()
             if (others := self.find(camera, instant)) is not None:
                 return others
             truth = await on_disk(self._disk, partial.split_off_truth)
@@ -244,7 +244,7 @@ class Intake:
             while self._waiting:
                 batch = {saved: image for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)}
                 errors = await on_disk(
-                    self._disk, self._writer.save, [*batch.values()], in_videos=self._in_videos
+                    self._disk, self._writer.save, [*batch.values()], in_videos=self._burst.video
                 )
                 for (saved, image), error in zip(batch.items(), errors, strict=True):
                     del self._waiting[saved]
@@ -258,9 +258,10 @@ class Intake:
                 saved.cancel()
             self._waiting, self._work = {}, None
 
-    def _check_open(self, upload: ImageUpload) -> None:
+    def check_open(self) -> None:
+        """Raise TryAgainError once the burst is over."""
         if self._over.is_set():
-            raise TryAgainError(f"burst {upload.burst} is over")
+            raise TryAgainError(f"burst {self._burst.number} is over")
 
 
 def known(sha256: str) -> "asyncio.Future[str]":

@@ -16,17 +16,10 @@ from capture_app.session.format.manifest import (
     SkippedInstant,
 )
 from capture_app.session.reading.verdict import skipped_text
-from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
-MIN_SPARE = 4
 MAX_TRUTH_BYTES, MAX_TRUTH_BYTES_PER_PIXEL = 16 << 20, 8
 """More than the uncompressed depth, object and mover of a pixel."""
-
-
-def default_spare(frames: int) -> int:
-    """Return the default number of spare instants: as many again, for a loss of every other frame."""
-    return max(MIN_SPARE, frames)
 
 
 def choose_instants(
@@ -71,11 +64,6 @@ class InstantChoice:
         if self.chosen is not None:
             self.committed.set()
 
-    @property
-    def is_committed(self) -> bool:
-        """Whether the instants are decided."""
-        return self.chosen is not None
-
     def commit(self, chosen: Sequence[int]) -> None:
         """Commit the burst to these instants, by their numbers as ordered."""
         self.chosen = chosen
@@ -89,10 +77,6 @@ class InstantChoice:
     def end(self, burst: Burst) -> None:
         """Commit to the instants of `burst`, a streamed burst that ends earlier than ordered."""
         self._burst, self.chosen = burst, range(burst.frames)
-
-    def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
-        """Return the instants to commit to, by the awaited cameras' reports; None if it is too early."""
-        return choose_instants(len(self._burst.instants_ns), self._burst.frames, awaited)
 
     def numbers(self, ordered: Collection[int]) -> set[int]:
         """Return the session's numbers of the given ordered instants that it contains."""
@@ -141,28 +125,6 @@ class InstantChoice:
             requested_ns=burst.requested_ns,
             skipped=self.skipped(reports),
         )
-
-
-def plan_of(
-    burst: Burst, writer: SessionWriter, leader: int, note: str, pins: Mapping[str, str]
-) -> BurstPlan:
-    """Return a new burst's plan.
-
-    `leader` identifies the leader's run. `note` is for the manifest. `pins` are those of the cameras'
-    machines.
-    """
-    return BurstPlan(
-        name=writer.name,
-        created=writer.created,
-        software=writer.software,
-        leader=leader,
-        number=burst.number,
-        burst=burst_record(burst),
-        cameras=(),
-        pins={name: pin for name, pin in pins.items() if pin},
-        spare=burst.spare,
-        note=note,
-    )
 
 
 def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:

@@ -116,8 +116,8 @@ class BurstSender:
             elif burst.frames or burst.is_picking:
                 await self._changed.wait()
             elif burst.disputed:
-                disputed = ", ".join(str(image.record.instant) for image in burst.disputed)
-                return Refusal(what=f"the leader has different images of instants {disputed}")
+                disputed = (str(image.record.instant) for image in burst.disputed)
+                return Refusal(what=f"the leader has different images of instants {', '.join(disputed)}")
             else:
                 return None
             if refusal is not None:

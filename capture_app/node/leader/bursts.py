@@ -24,7 +24,6 @@ from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import disk_threads
-from capture_app.node.burst.plans import default_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.readiness import (
@@ -57,6 +56,8 @@ SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
 REPORT_INTERVAL_NS = 1_000_000_000
+MIN_SPARE = 4
+"""Minimum number of spare instants by default, and else as many as frames, for a loss of every other one."""
 
 
 def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
@@ -79,14 +80,13 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
     frames = request.frames or min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // step_ns)
     if request.frames is None and request.seconds is not None:
         frames = max(1, round(request.seconds * 1e9 / step_ns))
-    spare = default_spare(frames) if request.spare is None else request.spare
     at_ns = request.at_leader_ns
     if request.before:
         at_ns = (asked_ns if at_ns is None else at_ns) - request.before * step_ns
     return BurstOrder(
         frames=frames,
         spacing=spacing,
-        spare=spare,
+        spare=max(MIN_SPARE, frames) if request.spare is None else request.spare,
         at_leader_ns=at_ns,
         streamed=request.video or (not request.spare and (frames - 1) * step_ns > LONG_NS),
         video=request.video,
@@ -186,8 +186,9 @@ class ActiveBursts:
                 yield replace(before, done=True, message="; ".join(filter(None, accepted)))
                 return
         if request.wait_ready_s:
-            wait_s, nodes = request.wait_ready_s, request.nodes
-            async for reason in reasons_until_ready(engine, self._options.clock, wait_s, nodes):
+            async for reason in reasons_until_ready(
+                engine, self._options.clock, request.wait_ready_s, request.nodes
+            ):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
         if degraded := degraded_nodes(engine.roster.by_name()):
@@ -219,8 +220,10 @@ class ActiveBursts:
         root = self._options.sessions
         without = check_room(root, image_bytes, frames, self.spools)
         if without.keys() >= image_bytes.keys():
-            lacking = "; ".join(f"{name}: {why}" for name, why in without.items())
-            raise DiskFullError(lacking, hint="make room on that node, or take fewer frames")
+            raise DiskFullError(
+                "; ".join(f"{name}: {why}" for name, why in without.items()),
+                hint="make room on that node, or take fewer frames",
+            )
         # An abandoned number is never reused, because nodes may still know it.
         writer, folder = await asyncio.to_thread(
             create_numbered, root, prefix, after=self._last_folders.get(prefix, 0)

@@ -29,7 +29,7 @@ from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
 
-class LeaderNode:
+class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
     """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
 
     def __init__(
@@ -99,9 +99,6 @@ class LeaderNode:
             raise
         leader._pump.start(datagrams)
         return leader
-
-    async def __aenter__(self) -> Self:
-        return self
 
     async def __aexit__(self, *_: object) -> None:
         await self.stop()

@@ -137,8 +137,9 @@ class LeaderService:
                         self._speaking[principal] = channel
                     await answers.drain()
                     if isinstance(message, messages.CameraReport):
-                        report = await self._take_report(message, channel.who.pin, working_on)
-                        await answers.send(message, report)
+                        await answers.send(
+                            message, await self._take_report(message, channel.who.pin, working_on)
+                        )
                     else:
                         await self._answer(channel, message)
                 except (SimulshotError, OSError) as error:

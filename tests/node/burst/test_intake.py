@@ -11,7 +11,8 @@ from capture_app.common.errors import DiskFullError, SimulshotError
 from capture_app.node.burst.intake import Intake
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.node.bursts import DISK, IMAGE, burst_session, pieces, report, upload
+from capture_app.sync.rig.frame_selection import Burst
+from tests.node.bursts import DISK, IMAGE, PERIOD_NS, burst_session, pieces, report, upload
 from tests.waiting import until
 
 S = 1_000_000_000
@@ -44,7 +45,8 @@ async def test_images_that_come_during_a_sync_share_the_next(
     tmp_path: Path, turns: "queue.Queue[None]"
 ) -> None:
     writer = SlowWriter.create(tmp_path, "burst-001")
-    intake = Intake(writer, DISK, asyncio.Event(), ["a"], in_videos=False)
+    burst = Burst(1, range(4), PERIOD_NS, 0, ("a",))
+    intake = Intake(writer, DISK, burst, asyncio.Event(), ["a"])
 
     def add(instant: int) -> "asyncio.Future[str]":
         return intake.add(StoredImage(upload("a", instant).record, IMAGE))

@@ -15,7 +15,6 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.plans import default_spare
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.session.reading.reader import Session
@@ -59,7 +58,7 @@ async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
 
 
 async def order(bursts: ActiveBursts, frames: int = 2) -> BurstSession:
-    return await bursts.order(BurstOrder(frames=frames, spare=default_spare(frames)))
+    return await bursts.order(BurstOrder(frames=frames, spare=max(4, frames)))
 
 
 def triggers_sent(engine: Leader) -> list[Trigger]:

@@ -184,15 +184,6 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
         """Remove the timeout between messages, for a peer that mainly receives."""
         self._stream_timeouts = replace(self._stream_timeouts, idle_s=None)
 
-    async def receive(self) -> tuple[M, bytes] | None:
-        """Read one message and its payload; return None if the peer closed the stream between messages.
-
-        Raises NetworkError for a stream that breaks off, is too large, or does not speak the transfer
-        protocol.
-        """
-        message = await self.receive_header()
-        return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
-
     @asynccontextmanager
     async def _reading(self, silence_s: float | None, too_slow: str) -> AsyncIterator[None]:
         try:
@@ -208,7 +199,8 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
     async def receive_header(self) -> M | None:
         """Read one message without its payload, which `payload` reads; skip what is left of the last payload.
 
-        Returns and raises as `receive` does.
+        Return None if the peer closed the stream between messages. Raises NetworkError for a stream that
+        breaks off, is too large, or does not speak the transfer protocol.
         """
         async for _ in self.payload():
             pass

@@ -1,6 +1,5 @@
 """Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -50,21 +49,21 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
         return clock_ns + self.camera.stamp_accuracy.uncertainty_ns
 
 
-def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
-    """Yield every node once, in tree order: each relay, then the nodes below it."""
-    names = {node.name for node in nodes}
-    below: dict[str | None, list[NodeStatus]] = {}
-    for node in nodes:
-        # The relay of a node may already be forgotten.
-        below.setdefault(node.parent if node.parent in names else None, []).append(node)
-    shown: set[str] = set()
-    stack = below.get(None, [])[::-1]
-    while stack:
-        node = stack.pop()
-        shown.add(node.name)
-        yield node
-        stack += [child for child in below.get(node.name, [])[::-1] if child.name not in shown]
-    yield from (node for node in nodes if node.name not in shown)
+def in_tree_order(nodes: tuple[NodeStatus, ...]) -> list[NodeStatus]:
+    """Return every node once, by name in tree order: each relay, then the nodes below it."""
+    by_name = {node.name: node for node in nodes}
+
+    def path(node: NodeStatus) -> list[str]:
+        """Return the names from the root to a node; of relays said to be below each other, each once."""
+        names: list[str] = []
+        above: NodeStatus | None = node
+        while above is not None and above.name not in names:
+            names.insert(0, above.name)
+            # The relay of a node may already be forgotten.
+            above = by_name.get(above.parent or "")
+        return names
+
+    return sorted(nodes, key=path)
 
 
 class CameraTransfer(Struct, frozen=True, kw_only=True):

@@ -24,6 +24,7 @@ from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.sealing import SealError
 from capture_app.trust.spake2_exchange import Invitations
 from tests.fuzz.folders import Reader
+from tests.net.echoes import received_from
 
 
 def read_datagram(data: bytes, folder: Path) -> None:
@@ -43,7 +44,7 @@ def read_stream(expected: Any) -> Reader:
             reader.feed_data(data)
             reader.feed_eof()
             channel: Channel[Any] = Channel(reader, _NoWriter(), decoder)  # type: ignore[arg-type]
-            while await channel.receive() is not None:
+            while await received_from(channel) is not None:
                 pass
 
         with suppress(SimulshotError):

@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -19,6 +19,7 @@ class Pong(msgspec.Struct, frozen=True, tag="pong"):
     number: int
 
 
+M = TypeVar("M")
 PING = msgspec.json.encode(Ping(1))
 Serve = Callable[[Channel[Any]], Awaitable[None]]
 
@@ -36,8 +37,14 @@ async def serving(serve: Serve, messages: Any = Ping, **limits: Any) -> AsyncIte
         datagrams.close()
 
 
+async def received_from(channel: Channel[M]) -> tuple[M, bytes] | None:
+    """The next message and its payload; None if the peer closed the stream."""
+    message = await channel.receive_header()
+    return None if message is None else (message, b"".join([chunk async for chunk in channel.payload()]))
+
+
 async def echo(channel: Channel[Ping]) -> None:
     """Answer each message with its number and payload."""
-    while (received := await channel.receive()) is not None:
+    while (received := await received_from(channel)) is not None:
         message, payload = received
         await channel.send(Pong(message.number), payload[:1], payload[1:])

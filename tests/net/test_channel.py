@@ -10,7 +10,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.net.channel import MAX_HEADER_BYTES, MAX_PAYLOAD_BYTES, Channel, connect
 from capture_app.net.server import bind_port
-from tests.net.echoes import PING, Ping, Pong, Serve, echo, serving
+from tests.net.echoes import PING, Ping, Pong, Serve, echo, received_from, serving
 
 
 class Note(msgspec.Struct, frozen=True, tag="note"):
@@ -26,9 +26,9 @@ async def test_a_message_and_its_payload_come_back() -> None:
     payload = bytes(range(256)) * 4096
     async with serving(echo) as address, await connect(address, Pong) as channel:
         await channel.send(Ping(7), payload)
-        assert await channel.receive() == (Pong(7), payload)
+        assert await received_from(channel) == (Pong(7), payload)
         await channel.send(Ping(8))
-        assert await channel.receive() == (Pong(8), b"")
+        assert await received_from(channel) == (Pong(8), b"")
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ async def test_a_stranger_loses_its_own_stream_and_nobody_elses(sent: bytes, why
         writer.close()
         await writer.wait_closed()
         await friend.send(Ping(1))
-        assert await friend.receive() == (Pong(1), b"")
+        assert await received_from(friend) == (Pong(1), b"")
 
 
 async def test_a_message_that_is_too_large_is_not_sent() -> None:
@@ -78,8 +78,8 @@ async def test_a_server_that_stops_ends_its_streams() -> None:
     async with serving(echo) as address:
         channel = await connect(address, Pong)
         await channel.send(Ping(1))
-        await channel.receive()
-    assert await channel.receive() is None
+        await received_from(channel)
+    assert await received_from(channel) is None
     await channel.close()
     with pytest.raises(NetworkError, match="no leader at"):
         await connect(address, Pong)
@@ -107,7 +107,7 @@ async def test_messages_pass_two_relays_unread_and_whole() -> None:
         async with await connect(lower, Pong) as channel:
             for number in range(3):
                 await channel.send(Ping(number), payload)
-                assert await channel.receive() == (Pong(number), payload)
+                assert await received_from(channel) == (Pong(number), payload)
         # What is no message of ours passes too: the root is the one to judge it.
         reader, writer = await asyncio.open_connection(lower.host, lower.port)
         writer.write(b"GET / HTTP/1.1\r\n\r\n" + bytes(100))
@@ -117,7 +117,7 @@ async def test_messages_pass_two_relays_unread_and_whole() -> None:
 
 async def test_what_was_sent_last_arrives_although_the_root_closes() -> None:
     async def answer_once(channel: Channel[Ping]) -> None:
-        await channel.receive()
+        await received_from(channel)
         await channel.send(Pong(1), bytes(1 << 20))
 
     async with (
@@ -126,16 +126,16 @@ async def test_what_was_sent_last_arrives_although_the_root_closes() -> None:
         await connect(relay, Pong) as channel,
     ):
         await channel.send(Ping(1))
-        assert await channel.receive() == (Pong(1), bytes(1 << 20))
-        assert await channel.receive() is None
+        assert await received_from(channel) == (Pong(1), bytes(1 << 20))
+        assert await received_from(channel) is None
 
 
 async def test_a_node_that_goes_away_is_noticed_at_the_root() -> None:
     gone = asyncio.Event()
 
     async def wait(channel: Channel[Ping]) -> None:
-        await channel.receive()
-        assert await channel.receive() is None
+        await received_from(channel)
+        assert await received_from(channel) is None
         gone.set()
 
     async with serving(wait) as root, serving(on_to(root)) as relay:

@@ -11,7 +11,7 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, StreamTimeouts, connect
-from tests.net.echoes import PING, Ping, Pong, echo, serving
+from tests.net.echoes import PING, Ping, Pong, echo, received_from, serving
 
 MESSAGE = struct.pack(">4sIQ", b"SSH1", len(PING), 0) + PING
 IMPATIENT = StreamTimeouts(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
@@ -47,7 +47,7 @@ async def test_who_takes_nothing_in_loses_its_stream() -> None:
     ended = asyncio.Event()
 
     async def tell_for_ever(channel: Channel[Ping]) -> None:
-        await channel.receive()
+        await received_from(channel)
         try:
             while True:
                 await channel.send(Pong(1), bytes(1 << 20))
@@ -138,7 +138,7 @@ async def answer_to(address: Address, message: Ping) -> Any:
             try:
                 async with await connect(address, Pong) as channel:
                     await channel.send(message)
-                    if (answer := await channel.receive()) is not None:
+                    if (answer := await received_from(channel)) is not None:
                         return answer
             except NetworkError:
                 pass
@@ -157,7 +157,7 @@ async def test_who_is_told_things_may_be_silent() -> None:
     ):
         for number in range(2):
             await channel.send(Ping(number))
-            assert await channel.receive() == (Pong(number), b"")
+            assert await received_from(channel) == (Pong(number), b"")
             await asyncio.sleep(0.6)
 
 
@@ -167,15 +167,15 @@ async def test_idle_streams_make_room_and_those_that_speak_stay() -> None:
         await connect(address, Pong) as friend,
     ):
         await friend.send(Ping(1))
-        assert await friend.receive() == (Pong(1), b"")
+        assert await received_from(friend) == (Pong(1), b"")
         idle = [await asyncio.open_connection(*address) for _ in range(40)]
         for reader, _ in idle[:30]:
             assert await is_closed(reader)
         async with await connect(address, Pong) as another:
             await another.send(Ping(2))
-            assert await another.receive() == (Pong(2), b"")
+            assert await received_from(another) == (Pong(2), b"")
         await friend.send(Ping(3))
-        assert await friend.receive() == (Pong(3), b"")
+        assert await received_from(friend) == (Pong(3), b"")
         for _, writer in idle:
             writer.close()
 
@@ -198,14 +198,14 @@ async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
     ):
         for stranger in (oldest, other):
             await stranger.send(Ping(1))
-            await stranger.receive()
+            await received_from(stranger)
         async with await connect(address, Pong) as friend:
             await friend.send(Ping(2))
-            assert await friend.receive() == (Pong(2), b"")
+            assert await received_from(friend) == (Pong(2), b"")
             with suppress(NetworkError):
-                assert await oldest.receive() is None
+                assert await received_from(oldest) is None
             await other.send(Ping(3))
-            assert await other.receive() == (Pong(3), b"")
+            assert await received_from(other) == (Pong(3), b"")
 
 
 async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
@@ -213,10 +213,10 @@ async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
         async with await connect(address, Pong) as one, await connect(address, Pong) as two:
             for friend in (one, two):
                 await friend.send(Ping(1))
-                await friend.receive()
+                await received_from(friend)
             reader, writer = await asyncio.open_connection(*address)
             assert await is_closed(reader)
             writer.close()
             await two.send(Ping(2))
-            assert await two.receive() == (Pong(2), b"")
+            assert await received_from(two) == (Pong(2), b"")
         assert await answer_to(address, Ping(5)) == (Pong(5), b"")

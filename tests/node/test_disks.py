@@ -33,6 +33,7 @@ from capture_app.session.files.disk import disk_error
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.net.echoes import received_from
 from tests.node import bursts
 from tests.node.camera.uploading import Picture, burst_upload, uploading
 from tests.node.joining import joined
@@ -76,7 +77,7 @@ def fill(folder: Path) -> Path:
 
 
 async def answer(channel: Channel[Any]) -> Any:
-    received = await channel.receive()
+    received = await received_from(channel)
     assert received is not None
     return received[0]
 
@@ -125,7 +126,7 @@ async def test_a_spool_that_cannot_be_written_is_told_and_used_again_when_it_can
     got: list[int] = []
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             match received[0]:
                 case ImageUpload(record=record):
                     got.append(record.instant)

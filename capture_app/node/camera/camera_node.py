@@ -69,7 +69,7 @@ class CameraNode:
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
         self._uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
-        with contextlib.closing(self._uploader):
+        with contextlib.nullcontext() if spool is None else contextlib.closing(spool):
             self._uploader.load_spool()
             options.trust.client_context()
             found = [await resolve(leader) for leader in options.leaders]

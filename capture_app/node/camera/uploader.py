@@ -335,11 +335,6 @@ class Uploader:
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def close(self) -> None:
-        """Release the spool for another node."""
-        if self.spool is not None:
-            self.spool.close()
-
     def set_leader(self, leader: Address, run: int | None = None) -> None:
         """Send images to that address from now on, and offer refused bursts again.
 

@@ -72,15 +72,8 @@ def fitted_burst(burst: BurstStatus) -> BurstStatus:
     return replace(burst, message=text, transfer=(), skipped=())
 
 
-def page_of(
-    members: tuple[Member, ...], after: str | None, max_nodes: int = MAX_PER_PAGE
-) -> tuple[tuple[Member, ...], int, str]:
-    """Return a page of nodes after the name `after`, the number of further nodes, and a summary of those.
-
-    With `after` None the page has all nodes.
-    """
-    if after is None:
-        return members, 0, ""
+def page_of(members: tuple[Member, ...], after: str, max_nodes: int) -> tuple[tuple[Member, ...], int, str]:
+    """Return a page of nodes after the name `after`, the number of further nodes, and a summary of those."""
     rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
     page, further = rest[:max_nodes], rest[max_nodes:]
     states = Counter(str(member.report.state) for member in further).items()

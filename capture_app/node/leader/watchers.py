@@ -1,6 +1,7 @@
 """Streams of operators that watch a rig: its status whenever it changes, its events, and previews."""
 
 import asyncio
+import sys
 from contextlib import suppress
 
 from msgspec.structs import replace
@@ -57,9 +58,9 @@ class RigState:
 
     def status(self, after: str | None = None) -> RigStatus:
         """Return the current status; with `after`, only a page of the nodes after that name."""
-        return self._page(after, 0) if after is None else fitted(lambda nodes: self._page(after, nodes))
+        return self._page("", sys.maxsize) if after is None else fitted(lambda n: self._page(after, n))
 
-    def _page(self, after: str | None, max_nodes: int) -> RigStatus:
+    def _page(self, after: str, max_nodes: int) -> RigStatus:
         options, engine, bursts = self._options, self._engine, self._bursts
         now_ns = options.clock.now_ns()
         grid, members = engine.grid, engine.roster.by_name()

@@ -10,6 +10,7 @@ from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, Spool
 from capture_app.protocol.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import JOURNAL
+from tests.net.echoes import received_from
 from tests.node.camera.uploading import Picture, burst_upload, further, uploading
 from tests.waiting import until
 
@@ -53,7 +54,7 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
     sent: list[tuple[int, int]] = []
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             message, _ = received
             if isinstance(message, ImageUpload):
                 sent.append((message.burst, message.record.instant))
@@ -86,7 +87,7 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
 
 async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:
     async def deaf(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             if not isinstance(received[0], ImageUpload):
                 await channel.send(ReportAck())
 
@@ -99,7 +100,7 @@ async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: 
     reports: list[CameraReport] = []
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             message, _ = received
             if isinstance(message, ImageUpload):
                 await channel.send(ImageAck(sha256=message.record.sha256))

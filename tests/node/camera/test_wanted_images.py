@@ -15,6 +15,7 @@ from capture_app.protocol.messages import (
     ToLeader,
 )
 from capture_app.session.format.manifest import MissingImage
+from tests.net.echoes import received_from
 from tests.node.camera.uploading import Picture, burst_upload, further, images, uploading
 from tests.waiting import TIMEOUT_S, until
 
@@ -63,7 +64,7 @@ async def test_images_are_sent_ahead_of_the_answers() -> None:
     done = asyncio.Event()
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             if not isinstance(received[0], ImageUpload):
                 await channel.send(ReportAck())
                 continue

@@ -31,7 +31,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap, SelectedFrame
 from capture_app.sync.wire.datagrams import Trigger
 from tests.facts import make_facts
-from tests.net.echoes import serving
+from tests.net.echoes import received_from, serving
 
 CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
 
@@ -89,7 +89,7 @@ async def images(
     down: asyncio.Event | None = None,
 ) -> AsyncIterator[tuple[ImageUpload, bytes]]:
     """Answer what a stream tells, and yield its images, each acknowledged when the next one is asked for."""
-    while not (down and down.is_set()) and (received := await channel.receive()) is not None:
+    while not (down and down.is_set()) and (received := await received_from(channel)) is not None:
         message, payload = received
         if isinstance(message, ImageUpload):
             yield message, payload
@@ -120,4 +120,5 @@ async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
-            uploader.close()
+            if spool is not None:
+                spool.close()

@@ -17,6 +17,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import messages, orders, pairing_messages
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.trust import Trust
+from tests.net.echoes import received_from
 from tests.node.joining import joined
 
 
@@ -167,7 +168,7 @@ async def test_who_is_removed_loses_its_open_streams(leader: LeaderNode, home: T
         assert isinstance(await channel.receive_header(), messages.StatusAnswer)
         home.known.remove(machine.identity.pin)
         with suppress(NetworkError):
-            while await channel.receive() is not None:
+            while await received_from(channel) is not None:
                 pass
     assert not await is_known(leader.own_address, machine)
 

@@ -34,6 +34,7 @@ from capture_app.protocol.pairing_messages import EnrolRequest, PairingMessage, 
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
+from tests.net.echoes import received_from
 from tests.node import bursts
 from tests.node.camera.uploading import Picture, burst_upload, uploading
 from tests.node.joining import joined
@@ -53,7 +54,7 @@ async def stream(leader: LeaderNode, camera: str, instance: int) -> AsyncIterato
 
 
 async def answer(channel: Channel[Any]) -> Any:
-    received = await channel.receive()
+    received = await received_from(channel)
     assert received is not None
     return received[0]
 
@@ -124,7 +125,7 @@ async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path
             assert isinstance(await answer(present), ReportAck)
             async with asyncio.timeout(30):
                 with suppress(NetworkError):
-                    assert await left.receive() is None
+                    assert await received_from(left) is None
             for channel, name in ((present, "cam0"), (other, "cam1")):
                 await channel.send(SpoolSpace(camera=name, free_bytes=0, spool="/"))
                 assert isinstance(await answer(channel), ReportAck)
@@ -134,7 +135,7 @@ async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) 
     stored: dict[int, str] = {1: hashlib.sha256(b"not its picture").hexdigest()}
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
+        while (received := await received_from(channel)) is not None:
             match received[0]:
                 case CameraReport():
                     told = (

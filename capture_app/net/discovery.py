@@ -9,8 +9,8 @@ import secrets
 import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
-from typing import Literal, Self
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from typing import Literal
 
 from msgspec.structs import replace
 from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
@@ -127,8 +127,8 @@ async def _close(responder: AsyncZeroconf) -> None:
             await responder.async_close()
 
 
-class LeaderBrowser:
-    """Listener for announcements, active within `async with LeaderBrowser()`.
+class LeaderBrowser(AbstractAsyncContextManager["LeaderBrowser"]):
+    """Listener for announcements, from `refresh` on until the end of `async with LeaderBrowser()`.
 
     On a network that does not allow listening it finds nothing.
     """
@@ -144,15 +144,11 @@ class LeaderBrowser:
         """All currently announced leaders and relays, by name."""
         return tuple(sorted(self._found.values(), key=lambda leader: leader.name))
 
-    async def __aenter__(self) -> Self:
-        await self.refresh()
-        return self
-
     async def __aexit__(self, *_: object) -> None:
         await self._stop()
 
     async def refresh(self) -> None:
-        """Restart listening if this machine's addresses have changed, as when a network has come up."""
+        """Listen, from now on or anew if this machine's addresses have changed, as when a network came up."""
         hosts = own_hosts(socket.AF_INET)
         if hosts == self._hosts:
             return

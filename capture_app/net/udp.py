@@ -156,8 +156,9 @@ class Pump:
             except OSError:
                 # An ICMP error: something was sent to a closed port.
                 continue
-            received_ns = self._receipt_times.received_ns(ancillary)
-            self._engine.receive_datagram(data, (address[0], address[1]), received_ns)
+            self._engine.receive_datagram(
+                data, (address[0], address[1]), self._receipt_times.received_ns(ancillary)
+            )
             self.turn()
 
 

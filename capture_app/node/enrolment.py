@@ -6,7 +6,6 @@ import time
 from typing import Any
 
 from capture_app.common.address import Address
-from capture_app.common.bounds import Message
 from capture_app.common.errors import BadInputError, SimulshotError, UnknownMachineError
 from capture_app.common.names import name_like
 from capture_app.common.pairing_codes import Role, pin_of
@@ -19,7 +18,7 @@ from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.spake2_exchange import GOOD_FOR_S, Candidate, Invitations
-from capture_app.trust.trust import ANYBODY, Peer, Trust
+from capture_app.trust.trust import Peer, Trust
 
 OPEN_NEEDS_NO_CODE = "this rig is open: any machine may join without a code"
 LOOK_EVERY_NS = 1_000_000_000
@@ -99,7 +98,14 @@ class Enrolment:
             case pairing_messages.Invite():
                 await channel.send(self.invite(message.role))
             case pairing_messages.SpeaksFor():
-                channel.who = peer_of(message, channel.who)
+                # A relay speaks for a camera or an operator, never for another relay.
+                channel.who = Peer(
+                    message.pin,
+                    message.name,
+                    frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR},
+                    via=channel.who.pin,
+                    node=message.node,
+                )
             case messages.KeyRequest():
                 await channel.send(self.hand_out(channel.who, message))
 
@@ -182,30 +188,11 @@ class Enrolment:
         return tuple(roots)[:MAX_ROOTS] if self._is_relay else ()
 
 
-def peer_of(message: pairing_messages.SpeaksFor, relay: Peer) -> Peer:
-    """Return the peer for whom a relay speaks: a camera or an operator, never the relay itself."""
-    return Peer(
-        message.pin,
-        message.name,
-        frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR},
-        via=relay.pin,
-        node=message.node,
-    )
-
-
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:
     """Return whether a peer is the machine from which this run of a node joined, even if the node is lost."""
     if member is None or member.instance != instance or (who.via and who.node != (member.name, instance)):
         return False
     return member.principal is None or (member.principal.pin, member.pin) == (who.via or who.pin, who.pin)
-
-
-def speaks_for(who: Peer, message: Message) -> pairing_messages.SpeaksFor | None:
-    """Return a relay's introduction of a peer, sent before its first message; None on an open rig."""
-    if who is ANYBODY:
-        return None
-    node = (message.camera, message.instance) if isinstance(message, messages.NodeStream) else None
-    return pairing_messages.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
 
 
 async def is_known(leader: Address, trust: Trust) -> bool:

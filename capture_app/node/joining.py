@@ -107,7 +107,10 @@ class JoinWatch:
                 said, self._look_ahead = "", None
                 if not looked:
                     looked = True
-                    await self._look_at_wifi()
+                    for leader in self._leaders:
+                        if interface := await asyncio.to_thread(power_saving_towards, leader.host):
+                            self._log.say("; ".join(power_saving(interface)))
+                            break
             if not _is_unanswered(time):
                 await asyncio.sleep(LOOK_EVERY_S)
                 continue
@@ -123,12 +126,6 @@ class JoinWatch:
 
     async def _look(self) -> list[Obstacle | None]:
         return await asyncio.gather(*map(find_obstacle, self._leaders))
-
-    async def _look_at_wifi(self) -> None:
-        for leader in self._leaders:
-            if interface := await asyncio.to_thread(power_saving_towards, leader.host):
-                self._log.say("; ".join(power_saving(interface)))
-                return
 
 
 def _is_unanswered(time: TimeClient) -> bool:

@@ -24,7 +24,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.net.discovery import announced
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.enrolment import Asked, Enrolment, is_node, speaks_for
+from capture_app.node.enrolment import Asked, Enrolment, is_node
 from capture_app.node.joining import JoinWatch, KeyRequester
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import PortOptions
@@ -40,6 +40,7 @@ from capture_app.protocol.messages import (
     StatusRequest,
     ToLeader,
 )
+from capture_app.protocol.pairing_messages import SpeaksFor
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderNotice
@@ -48,6 +49,7 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from capture_app.trust.sealed_engines import SealedRelay
+from capture_app.trust.trust import ANYBODY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -227,8 +229,12 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
         self._upstream_channels.add(above)
         try:
             async with above:
-                if (introduction := speaks_for(below.who, message)) is not None:
-                    await above.send(introduction)
+                if below.who is not ANYBODY:
+                    who = below.who
+                    node = (message.camera, message.instance) if isinstance(message, NodeStream) else None
+                    await above.send(
+                        SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
+                    )
                 await above.send(message, b"".join([chunk async for chunk in below.payload()]))
                 await below.relay(above)
         finally:

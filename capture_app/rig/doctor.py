@@ -188,6 +188,7 @@ async def own_rig(address: Address) -> Finding:
 async def announced_leaders(listen_s: float = 1.5) -> list[Finding]:
     """Report the leaders announced on this network, whether they answer, and their version."""
     async with LeaderBrowser() as browser:
+        await browser.refresh()
         await asyncio.sleep(listen_s)
         found = browser.found
     if not found:

@@ -44,7 +44,9 @@ def load_identity(folder: Path) -> Identity:
     path = folder / FILE
     try:
         if not path.exists():
-            _make(path)
+            # If another process is faster, its key remains.
+            with private_part(path, _new_pem()) as part, contextlib.suppress(FileExistsError):
+                os.link(part, path)
         pem = path.read_text("ascii")
         certificate = ssl.PEM_cert_to_DER_cert(pem[pem.index("-----BEGIN CERTIFICATE-----") :])
     except OSError as error:
@@ -77,12 +79,6 @@ def private_part(path: Path, data: bytes) -> Iterator[Path]:
         yield part
     finally:
         part.unlink(missing_ok=True)
-
-
-def _make(path: Path) -> None:
-    """Make a key and its certificate; if another process was faster, its key remains."""
-    with private_part(path, _new_pem()) as part, contextlib.suppress(FileExistsError):
-        os.link(part, path)
 
 
 def _new_pem() -> bytes:

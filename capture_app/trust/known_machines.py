@@ -146,10 +146,11 @@ class KnownMachines:
                         hint="remove one: capture-app trust remove NAME",
                     )
                 known = KnownMachine(pin=pin, name="", roles=(), added_unix_s=int(time.time()))
-            names = {machine.name for machine in others}
             return *others, replace(
                 known,
-                name=known.name if known.name and not name else free_name(name_like(name, "machine"), names),
+                name=known.name
+                if known.name and not name
+                else free_name(name_like(name, "machine"), {one.name for one in others}),
                 roles=tuple(sorted({*known.roles, *INCLUDED.get(role, (role,))})),
                 certificate=certificate or known.certificate,
                 vouched_by="",

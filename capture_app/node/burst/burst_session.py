@@ -29,7 +29,7 @@ from capture_app.node.burst.plans import (
     result_text,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
-from capture_app.protocol.status import BurstStatus
+from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
@@ -157,7 +157,10 @@ class BurstSession:
         """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
         instants = self._recorded_instants if self.burst.video else self.burst.frames
-        transfer = tuple(delivery.transfer(instants) for _, delivery in sorted(self._deliveries.items()))
+        transfer = tuple(
+            CameraTransfer(camera=name, received=len(of.instants), expected=instants, problem=of.given_up)
+            for name, of in sorted(self._deliveries.items())
+        )
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None:
@@ -343,8 +346,11 @@ class BurstSession:
         if self.order_end is not None and not self._is_broken_off:
             self._is_broken_off = True
             await self.order_end()
-        is_full = isinstance(error, DiskFullError)
-        await self.finish_now("the leader's disk is full" if is_full else f"at the leader: {error.what}")
+        await self.finish_now(
+            "the leader's disk is full"
+            if isinstance(error, DiskFullError)
+            else f"at the leader: {error.what}"
+        )
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""

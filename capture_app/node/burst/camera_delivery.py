@@ -13,7 +13,6 @@ from capture_app.common.timeouts import (
 from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
-from capture_app.protocol.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet
@@ -70,12 +69,6 @@ class CameraDelivery:
             return len(self.instants) >= len(decided) - missing
         return self.instants >= choice.numbers(plan.instants)
 
-    def transfer(self, instants: int) -> CameraTransfer:
-        """Return its transfer progress, out of `instants` images."""
-        return CameraTransfer(
-            camera=self.name, received=len(self.instants), expected=instants, problem=self.given_up
-        )
-
     def why_silent(self, lost: Mapping[str, str], now_ns: int, ends_ns: int) -> str:
         """Return why not to wait for it any longer, empty for no reason.
 
@@ -127,9 +120,8 @@ class CameraDelivery:
         Of images that are sent as they are captured, only those count that the camera reports it still has.
         """
         chosen, plan = choice.chosen or (), self.plan
-        sent_as_they_come = plan.picking or plan.picked is not None
-        asked = self.instants & {*plan.instants} if sent_as_they_come else self.instants
-        images = [writer.image(self.name, instant) for instant in sorted(asked)]
+        asked = {*plan.instants} if plan.picking or plan.picked is not None else self.instants
+        images = [writer.image(self.name, instant) for instant in sorted(self.instants & asked)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images

@@ -176,8 +176,9 @@ class Intake:
                 raise damaged(record)
             async with self._writing[camera]:
                 self.check_open()
-                frame = StoredImage(record, data, true_ns=upload.true_ns)
-                return self.find(camera, instant) or self.add(frame)
+                return self.find(camera, instant) or self.add(
+                    StoredImage(record, data, true_ns=upload.true_ns)
+                )
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):
             async with self.interrupted(camera):

@@ -328,8 +328,9 @@ class BurstUpload:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
         if not self.streamed:
             self.frames.extend(picked.frames)
-            further = (frame.instant for frame in picked.frames)
-            self.report = self.report.with_plan(instants=(*self.report.plan.instants, *further))
+            self.report = self.report.with_plan(
+                instants=(*self.report.plan.instants, *(frame.instant for frame in picked.frames))
+            )
             return
         self.over = max(self.over, picked.over)
         held_bytes = sum(map(len, list(self.in_memory.values())))
@@ -383,9 +384,8 @@ class BurstUpload:
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
         here = {*self._encoded, *(frame.instant for frame in self.frames)}
-        announced = frozenset(self.report.plan.instants)
-        requested = announced if self.requested is None else self.requested & announced
-        return sorted(requested - here - self.confirmed)
+        lost = {*self.report.plan.instants} - here - self.confirmed
+        return sorted(lost if self.requested is None else lost & self.requested)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Report announced images that will not come as missing."""

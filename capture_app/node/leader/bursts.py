@@ -237,8 +237,8 @@ class ActiveBursts:
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {member.name: member.camera for member in self._engine.roster.by_name()}
-        session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
+        cameras = {member.name: member.camera for member in self._engine.roster.by_name()}
+        session = BurstSession.begin(burst, cameras, writer, self._disk, short_timeouts=self._silent)
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         if self.now_ns() < self._awaited_until_ns:

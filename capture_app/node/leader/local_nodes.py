@@ -41,8 +41,9 @@ class LocalPhones:
         if self._invited is None:
             raise NetworkError("the phone server has not started yet", hint="ask again in a moment")
         invited, until_s = self._invited
-        left_s = round(until_s - asyncio.get_running_loop().time())
-        return msgspec.structs.replace(invited, good_for_s=max(0, left_s))
+        return msgspec.structs.replace(
+            invited, good_for_s=max(0, round(until_s - asyncio.get_running_loop().time()))
+        )
 
     async def close(self) -> None:
         """End the server for phones, if it runs."""

@@ -44,21 +44,16 @@ WorkingOn = dict[tuple[int, int, str], BurstSession]
 STILL_SAVING_EVERY_S = 5.0
 
 
-class ImageAnswers:
-    """Answers to the images of one stream, in order, while further images arrive."""
+class ImageAnswers(asyncio.Queue[tuple[messages.ImageUpload, "asyncio.Future[str]"]]):
+    """Answers to the images of one stream, in order, while further images arrive.
+
+    Each is queued with the future of its checksum; its answer is that, or the future's error.
+    """
 
     def __init__(self, channel: Channel[Any], trust: Trust) -> None:
+        super().__init__()
         self._channel, self._trust = channel, trust
-        self._waiting: asyncio.Queue[tuple[messages.ImageUpload, asyncio.Future[str]]] = asyncio.Queue()
         self._sending = asyncio.create_task(self._send_all())
-
-    def add(self, image: messages.ImageUpload, saving: "asyncio.Future[str]") -> None:
-        """Queue the answer to an image: its checksum once `saving` is done, or the error of `saving`."""
-        self._waiting.put_nowait((image, saving))
-
-    async def drain(self) -> None:
-        """Wait until everything has been answered."""
-        await self._waiting.join()
 
     async def send(
         self,
@@ -67,8 +62,10 @@ class ImageAnswers:
     ) -> None:
         """Send the answer to a node's message, signed where a relay passes it on."""
         if self._channel.who.via and isinstance(message, messages.CameraReport | messages.ImageUpload):
-            about = message.camera, message.leader, message.burst
-            answer = replace(answer, proof=sign(self._trust.identity, about, answer))
+            answer = replace(
+                answer,
+                proof=sign(self._trust.identity, (message.camera, message.leader, message.burst), answer),
+            )
         await self._channel.send(answer)
 
     async def close(self) -> None:
@@ -77,7 +74,7 @@ class ImageAnswers:
 
     async def _send_all(self) -> None:
         while True:
-            image, saving = await self._waiting.get()
+            image, saving = await self.get()
             # The reader of a stream notices that it has broken off.
             with contextlib.suppress(NetworkError):
                 while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
@@ -86,7 +83,7 @@ class ImageAnswers:
                     error = saving.exception()
                     refusal = messages.Refusal.of_error(error) if isinstance(error, SimulshotError) else None
                     await self.send(image, refusal or messages.ImageAck(sha256=saving.result()))
-            self._waiting.task_done()
+            self.task_done()
 
 
 class LeaderService:
@@ -124,18 +121,17 @@ class LeaderService:
             while (message := await self._receive(channel, principal)) is not None:
                 try:
                     if isinstance(message, messages.ImageUpload):
-                        answers.add(message, await self._take_image(channel, message, working_on))
+                        answers.put_nowait((message, await self._take_image(channel, message, working_on)))
                         continue
                     check_allowed(channel.who, message)
                     self._check_speaker(channel, message, principal)
                     if isinstance(message, messages.NodeStream) and not message.shows:
-                        self._end_speech(principal, channel)
                         principal = message.camera
                         if principal in self._speaking:
                             # Abandoned by the node, which may not occupy the port with many streams either.
                             self._speaking[principal].abort()
                         self._speaking[principal] = channel
-                    await answers.drain()
+                    await answers.join()
                     if isinstance(message, messages.CameraReport):
                         await answers.send(
                             message, await self._take_report(message, channel.who.pin, working_on)
@@ -155,12 +151,12 @@ class LeaderService:
                             hint="check it: capture-app doctor, on the leader's machine",
                         )
                     )
-                    await answers.drain()
+                    await answers.join()
                     await answers.send(message, messages.Refusal.of_error(what))
                 if channel.who.is_unknown:
                     return  # it has its answer, and must not occupy the port
         finally:
-            self._end_speech(principal, channel)
+            self._speaking = {name: one for name, one in self._speaking.items() if one is not channel}
             await answers.close()
             for (_, _, camera), session in working_on.items():
                 session.stream_closed(camera, self._bursts.now_ns())
@@ -181,10 +177,6 @@ class LeaderService:
                 await self._bursts.give_up(principal, cut(f"it sent an invalid message: {error.what}"))
                 await channel.send(messages.Refusal(what=text))
 
-    def _end_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
-        if self._speaking.get(camera) is channel:
-            del self._speaking[camera]
-
     def _check_speaker(
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, principal: str
     ) -> None:
@@ -194,8 +186,8 @@ class LeaderService:
         """
         match message:
             case messages.NodeStream():
-                members = self._engine.roster.members
-                if not is_node(channel.who, members.get(message.camera), message.instance):
+                member = self._engine.roster.members.get(message.camera)
+                if not is_node(channel.who, member, message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.is_known = True
             case messages.CameraReport() | messages.SpoolSpace():

@@ -98,8 +98,13 @@ def announced_hosts(host: str) -> list[str]:
     if host in ANY_HOST:
         return sorted(own_hosts(socket.AF_INET))
     with contextlib.suppress(OSError):
-        found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
-        return sorted({str(where[0]) for *_, where in found if not str(where[0]).startswith("127.")})
+        return sorted(
+            {
+                str(where[0])
+                for *_, where in socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
+                if not str(where[0]).startswith("127.")
+            }
+        )
     return []
 
 
@@ -224,8 +229,9 @@ async def search_leaders(
                 known = [one for one in answered if one.is_known] or answered
                 return [one for one in known if not one.is_relay] or known
             if is_late:
-                asked = (find_obstacle(address) for leader in found for address in leader.addresses[:1])
-                obstacles = await asyncio.gather(*asked)
+                obstacles = await asyncio.gather(
+                    *(find_obstacle(address) for leader in found for address in leader.addresses[:1])
+                )
                 sentence = "; ".join(str(one) for one in obstacles if one is not None) or NOBODY
                 if sentence != said:
                     report(sentence)

@@ -57,8 +57,14 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
     """Return the firewalls that are enabled at boot, by their files below `root`."""
     found = []
     if _UFW_ENABLED.search(_read(root / "etc/ufw/ufw.conf") or ""):
-        rules = _read(root / "etc/ufw/user.rules")
-        found.append(Firewall("ufw", "sudo ufw allow {port}", "sudo ufw allow {port}/udp", rules))
+        found.append(
+            Firewall(
+                "ufw",
+                "sudo ufw allow {port}",
+                "sudo ufw allow {port}/udp",
+                _read(root / "etc/ufw/user.rules"),
+            )
+        )
     if (root / "run/firewalld").is_dir():
         zones = [_read(path) for path in sorted((root / "etc/firewalld/zones").glob("*.xml"))]
         rules = "\n".join(zone for zone in zones if zone is not None) if None not in zones else None

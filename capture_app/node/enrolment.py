@@ -74,8 +74,10 @@ class Enrolment:
                 may_join = set()
             self._standbys = standbys
             sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
-            cameras = (one for one in machines if Role.CAMERA in one.roles and Role.RELAY not in one.roles)
-            sealed.set_direct_pins(self._trust.identity.pin, (machine.pin for machine in cameras))
+            sealed.set_direct_pins(
+                self._trust.identity.pin,
+                (one.pin for one in machines if Role.CAMERA in one.roles and Role.RELAY not in one.roles),
+            )
 
     def invite(self, role: Role) -> pairing_messages.Invited:
         """Create a code for one machine. Raises UnknownMachineError where machines need none."""
@@ -183,8 +185,12 @@ class Enrolment:
 
     def _roots(self) -> tuple[str, ...]:
         """Return the pins of the leaders above this relay, or of their standbys; none for a leader."""
-        leaders = [one for one in self._trust.known.all() if Role.LEADER in one.roles]
-        roots = dict.fromkeys(pin for one in leaders for pin in one.roots or (one.pin,))
+        roots = dict.fromkeys(
+            pin
+            for one in self._trust.known.all()
+            if Role.LEADER in one.roles
+            for pin in one.roots or (one.pin,)
+        )
         return tuple(roots)[:MAX_ROOTS] if self._is_relay else ()
 
 

@@ -23,6 +23,7 @@ _NODE_LINES = {
     "returned": "{0.name} is back",
     "lost": "lost {0.name}: {0.reason}",
     "forgotten": "forgot {0.name}, which was lost",
+    "moved": "{0.name} is now connected to {1}",
     "refused": "refused {0.name} {0.where}: {0.reason}",
 }
 MAX_LOG_LINES = 500
@@ -52,10 +53,8 @@ def event_line(event: RigEvent) -> tuple[str, bool]:
     The line is empty if the event is not worth one.
     """
     match event:
-        case events.NodeChanged(change="moved"):
-            return f"{event.name} is now connected to {event.where or 'this leader'}", False
-        case events.NodeChanged():
-            return _NODE_LINES[event.change].format(event), event.change in ("lost", "refused")
+        case events.NodeChanged(change=change, where=where):
+            return _NODE_LINES[change].format(event, where or "this leader"), change in ("lost", "refused")
         case events.BurstAnswered(name, burst, refusal):
             return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
         case HostOffRate():
@@ -184,8 +183,11 @@ class Log:
 
     def say_of_disk(self, name: str | None, problem: str) -> None:
         """Log that a disk became unusable or usable again: the named node's, or the leader's."""
-        text = f"{name or 'leader'}: {problem or 'its disk is usable again'}"
-        self.say(text, camera=name, level="warning" if problem else "info")
+        self.say(
+            f"{name or 'leader'}: {problem or 'its disk is usable again'}",
+            camera=name,
+            level="warning" if problem else "info",
+        )
 
     def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""

@@ -185,9 +185,8 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     def as_error(self) -> SimulshotError:
         """Return the leader's error, with its own class if this version has it."""
         kind = getattr(errors, self.error, SimulshotError)
-        if not (isinstance(kind, type) and issubclass(kind, SimulshotError)):
-            kind = SimulshotError
-        return kind(self.what, hint=self.hint)
+        is_error = isinstance(kind, type) and issubclass(kind, SimulshotError)
+        return (kind if is_error else SimulshotError)(self.what, hint=self.hint)
 
 
 class StatusRequest(Message, frozen=True, kw_only=True, tag="status-request"):

@@ -70,8 +70,7 @@ class Invitations:
         from spake2 import SPAKE2_B
 
         half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
-        own_message: bytes = half.start()
-        return own_message, invitation, _finish(half, spake2_message)
+        return half.start(), invitation, _finish(half, spake2_message)
 
     def accept(self, invitation: Invitation, key: bytes, proof: bytes) -> bytes:
         """Return the leader's proof for a machine that proved that it knows the code; the code is then spent.

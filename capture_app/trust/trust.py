@@ -146,8 +146,14 @@ class Trust:
             # Each stream authenticates again: a removed machine must have no session to resume.
             context.num_tickets = 0
             context.load_cert_chain(self.identity.file)
-            known = [machine.certificate for machine in machines if machine.certificate is not None]
-            context.load_verify_locations(cadata=b"".join((self.identity.certificate, *known)))
+            context.load_verify_locations(
+                cadata=b"".join(
+                    (
+                        self.identity.certificate,
+                        *(one.certificate for one in machines if one.certificate is not None),
+                    )
+                )
+            )
             self._server = self.known.version, context
         return self._server[1]
 

@@ -23,10 +23,10 @@ from capture_app.node.burst.plans import (
     burst_record,
     check_machine,
     check_report,
-    check_truth,
     choose_instants,
     instant_range,
     result_text,
+    truth_problem,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
@@ -240,8 +240,11 @@ class BurstSession:
                 self._intake.check_open()
                 first = not delivery.plan.reported
                 if first and report.events:
-                    events = ({**event, "camera": delivery.name} for event in report.events)
-                    await on_disk(self._disk, self._writer.add_event, *events)
+                    await on_disk(
+                        self._disk,
+                        self._writer.add_event,
+                        *({**event, "camera": delivery.name} for event in report.events),
+                    )
                 delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
                 delivery.note_heard(now_ns, advanced=first or not self._choice.committed.is_set())
                 await self._commit_instants()
@@ -270,14 +273,14 @@ class BurstSession:
             # The node learned late that the burst ends earlier.
             return known(upload.record.sha256)
         number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
-        path = image_path(upload.camera, number, suffix)
-        upload = replace(upload, record=replace(upload.record, instant=number, path=path))
+        upload = replace(
+            upload,
+            record=replace(upload.record, instant=number, path=image_path(upload.camera, number, suffix)),
+        )
         delivery = self._delivery(upload.camera)
-        try:
-            check_truth(upload, delivery.plan.camera.facts)
-        except BadInputError as error:
-            await self.give_up_camera(delivery.name, error.what)
-            raise
+        if problem := truth_problem(upload, delivery.plan.camera.facts):
+            await self.give_up_camera(delivery.name, problem.what)
+            raise problem
         if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:
@@ -424,8 +427,11 @@ class BurstSession:
         """
         choice, writer, deliveries = self._choice, self._writer, self._deliveries.values()
         if self.burst.video:
-            instants_ns = self.burst.instants_ns[: max(1, self._recorded_instants)]
-            choice = InstantChoice(dataclasses.replace(self.burst, instants_ns=instants_ns))
+            choice = InstantChoice(
+                dataclasses.replace(
+                    self.burst, instants_ns=self.burst.instants_ns[: max(1, self._recorded_instants)]
+                )
+            )
         missing = [gap for of in deliveries for gap in of.missing_images(choice, self._lost or {})]
         burst = choice.record(self._reported_plans)
         self.message = result_text(burst, missing)
@@ -493,8 +499,12 @@ class BurstSession:
         if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):
             return f"waiting to hear from {', '.join(unreported)}"
         # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.
-        since_ns = self._now_ns - self.burst.instants_ns[-1]
-        if not late or self.burst.streamed or self._lost is not None or since_ns < SAID_AFTER_S * 1e9:
+        if (
+            not late
+            or self.burst.streamed
+            or self._lost is not None
+            or self._now_ns - self.burst.instants_ns[-1] < SAID_AFTER_S * 1e9
+        ):
             return ""
         return f"waiting for images of {', '.join(of.name for of in late)}"
 

@@ -154,14 +154,15 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         check_lens(f"the calibration of {name}", plan.calibration)
 
 
-def check_truth(upload: ImageUpload, facts: CameraFacts) -> None:
-    """Raise BadInputError for more ground truth than the pixels of a simulated camera can have."""
+def truth_problem(upload: ImageUpload, facts: CameraFacts) -> BadInputError | None:
+    """Return the error of more ground truth than the pixels of a simulated camera can have, else None."""
     pixels = facts.width * facts.height if facts.kind == SIMULATED else 0
-    if upload.truth_bytes > min(MAX_TRUTH_BYTES, pixels * MAX_TRUTH_BYTES_PER_PIXEL):
-        raise BadInputError(
-            f"{upload.camera} sent an image with {upload.truth_bytes} bytes of ground truth",
-            hint="only simulated cameras have some, of a few bytes per pixel: update that machine",
-        )
+    if upload.truth_bytes <= min(MAX_TRUTH_BYTES, pixels * MAX_TRUTH_BYTES_PER_PIXEL):
+        return None
+    return BadInputError(
+        f"{upload.camera} sent an image with {upload.truth_bytes} bytes of ground truth",
+        hint="only simulated cameras have some, of a few bytes per pixel: update that machine",
+    )
 
 
 def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:

@@ -89,11 +89,13 @@ class ResumedBursts:
             requested = tuple(n for n in report.plan.instants if n < plan.streamed.count)
             if report.plan.picking or not {*requested} <= {record.instant for record in records}:
                 return None
-        receipts = (
-            ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
-            for r in records
+        return ReportAck(
+            receipts=tuple(
+                ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
+                for r in records
+            ),
+            requested=requested,
         )
-        return ReportAck(receipts=tuple(receipts), requested=requested)
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report belongs to, reopened if it was closed.

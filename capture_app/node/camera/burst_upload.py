@@ -285,14 +285,11 @@ class BurstUpload:
         """Whether there is something to report or to send."""
         return not self.is_picking or bool(self.images) or not self.is_committed
 
-    def report_now(self) -> CameraReport:
-        """Return the node's report of this burst, as the leader is to get it now."""
-        return self.report_to_keep(self._encoded)
+    def current_report(self, waiting: tuple[int, ...] = ()) -> CameraReport:
+        """Return the report as it is now.
 
-    def report_to_keep(self, waiting: tuple[int, ...] = ()) -> CameraReport:
-        """Return the report for the spool, which stores the images beside it.
-
-        For a streamed burst it lists the instants whose images are `waiting`.
+        For a streamed burst it lists the instants whose images are `waiting`: for the leader those that are
+        `encoded`; for the spool, which stores the images beside it, none.
         """
         if not self.streamed:
             return self.report
@@ -354,7 +351,7 @@ class BurstUpload:
         if requested is None:
             return []
         self.frames = deque(frame for frame in self.frames if frame.instant in requested)
-        return self._let_go({*self._encoded}.difference(requested))
+        return self._let_go({*self.encoded}.difference(requested))
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
@@ -379,11 +376,11 @@ class BurstUpload:
         """Drop the whole burst: its frames, images and report."""
         self.is_over = True
         self.frames.clear()
-        self._let_go(self._encoded)
+        self._let_go(self.encoded)
 
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
-        here = {*self._encoded, *(frame.instant for frame in self.frames)}
+        here = {*self.encoded, *(frame.instant for frame in self.frames)}
         lost = {*self.report.plan.instants} - here - self.confirmed
         return sorted(lost if self.requested is None else lost & self.requested)
 
@@ -396,7 +393,7 @@ class BurstUpload:
             self.report = self.report.with_plan(instants=left)
 
     @property
-    def _encoded(self) -> tuple[int, ...]:
+    def encoded(self) -> tuple[int, ...]:
         """Instants of the encoded images that are here."""
         return tuple(image.record.instant for image in self.images)
 

@@ -209,26 +209,29 @@ class CameraNode:
             return
         name, leader, burst = self.options.name, picked.trigger.leader, picked.trigger.burst
         facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger.streamed
-        true_clock = SimulatedClock(0) if facts.kind == SIMULATED else None
-        if isinstance(self._clock, SimulatedClock):
-            true_clock = self._clock
+        # Without a clock of its own, a simulated camera shows true time.
+        exact = SimulatedClock(0) if facts.kind == SIMULATED else None
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.phase_tolerance_ns
-        plan = CameraPlan(
-            camera=camera_record(
-                name,
-                facts,
-                picked,
-                corrections,
-                tolerance_ns,
-                camera.device_clock,
-                self._camera.controls.held,
+        report = CameraReport(
+            leader=leader,
+            burst=burst,
+            plan=CameraPlan(
+                camera=camera_record(
+                    name,
+                    facts,
+                    picked,
+                    corrections,
+                    tolerance_ns,
+                    camera.device_clock,
+                    self._camera.controls.held,
+                ),
+                reported=True,
+                picking=streamed,
+                calibration=camera.calibration,
+                true_clock=self._clock if isinstance(self._clock, SimulatedClock) else exact,
             ),
-            reported=True,
-            picking=streamed,
-            calibration=camera.calibration,
-            true_clock=true_clock,
+            events=tuple(self._happened),
         )
-        report = CameraReport(leader=leader, burst=burst, plan=plan, events=tuple(self._happened))
         self._happened.clear()
         upload = BurstUpload(
             report,

@@ -133,7 +133,7 @@ class BurstSender:
 
         Drop images that the leader does not need or has already, and store its receipts for partial ones.
         """
-        report = burst.report_now()
+        report = burst.current_report(burst.encoded)
         answer = await self.ask(report if first else replace(report, events=()))
         self._check_proof(answer, burst)
         if isinstance(answer, Refusal):
@@ -385,7 +385,7 @@ class Uploader:
             return image
         try:
             if burst.spooled is None:
-                burst.spooled = self.spool.create_burst(burst.report_to_keep())
+                burst.spooled = self.spool.create_burst(burst.current_report())
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
             self._note_useless_spool(burst, error)
@@ -403,7 +403,7 @@ class Uploader:
         for burst in self._bursts:
             if burst.ended and not burst.is_over and not burst.end_is_stored:
                 burst.end_is_stored = burst.spooled is not None
-                await _write_report(burst, burst.report_to_keep())
+                await _write_report(burst, burst.current_report())
 
     async def _sync_spool(self) -> None:
         """Sync the spool for all images that were written during the previous sync."""

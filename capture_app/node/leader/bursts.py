@@ -237,8 +237,13 @@ class ActiveBursts:
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        cameras = {member.name: member.camera for member in self._engine.roster.by_name()}
-        session = BurstSession.begin(burst, cameras, writer, self._disk, short_timeouts=self._silent)
+        session = BurstSession.begin(
+            burst,
+            {member.name: member.camera for member in self._engine.roster.by_name()},
+            writer,
+            self._disk,
+            short_timeouts=self._silent,
+        )
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         if self.now_ns() < self._awaited_until_ns:
@@ -249,12 +254,15 @@ class ActiveBursts:
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.
         try:
-            pins = {
-                name: member.pin
-                for name, member in self._engine.roster.members.items()
-                if name in burst.clients
-            }
-            await session.write_plan(self._engine.config.instance, note, pins)
+            await session.write_plan(
+                self._engine.config.instance,
+                note,
+                {
+                    name: member.pin
+                    for name, member in self._engine.roster.members.items()
+                    if name in burst.clients
+                },
+            )
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
             raise
@@ -278,7 +286,6 @@ class ActiveBursts:
 
     def _check_number(self, at_leader_ns: int | None) -> None:
         """Raise IncompleteError if too many bursts are in progress, or ordered ahead."""
-        open_bursts = sum(1 for of in self._bursts.values() if not of.finished.is_set())
         is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
         ahead = [burst.burst for burst in self.ahead]
         if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
@@ -286,7 +293,7 @@ class ActiveBursts:
                 f"{len(ahead)} bursts are ordered ahead already: {', '.join(map(str, ahead))}",
                 hint="wait for them, or cancel one: capture-app burst --cancel BURST",
             )
-        if open_bursts - len(ahead) >= MAX_OPEN_BURSTS:
+        if sum(not of.finished.is_set() for of in self._bursts.values()) - len(ahead) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are saved"
             )

@@ -202,9 +202,8 @@ class LocalNodes:
             *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
             *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
             *self._options,
+            *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
-        if tolerance_us is not None:
-            arguments += ["--tolerance-us", str(tolerance_us)]
         child = self._children[name] = await Child.start(name, arguments)
         self._watching[name] = asyncio.create_task(self._watch(name, child))
         return child

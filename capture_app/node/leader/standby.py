@@ -161,8 +161,11 @@ class RankedLeader:
             with contextlib.suppress(SimulshotError):
                 async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
                     nodes = (await ask_all_nodes(channel)).nodes
-                there = (node for node in nodes if node.state is not NodeState.LOST)
-                self.cameras = tuple(node.name for node in there if node.camera.kind not in WITHOUT_CAMERA)
+                self.cameras = tuple(
+                    node.name
+                    for node in nodes
+                    if node.state is not NodeState.LOST and node.camera.kind not in WITHOUT_CAMERA
+                )
 
 
 async def lead_by_rank(

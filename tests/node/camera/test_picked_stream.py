@@ -26,14 +26,14 @@ def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> BurstU
 
 def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
     upload = streamed(1, Picture(b"zero"))
-    assert upload.report_now().plan.picking
+    assert upload.current_report(upload.encoded).plan.picking
     upload.extend(further(gaps=(1, 2), over=3))
     upload.extend(further(gaps=(4,), over=5))
     upload.report_lost([5], "its file in the spool is damaged")
-    told = upload.report_now().plan
+    told = upload.current_report(upload.encoded).plan
     assert (told.picked, told.missing_runs) == (None, ())
     upload.extend(further(over=6, ended=True))
-    told = upload.report_now().plan
+    told = upload.current_report(upload.encoded).plan
     assert (told.picking, told.picked, told.instants, told.missing) == (False, 6, (), ())
     assert told.missing_runs == (
         MissingRun(first=1, count=2, reason="the camera dropped the frame", dropped=True),
@@ -46,7 +46,9 @@ def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None
     upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), max_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
     upload.extend(further(over=5, ended=True))
-    assert upload.report_now().plan.missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)
+    assert upload.current_report(upload.encoded).plan.missing_runs == (
+        MissingRun(first=2, count=3, reason=TOO_SLOW),
+    )
 
 
 async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) -> None:

@@ -127,9 +127,9 @@ class LeaderService:
                     self._check_speaker(channel, message, principal)
                     if isinstance(message, messages.NodeStream) and not message.shows:
                         principal = message.camera
-                        if principal in self._speaking:
+                        if (earlier := self._speaking.get(principal, channel)) is not channel:
                             # Abandoned by the node, which may not occupy the port with many streams either.
-                            self._speaking[principal].abort()
+                            earlier.abort()
                         self._speaking[principal] = channel
                     await answers.join()
                     if isinstance(message, messages.CameraReport):

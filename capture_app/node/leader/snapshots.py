@@ -76,8 +76,10 @@ def page_of(members: tuple[Member, ...], after: str, max_nodes: int) -> tuple[tu
     """Return a page of nodes after the name `after`, the number of further nodes, and a summary of those."""
     rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
     page, further = rest[:max_nodes], rest[max_nodes:]
-    states = Counter(str(member.report.state) for member in further).items()
-    words = ", ".join(f"{number} {state}" for state, number in sorted(states))
+    words = ", ".join(
+        f"{number} {state}"
+        for state, number in sorted(Counter(str(one.report.state) for one in further).items())
+    )
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""
     return page, len(further), text
 

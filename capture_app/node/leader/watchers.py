@@ -19,7 +19,7 @@ from capture_app.node.leader.snapshots import fitted, fitted_burst, node_statuse
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import StatusAnswer, ToLeader
-from capture_app.protocol.orders import LogAnswer, PreviewRequest, PreviewSeen
+from capture_app.protocol.orders import NO_PREVIEWS, LogAnswer, PreviewRequest, PreviewSeen
 from capture_app.protocol.status import RigStatus
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.rig.leader_engine import Leader
@@ -112,7 +112,7 @@ class Watcher:
     """Sender of a rig's changes to one operator; it costs nothing while no one watches."""
 
     def __init__(self, channel: Channel[ToLeader], rig: RigState, log: Log, viewfinders: Viewfinders) -> None:
-        self._request: PreviewRequest | None = None
+        self._request = NO_PREVIEWS
         self._unacknowledged: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""
         self._channel, self._rig, self._event_log, self._viewfinders = channel, rig, log, viewfinders
@@ -158,12 +158,11 @@ class Watcher:
         loop = asyncio.get_running_loop()
         due_s = 0.0
         while True:
-            request = self._request
-            fps = 0.0 if request is None else request.fps
+            fps = self._request.fps
             await asyncio.sleep(min(TICK_S, PICTURE_TICK / fps) if fps else TICK_S)
-            if request is None or not fps or self._unacknowledged or loop.time() < due_s:
+            if not fps or self._unacknowledged or loop.time() < due_s:
                 continue
-            for picture in self._viewfinders.pictures(request.cameras):
+            for picture in self._viewfinders.pictures(self._request.cameras):
                 if picture.jpeg is not self._shown.get(picture.camera):
                     self._shown[picture.camera] = picture.jpeg
                     self._unacknowledged.add(picture.camera)

@@ -63,6 +63,21 @@ def of_burst(leader: LeaderNode, burst: int, told: Any) -> Any:
     return replace(told, leader=leader.instance, burst=burst)
 
 
+async def test_the_newest_stream_of_a_camera_is_the_one_that_stays(tmp_path: Path) -> None:
+    async with (
+        await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
+        joined(leader.own_address, ("cam0", CAM0)),
+        stream(leader, "cam0", CAM0) as first,
+    ):
+        assert isinstance(await answer(first), ReportAck)
+        await first.send(NodeStream(camera="cam0", instance=CAM0))
+        assert isinstance(await answer(first), ReportAck), "it may say so again"
+        async with stream(leader, "cam0", CAM0) as second:
+            assert isinstance(await answer(second), ReportAck)
+            with suppress(NetworkError):
+                assert await received_from(first) is None
+
+
 async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
     async with (
         await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,

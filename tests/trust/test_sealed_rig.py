@@ -241,7 +241,9 @@ def test_altering_any_field_of_any_message_on_the_path_is_refused_and_counted() 
 
 
 def refused(rig: SealedRig) -> int:
-    return rig.leader.refusals.counts.total() + sum(node.sealed.refusals.total for node in rig.nodes.values())
+    return rig.leader.refusals.counts.total() + sum(
+        node.sealed.refusals.counts.total() for node in rig.nodes.values()
+    )
 
 
 def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:

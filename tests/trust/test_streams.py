@@ -15,7 +15,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, StreamTimeouts, connect
 from capture_app.net.server import MAX_SILENT
 from capture_app.trust.trust import Trust
-from tests.net.echoes import Ping, Pong, echo, serving
+from tests.net.echoes import Ping, Pong, echo, received_from, serving
 
 
 def introduce(machine: Trust, leader: Trust, role: Role = Role.CAMERA) -> None:
@@ -50,7 +50,7 @@ async def served(trust: Trust) -> AsyncIterator[tuple[Address, list[Channel[Any]
 async def ask(address: Address, trust: Trust) -> Any:
     async with await connect(address, Pong, trust=trust) as channel:
         await channel.send(Ping(7), b"picture")
-        return await channel.receive()
+        return await received_from(channel)
 
 
 async def test_machines_that_know_each_other_talk_and_know_who_speaks(leader: Trust, machine: Trust) -> None:
@@ -120,7 +120,7 @@ async def test_who_has_come_as_a_stranger_is_one(leader: Trust, machine: Trust) 
         await connect(address, Pong, trust=machine, as_unknown=True) as channel,
     ):
         await channel.send(Ping(1))
-        assert await channel.receive() == (Pong(1), b"")
+        assert await received_from(channel) == (Pong(1), b"")
     assert seen[0].who.is_unknown
 
 

@@ -78,7 +78,8 @@ async def test_a_relay_that_confirms_images_itself_has_none_deleted(
 
     lines: list[str] = []
     async with serving(serve, ToLeader, trust=relay) as address:
-        uploader = Uploader("a", 1, Log(lines.append), Spool(tmp_path, "spool"), retry_s=(0.01,), trust=node)
+        spool = Spool(tmp_path, "spool")
+        uploader = Uploader("a", 1, Log(lines.append), spool, retry_s=(0.01,), trust=node)
         uploader.load_spool()
         uploader.add_burst(burst_upload(Picture(PICTURE)))
         uploader.set_leader(address, 1)
@@ -86,7 +87,7 @@ async def test_a_relay_that_confirms_images_itself_has_none_deleted(
         await until(lambda: len(answers) > 3)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        uploader.close()
+        spool.close()
     assert copies(tmp_path) == [PICTURE]
     assert any("without the signature of its rig's leader" in line for line in lines), lines
 
@@ -108,7 +109,8 @@ async def test_a_cancelled_burst_is_deleted_once_the_root_has_signed_that(tmp_pa
             await channel.send(replace(answer, proof=sign(root.identity, ("a", 1, 1), answer)))
 
     async with serving(serve, ToLeader, trust=relay) as address:
-        uploader = Uploader("a", 1, Log(lambda _: None), Spool(tmp_path, "spool"), trust=node)
+        spool = Spool(tmp_path, "spool")
+        uploader = Uploader("a", 1, Log(lambda _: None), spool, trust=node)
         uploader.load_spool()
         uploader.add_burst(burst_upload(Picture(PICTURE)))
         uploader.set_leader(address, 1)
@@ -121,7 +123,7 @@ async def test_a_cancelled_burst_is_deleted_once_the_root_has_signed_that(tmp_pa
         await until(lambda: not copies(tmp_path))
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
-        uploader.close()
+        spool.close()
 
 
 @pytest.mark.parametrize("depth", [1, 2])

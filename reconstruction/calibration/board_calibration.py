@@ -172,13 +172,14 @@ def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array
     boards = {}
     for moment in sorted({moment for _, moment in seen}):
         _, name = max((len(points), name) for (name, k), (points, _) in seen.items() if k == moment)
-        points, pixels = seen[name, moment]
-        view = views[name]
-        _, rvec, tvec = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
-        boards[moment] = _pose(
-            view.rotation.T @ cv2.Rodrigues(rvec)[0], view.rotation.T @ (tvec.ravel() - view.translation)
-        )
+        boards[moment] = _pose(*rig_from_board(views[name], *seen[name, moment]))
     return boards
+
+
+def rig_from_board(view: View, places: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the pose of a board in the rig from its corners, places (n, 3; m) at pixels (n, 2) of a view."""
+    rotation, translation = _board_pose(places, pixels, (view.matrix, view.distortion))
+    return view.rotation.T @ rotation, view.rotation.T @ (translation - view.translation)
 
 
 def _residuals(view: View, values: Array, points: Array, pixels: Array) -> tuple[Array, Array]:

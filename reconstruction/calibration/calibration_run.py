@@ -237,13 +237,13 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
     if options.distance is not None:
         marks, metres = options.distance
         first, second = marked_points(views, marks)
-        world = World(np.eye(3), np.zeros(3), metres / float(np.linalg.norm(first - second)))
-        found = in_world(found, world, "m", f"scale from a distance of {metres:g} m")
+        factor, how = metres / float(np.linalg.norm(first - second)), f"a distance of {metres:g} m"
+        found = in_world(found, World(np.eye(3), np.zeros(3), factor), "m", f"scale from {how}")
     elif options.scale_by_board:
         corners = detect_board(open_recordings(dataset, options.recordings), options.board)
         factor, times = metres_per_unit_by_board(views, options.board, corners)
-        world = World(np.eye(3), np.zeros(3), factor)
-        found = in_world(found, world, "m", f"scale from a board seen by {times} pairs")
+        how = f"scale from a board, at {count(times, 'instant')}"
+        found = in_world(found, World(np.eye(3), np.zeros(3), factor), "m", how)
     views = calibrated_views(dataset, found)
     if options.vertical is not None:
         world = world_of_marks(views, options.vertical)

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
-import cv2
 import msgspec
 import numpy as np
 
@@ -16,7 +15,7 @@ from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.board_calibration import BoardCorners, corners_by_moment
+from reconstruction.calibration.board_calibration import BoardCorners, corners_by_moment, rig_from_board
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs import size_above_features
@@ -25,7 +24,6 @@ from reconstruction.session.conditions import evenly_spaced
 MAX_MARK_ERROR_PX = 8.0
 """Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
 MIN_ANGLE_DEG = 1.0
-MAX_BOARD_ERROR_PX = 3.0
 
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
@@ -74,48 +72,6 @@ def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
     return ends
 
 
-def metres_per_unit_by_board(
-    views: Mapping[str, View], board: Board, corners: BoardCorners
-) -> tuple[float, int]:
-    """Return the metres per unit of the views from a board that two cameras see, and the number of sightings.
-
-    Raises:
-        BadInputError: no two cameras see enough of the board at one moment.
-    """
-    factors = [
-        factor
-        for seen in corners_by_moment(corners).values()
-        for a, b in combinations((name for name in seen if name in views), 2)
-        if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
-    ]
-    if not factors:
-        raise BadInputError(
-            "no two cameras see the board well enough at one instant to measure the scale",
-            hint="lay it where two cameras see it large; check --board and --square-mm",
-        )
-    return float(np.median(factors)), len(factors)
-
-
-def _board_factor(
-    views: tuple[View, View], board: Board, corners: tuple[dict[int, Array], dict[int, Array]]
-) -> float | None:
-    if len(both := sorted(corners[0].keys() & corners[1].keys())) < MIN_CORNERS:
-        return None
-    pixels = np.array([[found[number] for number in both] for found in corners], float)
-    points = triangulate(views, pixels)
-    if angle_deg(*(points.mean(0) - view.centre for view in views)) < MIN_ANGLE_DEG:
-        return None
-    worst = max(
-        float(np.median(reprojection_errors(v, points, at))) for v, at in zip(views, pixels, strict=True)
-    )
-    if worst > MAX_BOARD_ERROR_PX * size_above_features(views[0].width, views[0].height):
-        return None
-    true, found = (
-        float(np.linalg.norm(of - of.mean(0))) for of in (board.places[both].astype(float), points)
-    )
-    return true / found if found > 0 else None
-
-
 @dataclass(frozen=True)
 class World:
     """Map x_world = rotation @ (scale * x_rig) + translation; 3x3, (3,), scale in metres per rig unit."""
@@ -158,6 +114,18 @@ def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
     return World(rotation, -rotation @ foot)
 
 
+def metres_per_unit_by_board(
+    views: Mapping[str, View], board: Board, corners: BoardCorners
+) -> tuple[float, int]:
+    """Return the metres per unit of the views from a board that two cameras see, and the number of moments.
+
+    Raises:
+        BadInputError: no two cameras see enough of the board at one moment.
+    """
+    fits = _fits(views, board, corners, metric=False)
+    return float(np.median([fit.scale for fit in fits])), len(fits)
+
+
 def world_of_board(
     views: Mapping[str, View], board: Board, corners: BoardCorners, *, metric: bool
 ) -> tuple[World, int]:
@@ -169,15 +137,7 @@ def world_of_board(
     Raises:
         BadInputError: too little of the board is seen, it moves, or it is seen from below.
     """
-    moments = evenly_spaced(list(corners_by_moment(corners).values()), MAX_MOMENTS)
-    fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
-    if not fits and metric:
-        fits = [fit for seen in moments if (fit := _fit_alone(views, board, seen)) is not None]
-    if not fits:
-        raise BadInputError(
-            "no two cameras see the board on the ground well enough at one instant",
-            hint="lay it where two cameras see it large; check --board and --square-mm",
-        )
+    fits = _fits(views, board, corners, metric=metric)
     if any(angle_deg(fit.rotation[2], fits[0].rotation[2]) > MAX_ROTATION_DEG for fit in fits):
         raise BadInputError(
             "the board on the ground moves", hint="record it again with the board lying still"
@@ -187,6 +147,20 @@ def world_of_board(
     if np.median(world.scale * centres @ world.rotation[2] + world.translation[2]) < 0:
         raise BadInputError("the board on the ground is seen from below", hint="lay it face up")
     return world, len(fits)
+
+
+def _fits(views: Mapping[str, View], board: Board, corners: BoardCorners, *, metric: bool) -> list[World]:
+    """Return the world of the board at each moment at which it is seen well enough."""
+    moments = evenly_spaced(list(corners_by_moment(corners).values()), MAX_MOMENTS)
+    fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
+    if not fits and metric:
+        fits = [fit for seen in moments if (fit := _fit_alone(views, board, seen)) is not None]
+    if not fits:
+        raise BadInputError(
+            "no two cameras see the board well enough at one instant",
+            hint="lay it where two cameras see it large; check --board and --square-mm",
+        )
+    return fits
 
 
 def _fit_shared(
@@ -215,14 +189,9 @@ def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corne
     name = max((name for name in seen if name in views), key=lambda one: len(seen[one]), default="")
     if not name or len(seen[name]) < MIN_CORNERS:
         return None
-    view, numbers = views[name], sorted(seen[name])
+    numbers = sorted(seen[name])
     pixels = np.array([seen[name][number] for number in numbers], float)
-    good, rvec, tvec = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
-    if not good:
-        return None
-    return _world_of(
-        view.rotation.T @ cv2.Rodrigues(rvec)[0], view.rotation.T @ (tvec.ravel() - view.translation), 1.0
-    )
+    return _world_of(*rig_from_board(views[name], board.places[numbers].astype(float), pixels), 1.0)
 
 
 def _world_of(rotation: Array, translation: Array, scale: float) -> World:

@@ -104,8 +104,8 @@ def adjust_offsets(
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
     """Return the cameras that a chain of pairs joins to the reference, including itself."""
     joined = {reference}
-    for _ in pairs:
-        joined |= {name for pair in pairs if joined & set(pair) for name in pair}
+    while more := {name for pair in pairs if joined & set(pair) for name in pair} - joined:
+        joined |= more
     return joined
 
 

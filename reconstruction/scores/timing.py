@@ -9,8 +9,9 @@ from msgspec import Struct, structs
 
 from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
+from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit, steps_ratio
-from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 
 SIGMAS = 2.0

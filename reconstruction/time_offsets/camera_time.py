@@ -1,6 +1,13 @@
-"""Measured time offset of one camera, in the form that every measuring method returns."""
+"""Times of a camera's images: as the session records them, and the offset that a method has measured."""
 
+from collections.abc import Sequence
+
+import numpy as np
 from msgspec import Struct, structs
+
+from capture_app.session.format.manifest import RowExposures, row_exposures
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
 
 DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": None, "misfit_px": 1}
 """Decimal places to which each field is rounded; None: a whole number."""
@@ -39,3 +46,43 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
         """Return a copy rounded to the decimal places in `DIGITS`."""
         known = {name: value for name in DIGITS if (value := getattr(self, name)) is not None}
         return structs.replace(self, **{name: round(value, DIGITS[name]) for name, value in known.items()})
+
+
+class ImageTimes:
+    """Times of the rows of some cameras' images from the session's record, ms since its first instant.
+
+    A row's time is its mid-exposure if all of these cameras record row exposures, else the image's one time.
+    """
+
+    def __init__(self, dataset: Dataset, cameras: Sequence[str]) -> None:
+        self.dataset = dataset
+        self._epoch_ns = dataset.instants_ns[0]
+        self.by_rows = all(
+            self._rows(camera, instant) is not None
+            for camera in cameras
+            for instant in dataset.instants(camera)
+        )
+        """Whether all of these cameras record row exposures."""
+
+    def at_ms(self, camera: str, instant: int) -> float:
+        """Return the single time that the session records for an image, ms."""
+        return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
+
+    def middle_ms(self, camera: str, instant: int) -> float:
+        """Return the time of the image's middle row."""
+        return float(self.of_rows_ms(camera, instant, np.array([self.dataset.size(camera)[1] / 2]))[0])
+
+    def of_rows_ms(self, camera: str, instant: int | None, rows: Array) -> Array:
+        """Return the times of rows (n,), px from the top; NaN if there is no image (None)."""
+        if instant is None:
+            return np.full(len(rows), np.nan)
+        known = self._rows(camera, instant) if self.by_rows else None
+        if known is None:
+            return np.full(len(rows), self.at_ms(camera, instant))
+        start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
+        # Reduced images have fewer rows than the camera read out.
+        row_ms = known.row_time_ns / 1e6 * known.rows / self.dataset.size(camera)[1]
+        return np.asarray(start_ms + row_ms * rows)
+
+    def _rows(self, camera: str, instant: int) -> RowExposures | None:
+        return row_exposures(self.dataset.session.camera(camera), self.dataset.record(camera, instant))

@@ -224,8 +224,11 @@ class OffsetFit:
 
 def misfit(count: int, points: str, off_px: float) -> OffsetFit:
     """Return the unknown offset of a calibration that points contradict by a median epipolar error."""
-    reason = f"the calibration does not fit the pictures: {count} {points} are {off_px:.1f} pixels off their"
-    return OffsetFit(reason=f"{reason} epipolar lines", misfit_px=off_px)
+    return OffsetFit(
+        reason=f"the calibration does not fit the pictures: {count} {points} are {off_px:.1f} pixels off"
+        " their epipolar lines",
+        misfit_px=off_px,
+    )
 
 
 def fit_offset(

@@ -13,10 +13,9 @@ from itertools import product
 import numpy as np
 
 from capture_app.session.format.common_times import REFERENCE
-from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.camera_time import CameraTime
+from reconstruction.time_offsets.camera_time import CameraTime, ImageTimes
 
 STEP = 2
 """Images this far apart show the full difference when the lamp switches between them."""
@@ -304,18 +303,13 @@ def _row_times(dataset: Dataset, camera: str) -> tuple[dict[int, Array], float, 
 
     Also returns whether the session records them.
     """
-    height, epoch_ns = dataset.size(camera)[1], dataset.instants_ns[0]
-    record = dataset.session.camera(camera)
-    images = {k: dataset.record(camera, k) for k in dataset.instants(camera)}
-    known = {k: rows for k, image in images.items() if (rows := row_exposures(record, image)) is not None}
-    recorded = bool(known) and len(known) == len(images)
-    if recorded:
-        row_ms = (record.facts.row_time_ns or 0) / 1e6 * record.facts.height / height
-        first_ms = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
-    else:
-        row_ms = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
-        first_ms = {k: (one.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, one in images.items()}
-    return {k: at + row_ms * np.arange(height) for k, at in first_ms.items()}, row_ms, recorded
+    facts, height = dataset.session.camera(camera).facts, dataset.size(camera)[1]
+    times, rows = ImageTimes(dataset, (camera,)), np.arange(height)
+    rows_ms = {k: times.of_rows_ms(camera, k, rows) for k in dataset.instants(camera)}
+    if times.by_rows:
+        return rows_ms, (facts.row_time_ns or 0) / 1e6 * facts.height / height, True
+    row_ms = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
+    return {k: at - row_ms * height / 2 + row_ms * rows for k, at in rows_ms.items()}, row_ms, False
 
 
 def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:

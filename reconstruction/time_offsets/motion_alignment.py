@@ -13,8 +13,9 @@ from capture_app.session.format.common_times import CameraTimes
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import SYSTEMATIC_MS, OffsetFit
-from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets, RoughOffset
+from reconstruction.time_offsets.pair_offset import PairOffsets, RoughOffset
 from reconstruction.time_offsets.rig_offsets import MOTION, likely_pairs
 
 SIDE_PX = 160

@@ -1,21 +1,20 @@
 """Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import lru_cache, partial
 
 import cv2
 import numpy as np
 
-from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
 from reconstruction.session.conditions import evenly_spaced
-from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.moving_pixels import MIN_STILL, measure_camera_motion
+from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
     TYPICAL_AT_REST_PX,
@@ -126,10 +125,11 @@ class PairOffsets:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             asked = tuple(k for k in asked if low <= times.at_ms(first, k) <= high)
         limit = limit or self.max_instants
-        if all_moves or not asked:
-            chosen = evenly_spaced(asked, limit)
-        else:
-            chosen = choose_moving_instants(self.rig.motion, cameras, asked, limit)
+        chosen = (
+            evenly_spaced(asked, limit)
+            if all_moves or not asked
+            else choose_moving_instants(self.rig.motion, cameras, asked, limit)
+        )
         apart_ms = {
             (now, other): at_ms - times.at_ms(first, now) for now in chosen for other, at_ms in others.items()
         }
@@ -157,7 +157,7 @@ class PairOffsets:
         return fit_offset(cross(pair), still, period_ms, recorded_px).later(near_ms)
 
     def _paths(
-        self, times: "ImageTimes", cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]
+        self, times: ImageTimes, cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]
     ) -> tuple[tuple[Path, Path], Array, Array]:
         """Return the paths of what moves in both images, with `counts` and `shared_px` as in `Crossings`."""
         a, b = zip(cameras, instants, strict=True)
@@ -174,7 +174,7 @@ class PairOffsets:
         )
         return (first, second), counts, np.concatenate([np.zeros(len(corners[0])), errors_px])
 
-    def _path(self, times: "ImageTimes", image: Image, corners: Array, objects: Array) -> Path:
+    def _path(self, times: ImageTimes, image: Image, corners: Array, objects: Array) -> Path:
         """Return the positions of corners (3, n, 2) and selected objects before, at and after an image."""
         outlines = self._outlines(*image)
         before, after = self._neighbours(*image)
@@ -267,7 +267,6 @@ def fit_in_motion(
 
     `in_motion` returns the matches at an offset, ms.
     """
-
     matches = in_motion(0.0)
     nothing = still_errors(pair, matches[0][:0], matches[1][:0])
     recorded_px = _off_px(pair, matches)
@@ -315,42 +314,3 @@ def _correct_in_motion(
 
 def _off_px(pair: tuple[View, View], matches: MovingMatches) -> float:
     return median_px(epipolar_errors_px(*pair, *matches[:2])) if len(matches[0]) else 0.0
-
-
-class ImageTimes:
-    """Times of the rows of some cameras' images from the session's record, ms since its first instant.
-
-    A row's time is its mid-exposure if all of these cameras record row exposures, else the image's one time.
-    """
-
-    def __init__(self, dataset: Dataset, cameras: Sequence[str]) -> None:
-        self.dataset = dataset
-        self._epoch_ns = dataset.instants_ns[0]
-        self._by_rows = all(
-            self._rows(camera, instant) is not None
-            for camera in cameras
-            for instant in dataset.instants(camera)
-        )
-
-    def at_ms(self, camera: str, instant: int) -> float:
-        """Return the single time that the session records for an image, ms."""
-        return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
-
-    def middle_ms(self, camera: str, instant: int) -> float:
-        """Return the time of the image's middle row."""
-        return float(self.of_rows_ms(camera, instant, np.array([self.dataset.size(camera)[1] / 2]))[0])
-
-    def of_rows_ms(self, camera: str, instant: int | None, rows: Array) -> Array:
-        """Return the times of rows (n,), px from the top; NaN if there is no image (None)."""
-        if instant is None:
-            return np.full(len(rows), np.nan)
-        known = self._rows(camera, instant) if self._by_rows else None
-        if known is None:
-            return np.full(len(rows), self.at_ms(camera, instant))
-        start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
-        # Reduced images have fewer rows than the camera read out.
-        row_ms = known.row_time_ns / 1e6 * known.rows / self.dataset.size(camera)[1]
-        return np.asarray(start_ms + row_ms * rows)
-
-    def _rows(self, camera: str, instant: int) -> RowExposures | None:
-        return row_exposures(self.dataset.session.camera(camera), self.dataset.record(camera, instant))

@@ -68,8 +68,7 @@ class Address(NamedTuple):
 
 def parse_address(text: str) -> Address:
     """Parse `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
-    found = _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)
-    if found is None:
+    if (found := _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)) is None:
         hint = f", or did you mean [{text}]?" if text.count(":") > 1 and "[" not in text else ""
         raise ValueError(f"{text!r} is not HOST:PORT{hint}")
     port = int(found["port"]) if found["port"] else DEFAULT_PORT

@@ -24,8 +24,7 @@ def main() -> None:
 
 def _end_with(parent: int) -> None:
     """Ask Linux to kill this process, even a paused one, when its parent ends; other systems ignore this."""
-    prctl = getattr(ctypes.CDLL(None), "prctl", None)
-    if prctl is not None:
+    if (prctl := getattr(ctypes.CDLL(None), "prctl", None)) is not None:
         prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
         if os.getppid() != parent:  # the parent has ended already
             sys.exit(1)

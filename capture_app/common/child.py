@@ -130,8 +130,9 @@ async def ask_reconstruct(
     Raises the error that it ends with, such as NotAvailableError where it is not installed.
     """
     name = f"reconstruct {arguments[0]}"
-    command = ("reconstruction.cli", *arguments, "--json")
-    child = await Child.start(name, command, on_line=on_line, niceness=niceness)
+    child = await Child.start(
+        name, ("reconstruction.cli", *arguments, "--json"), on_line=on_line, niceness=niceness
+    )
     try:
         return msgspec.json.decode(await child.output(), type=kind)
     except UNREADABLE as error:

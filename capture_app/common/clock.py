@@ -82,8 +82,7 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading of this clock in ns at a true time in ns."""
-        elapsed_true_ns = true_ns - self.epoch_true_ns
-        return true_ns + self.offset_ns + _divide(elapsed_true_ns * self._skew_units, _UNIT)
+        return true_ns + self.offset_ns + _divide((true_ns - self.epoch_true_ns) * self._skew_units, _UNIT)
 
     def true_from_local(self, local_ns: int) -> int:
         """Return the true time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
@@ -102,8 +101,10 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 def seeded_clock(node: str) -> SimulatedClock:
     """Return the clock of a node name: hours of offset, up to 50 ppm of skew, the same in every run."""
     rng = random.Random(f"clock of {node}")
-    offset_ns = round(rng.uniform(3600.0, 36000.0) * 1e9)
-    return SimulatedClock(offset_ns, rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM))
+    return SimulatedClock(
+        offset_ns=round(rng.uniform(3600.0, 36000.0) * 1e9),
+        skew_ppm=rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM),
+    )
 
 
 def parse_clock(text: str, *, node: str) -> NodeClock:

@@ -45,5 +45,6 @@ def free_name(requested: str, taken: Container[str]) -> str:
 
 def natural_order(text: str) -> list[tuple[int, str]]:
     """Return a sort key that puts cam2 before cam10."""
-    parts = re.split(r"(\d+)", text)
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]
+    return [
+        (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text) if part
+    ]

@@ -44,8 +44,7 @@ def show_code(code: str) -> str:
 
 def pin_of(certificate: bytes) -> str:
     """Return the pin of a certificate (DER): the first 160 bits of its SHA-256 in base32, in groups."""
-    text = base64.b32encode(hashlib.sha256(certificate).digest()[:PIN_BYTES]).decode().lower()
-    return _grouped(text)
+    return _grouped(base64.b32encode(hashlib.sha256(certificate).digest()[:PIN_BYTES]).decode().lower())
 
 
 def parse_pin(text: str) -> str:

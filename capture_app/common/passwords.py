@@ -16,8 +16,7 @@ _WITH_USER = re.compile(r"(rtsp://)([^:@/]+)@(.*)")
 
 def hide_password(spec: str) -> str:
     """Return a camera's spec without its password, which moves to the environment of this process."""
-    found = _WITH_PASSWORD.fullmatch(spec)
-    if found is None:
+    if (found := _WITH_PASSWORD.fullmatch(spec)) is None:
         return spec
     scheme, user, password, rest = found.groups()
     # Unescaped, these characters would hide the host behind them.
@@ -27,12 +26,10 @@ def hide_password(spec: str) -> str:
 
 def reveal_password(spec: str) -> str:
     """Return the spec with its stored password, for the code that opens the camera."""
-    found = _WITH_USER.fullmatch(spec)
-    if found is None:
+    if (found := _WITH_USER.fullmatch(spec)) is None:
         return spec
     scheme, user, rest = found.groups()
-    password = os.environ.get(_variable(user, rest))
-    if password is None:
+    if (password := os.environ.get(_variable(user, rest))) is None:
         password = quote(os.environ.get(VARIABLE, ""), safe="")
     return f"{scheme}{user}:{password}@{rest}" if password else spec
 

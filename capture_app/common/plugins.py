@@ -55,8 +55,7 @@ def _package(entry: EntryPoint) -> str:
 def _load(entry: EntryPoint, attributes: tuple[str, ...]) -> Any:
     try:
         plugin = entry.load()
-        missing = [one for one in attributes if not hasattr(plugin, one)]
-        if missing:
+        if missing := [one for one in attributes if not hasattr(plugin, one)]:
             raise AttributeError(f"it has no {missing[0]!r}")
     except Exception as error:
         raise NotAvailableError(

@@ -281,8 +281,10 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[st
     while left:
         names = sorted({name for group in left for name in group})
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
-        for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2):
-            changes.append(({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged")))
+        changes += [
+            ({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged"))
+            for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2)
+        ]
         tried = [(_odd(now | changed, groups, limit), changed, fault) for changed, fault in changes]
         fewest, changed, fault = min(tried, key=lambda one: len(one[0]))
         if len(fewest) >= len(left):

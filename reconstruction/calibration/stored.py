@@ -89,10 +89,14 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
             f"the one kept from {known.session} is in metres, and this one has no scale",
             hint="--mark and --distance-m set it, or --scale-by-board",
         )
-    created = dataset.session.manifest.created
     write_calibration(
         path,
-        StoredCalibration(modes=modes, session=dataset.name, created=created, calibration=calibration),
+        StoredCalibration(
+            modes=modes,
+            session=dataset.name,
+            created=dataset.session.manifest.created,
+            calibration=calibration,
+        ),
     )
 
 
@@ -137,8 +141,11 @@ def _in_same_mode(
     calibration: Calibration, before: Mapping[str, CameraMode], now: Mapping[str, CameraMode]
 ) -> Calibration:
     """Return a calibration without the cameras whose mode has changed."""
-    known = calibration.cameras.items()
-    same = {name: camera for name, camera in known if name in now and before.get(name) == now[name]}
+    same = {
+        name: camera
+        for name, camera in calibration.cameras.items()
+        if name in now and before.get(name) == now[name]
+    }
     return msgspec.structs.replace(calibration, cameras=same)
 
 
@@ -191,9 +198,8 @@ def choose_calibration(dataset: Dataset) -> None:
             left_out = [f"{name} is left out: {text}" for name, text in dict(reversed(faults)).items()]
             talk("\n".join(reversed(left_out)))
         return
-    if dataset.session.manifest.origin == "imported":
-        return
-    if (stored := find_calibration(camera_modes(dataset))) is None:
+    is_imported = dataset.session.manifest.origin == "imported"
+    if is_imported or (stored := find_calibration(camera_modes(dataset))) is None:
         return
     try:
         views = calibrated_views(dataset, stored.calibration)

@@ -45,6 +45,4 @@ def free_name(requested: str, taken: Container[str]) -> str:
 
 def natural_order(text: str) -> list[tuple[int, str]]:
     """Return a sort key that puts cam2 before cam10."""
-    return [
-        (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text) if part
-    ]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text) if part]

@@ -169,11 +169,9 @@ def _pose(rotation: Array, translation: Array) -> Array:
 
 def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array]:
     """Return `rig_from_board` of each moment, from the camera that sees most corners."""
-    boards = {}
-    for moment in sorted({moment for _, moment in seen}):
-        _, name = max((len(points), name) for (name, k), (points, _) in seen.items() if k == moment)
-        boards[moment] = _pose(*rig_from_board(views[name], *seen[name, moment]))
-    return boards
+    counts = sorted((moment, len(points), name) for (name, moment), (points, _) in seen.items())
+    best = {moment: name for moment, _, name in counts}
+    return {k: _pose(*rig_from_board(views[name], *seen[name, k])) for k, name in best.items()}
 
 
 def rig_from_board(view: View, places: Array, pixels: Array) -> tuple[Array, Array]:

@@ -99,8 +99,11 @@ class PairOffsets:
 
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""
-        found = {name: self._motion(name) for name in cameras}
-        return {name: one[1:] for name, one in found.items() if one is not None and one[0] < MIN_STILL}
+        return {
+            name: one[1:]
+            for name in cameras
+            if (one := self._motion(name)) is not None and one[0] < MIN_STILL
+        }
 
     def measure(
         self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None

@@ -226,14 +226,13 @@ def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
     """Return, for pairs of cameras, the pixels of corners that both see at the same instant."""
-    shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
+    shared: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
     for seen in corners_by_moment(corners).values():
         for a, b in combinations(sorted(seen), 2):
             both = sorted(seen[a].keys() & seen[b].keys())
-            both_pixels = shared.setdefault((a, b), ([], []))
-            both_pixels[0].extend(seen[a][i] for i in both)
-            both_pixels[1].extend(seen[b][i] for i in both)
-    return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
+            shared.setdefault((a, b), []).extend((seen[a][i], seen[b][i]) for i in both)
+    pixels = {pair: np.stack(found, axis=1) for pair, found in shared.items() if found}
+    return {pair: (at_a, at_b) for pair, (at_a, at_b) in pixels.items()}
 
 
 def calibrate_from_board(

@@ -130,12 +130,14 @@ def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> 
     views = {name: view for name, view in views.items() if name in features}
     found = set()
     for name, view in views.items():
-        others = [
-            other
-            for other in views
-            if other != name and angle_deg(view.axis, views[other].axis) < MAX_AXIS_ANGLE_DEG
-        ]
-        others.sort(key=lambda other: float(np.linalg.norm(views[other].centre - view.centre)))
+        others = sorted(
+            (
+                other
+                for other in views
+                if other != name and angle_deg(view.axis, views[other].axis) < MAX_AXIS_ANGLE_DEG
+            ),
+            key=lambda other: float(np.linalg.norm(views[other].centre - view.centre)),
+        )
         found |= {tuple(sorted((name, other))) for other in others[:NEIGHBOURS]}
     return sorted((a, b) for a, b in found)
 

@@ -264,9 +264,13 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    sd_ms = float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS))
-    off_px = recorded_px if recorded_px > MAX_AT_REST_PX else None
-    return OffsetFit(float(fit.values[0]), sd_ms, "", instants, votes, off_px)
+    return OffsetFit(
+        offset_ms=float(fit.values[0]),
+        sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
+        instants=instants,
+        votes=votes,
+        misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
+    )
 
 
 def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:

@@ -293,9 +293,15 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
             exact = {k: at for k, edge in enumerate(edges) if (at := find_edge_time(edge, ramp))}
             few = f"only {len(exact)} of the lamp's edges fall onto its rows; {MIN_EDGES} are needed"
             reason = few if len(exact) < MIN_EDGES else ""
-    rough_ms = np.array([edge.rough_ms for edge in edges])
-    rising = np.array([edge.rising for edge in edges], bool)
-    return SeenLamp(row_ms, recorded, height, rough_ms, rising, exact, reason)
+    return SeenLamp(
+        row_ms=row_ms,
+        recorded=recorded,
+        height=height,
+        rough_ms=np.array([edge.rough_ms for edge in edges]),
+        rising=np.array([edge.rising for edge in edges], bool),
+        exact=exact,
+        reason=reason,
+    )
 
 
 def _row_times(dataset: Dataset, camera: str) -> tuple[dict[int, Array], float, bool]:

@@ -64,7 +64,13 @@ def test_points_are_read_as_other_programs_write_them(tmp_path: Path, cloud: Pat
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"ply\nformat ascii 1.0\nend_header\n", b"not a cloud", b"ply\nformat binary_little_endian 1.0\n"],
+    [
+        b"",
+        b"ply\nformat ascii 1.0\nend_header\n",
+        b"ply\nelement vertex 0\nend_header\n",
+        b"not a cloud",
+        b"ply\nformat binary_little_endian 1.0\n",
+    ],
 )
 def test_what_is_no_point_cloud(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "bad.ply").write_bytes(content)

@@ -1,7 +1,7 @@
 """Image files: size and EXIF (CIPA DC-008) from their headers, decoding, encoding."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,8 @@ _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
 _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
 MAX_ENTRIES = 4096
 UPRIGHT = 1
+Entry = tuple[int, int, bytes]
+"""Entry of a TIFF directory: value type, value count, and the values' bytes or their offset."""
 
 MAX_BYTES = 1 << 28
 """Number of bytes read from a file; large because a TIFF may store its size at the end."""
@@ -45,35 +47,50 @@ class Exif:
 def read_exif(data: bytes) -> Exif:
     """Return the EXIF fields in a JPEG's bytes. Raises ValueError if the EXIF is malformed."""
     try:
-        place = 2
-        while data[place : place + 1] == b"\xff" and data[place + 1] != 0xDA:
-            length = struct.unpack_from(">H", data, place + 2)[0]
-            if data[place + 1] == 0xE1 and data[place + 4 : place + 10] == b"Exif\0\0":
-                return _read_tiff(data[place + 10 : place + 2 + length])
-            place += 2 + length
+        for marker, at in _segments(data) if data.startswith(JPEG_BEGIN) else ():
+            if marker == 0xE1 and data[at + 2 : at + 8] == b"Exif\0\0":
+                return _exif_of_tiff(data[at + 8 : at + struct.unpack_from(">H", data, at)[0]])
     except (struct.error, IndexError) as error:
         raise ValueError(str(error)) from error
     return Exif()
 
 
-def _read_tiff(tiff: bytes) -> Exif:
-    order = {b"II": "<", b"MM": ">"}.get(bytes(tiff[:2]))
-    if order is None:
-        raise ValueError("neither II nor MM")
-    first = _entries(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
-    inner = {}
-    if _EXIF_IFD in first:
-        inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][2])[0])
+def _segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield marker and place of a JPEG's segments up to its pixels; at the place is the segment's length."""
+    at, marker = 2, 0
+    while marker != 0xDA and (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
+        while data[at] == 0xFF:
+            at += 1
+        marker, at = data[at], at + 1
+        if not (0xD0 <= marker <= 0xD8 or marker in (0x00, 0x01)):
+            yield marker, at
+            at += max(struct.unpack_from(">H", data, at)[0], 2)
+
+
+def _exif_of_tiff(tiff: bytes) -> Exif:
+    order, first = _directory(tiff)
+    inner = _entries(tiff, order, _number(order, first[_EXIF_IFD])) if _EXIF_IFD in first else {}
     orientation, focal = (
-        struct.unpack_from(f"{order}H", of[tag][2])[0] if tag in of else None
+        _number(order, of[tag]) if tag in of else 0
         for of, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
     )
     date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
-    return Exif(date, part, focal or None, UPRIGHT if orientation is None else orientation)
+    return Exif(date, part, focal or None, orientation or UPRIGHT)
 
 
-def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[int, tuple[int, int, bytes]]:
-    """Return a TIFF directory by tag: value type, value count, and the values' bytes or their offset."""
+def _directory(tiff: bytes) -> tuple[str, dict[int, Entry]]:
+    """Return a TIFF's byte order as in `struct`, and its first directory. Raises ValueError, struct.error."""
+    order = {b"II": "<", b"MM": ">"}.get(bytes(tiff[:2]))
+    if order is None:
+        raise ValueError("neither II nor MM")
+    # BigTIFF (version 43) has 64-bit offsets and counts.
+    big = struct.unpack_from(f"{order}H", tiff, 2)[0] == 43
+    (place,) = struct.unpack_from(f"{order}Q", tiff, 8) if big else struct.unpack_from(f"{order}I", tiff, 4)
+    return order, _entries(tiff, order, place, big=big)
+
+
+def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[int, Entry]:
+    """Return the directory of a TIFF at an offset, by tag."""
     number, entry = ("Q", struct.Struct(f"{order}HHQ8s")) if big else ("H", struct.Struct(f"{order}HHI4s"))
     begin = place + struct.calcsize(number)
     count = min(struct.unpack_from(f"{order}{number}", tiff, place)[0], MAX_ENTRIES)
@@ -81,10 +98,12 @@ def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[
     return {tag: (kind, length, value) for tag, kind, length, value in entries}
 
 
-def _text(tiff: bytes, order: str, entry: tuple[int, int, bytes] | None) -> str:
-    if entry is None:
-        return ""
-    _, count, value = entry
+def _number(order: str, entry: Entry) -> int:
+    return int(struct.unpack_from(order + {3: "H"}.get(entry[0], "I"), entry[2])[0])
+
+
+def _text(tiff: bytes, order: str, entry: Entry | None) -> str:
+    _, count, value = entry or (0, 0, bytes(4))
     start = struct.unpack(f"{order}I", value)[0]
     return (value[:count] if count <= 4 else tiff[start : start + count]).rstrip(b"\0 ").decode("ascii")
 
@@ -108,27 +127,17 @@ def size_of(data: bytes) -> Size | None:
     read = next((read for magic, read in _READERS if bytes(data[:16]).startswith(magic)), None)
     try:
         return read(data) if read is not None else None
-    except (struct.error, ValueError, IndexError, OverflowError):
+    except (struct.error, ValueError, LookupError, OverflowError):
         return None
 
 
-def _png(data: bytes) -> Size:
-    return struct.unpack_from(">II", data, 16)
-
-
-def _jpeg(data: bytes) -> Size | None:
-    at = 2
-    while (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
-        while data[at] == 0xFF:
-            at += 1
-        marker, at = data[at], at + 1
-        # Start of frame of any type; the three other markers in this range are tables.
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack_from(">3xHH", data, at)
-            return width, height
-        if not (0xD0 <= marker <= 0xD8 or marker in (0x00, 0x01)):
-            at += max(struct.unpack_from(">H", data, at)[0], 2)
-    return None
+def _jpeg(data: bytes) -> Size:
+    # Start of frame of any type; the three other markers in this range are tables.
+    frames = (
+        at for marker, at in _segments(data) if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+    )
+    height, width = struct.unpack_from(">3xHH", data, next(frames, len(data)))
+    return width, height
 
 
 def _bmp(data: bytes) -> Size:
@@ -136,22 +145,9 @@ def _bmp(data: bytes) -> Size:
     return abs(width), abs(height)
 
 
-def _tiff(data: bytes) -> Size | None:
-    order = "<" if data[:2] == b"II" else ">"
-    (version,) = struct.unpack_from(f"{order}H", data, 2)
-    # BigTIFF (version 43) has 64-bit offsets and counts.
-    place = {42: ("I", 4), 43: ("Q", 8)}.get(version)
-    if place is None:
-        return None
-    (directory,) = struct.unpack_from(f"{order}{place[0]}", data, place[1])
-    entries = _entries(data, order, directory, big=version == 43)
-    if not {_WIDTH, _HEIGHT} <= set(entries):
-        return None
-    width, height = (
-        struct.unpack_from(f"{order}{'H' if entries[tag][0] == 3 else 'I'}", entries[tag][2])[0]
-        for tag in (_WIDTH, _HEIGHT)
-    )
-    return width, height
+def _tiff(data: bytes) -> Size:
+    order, entries = _directory(data)
+    return _number(order, entries[_WIDTH]), _number(order, entries[_HEIGHT])
 
 
 def _webp(data: bytes) -> Size | None:
@@ -168,11 +164,13 @@ def _webp(data: bytes) -> Size | None:
 
 
 _READERS: tuple[tuple[bytes, Callable[[bytes], Size | None]], ...] = (
-    (b"\x89PNG\r\n\x1a\n", _png),
+    (b"\x89PNG\r\n\x1a\n", lambda data: struct.unpack_from(">II", data, 16)),
     (JPEG_BEGIN, _jpeg),
     (b"BM", _bmp),
-    (b"II", _tiff),
-    (b"MM", _tiff),
+    (b"II*\0", _tiff),
+    (b"MM\0*", _tiff),
+    (b"II+\0", _tiff),
+    (b"MM\0+", _tiff),
     (b"RIFF", _webp),
 )
 

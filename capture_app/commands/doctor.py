@@ -16,7 +16,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE, count, pretty_json
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
-from capture_app.session.files.durable import write_unsynced
+from capture_app.session.files.durable import write_atomic
 
 if TYPE_CHECKING:
     from capture_app.rig.doctor import Finding
@@ -86,7 +86,7 @@ def doctor(
     if report is not None:
         measured = {spec: _ask("cameras", "characterize", spec) for spec in specs}
         read = None if panel is None else _ask("panel", "read", str(panel))
-        write_unsynced(report, pretty_json({"doctor": found, "cameras": measured, "panel": read}))
+        write_atomic(report, pretty_json({"doctor": found, "cameras": measured, "panel": read}), synced=False)
     answer(as_json, {"findings": found, "problems": len(problems)}, _lines(found))
     if problems:
         raise SimulshotError(

@@ -27,7 +27,7 @@ from capture_app.common.names import check_name
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
-from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
+from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
@@ -71,7 +71,7 @@ class SpooledBurst:
             if self._is_removed:
                 return
             try:
-                write_unsynced(self.image_file(image), data)
+                write_atomic(self.image_file(image), data, synced=False)
                 with closing(AppendOnlyFile(self.folder / JOURNAL)) as journal:
                     journal.append(msgspec.json.encode(image), durable=False)
             except OSError as error:
@@ -149,7 +149,7 @@ class Spool:
         burst = SpooledBurst(self.folder / f"{report.leader:08x}-{report.burst:06d}")
         try:
             burst.folder.mkdir(exist_ok=True)
-            write_unsynced(burst.folder / REPORT, msgspec.json.encode(report))
+            write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)
         except OSError as error:
             burst.remove()
             raise disk_error(error, self.folder) from error

@@ -35,22 +35,18 @@ def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
 
     The syncs run concurrently: the file system then commits its journal once for all of them.
     """
-    errors: dict[Path, OSError] = {}
 
-    def sync(path: Path) -> None:
+    def sync(path: Path) -> OSError | None:
         try:
             _sync(path)
         except OSError as error:
-            errors[path] = error
+            return error
+        return None
 
     each = list(dict.fromkeys(paths))
-    if len(each) <= FEW_SYNCS:
-        for path in each:
-            sync(path)
-    else:
-        with ThreadPoolExecutor(min(len(each), MAX_SYNCS), "sync") as threads:
-            list(threads.map(sync, each))
-    return errors
+    with ThreadPoolExecutor(MAX_SYNCS, "sync") as threads:
+        errors = (threads.map if len(each) > FEW_SYNCS else map)(sync, each)
+        return {path: error for path, error in zip(each, errors, strict=True) if error is not None}
 
 
 def _sync(path: Path, kind: int = 0) -> None:
@@ -102,18 +98,11 @@ def free_name(path: Path) -> Path:
     return next(free for free in chain((path,), numbered) if not free.exists())
 
 
-def write_atomic(path: Path, data: bytes) -> None:
-    """Write a file that after a crash exists in full or not at all; replaces an older one."""
-    _write_aside(path, data, synced=True)
-    sync_folder(path.parent)
+def write_atomic(path: Path, data: bytes, *, synced: bool = True) -> None:
+    """Write a file that readers see in full or not at all, also after a crash; replaces an older one.
 
-
-def write_unsynced(path: Path, data: bytes) -> None:
-    """Write a file that readers see in full or not at all; the caller syncs the file and its folder."""
-    _write_aside(path, data, synced=False)
-
-
-def _write_aside(path: Path, data: bytes, *, synced: bool) -> None:
+    Without `synced`, the caller syncs the file and its folder.
+    """
     aside = path.with_name(path.name + PART)
     try:
         handle = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
@@ -129,6 +118,8 @@ def _write_aside(path: Path, data: bytes, *, synced: bool) -> None:
         with suppress(OSError):
             aside.unlink()
         raise
+    if synced:
+        sync_folder(path.parent)
 
 
 def link_or_copy(source: str, target: str) -> None:

@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from capture_app.session.files.durable import write_unsynced
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.journal import FRAMES_SUFFIX, TIMES, TRUE_TIMES_JOURNAL, is_frames_path
@@ -28,7 +28,7 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
     path = folder / CHECKSUMS
-    write_unsynced(path, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
+    write_atomic(path, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode(), synced=False)
     return path
 
 

@@ -17,7 +17,6 @@ from capture_app.session.files.durable import (
     make_folders_unsynced,
     sync_all,
     write_atomic,
-    write_unsynced,
 )
 from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.journal import (
@@ -151,7 +150,9 @@ class ImageStore:
         images = tuple(true for _, true in sorted(self.true_times.items()))
         path = self._folder / TIMES
         changed = make_folders_unsynced(path.parent, self._folder)
-        write_unsynced(path, indented(encode_checked(TrueTimes(images=images, clocks=self.clocks))))
+        write_atomic(
+            path, indented(encode_checked(TrueTimes(images=images, clocks=self.clocks))), synced=False
+        )
         return path, path.parent, *changed
 
     def _put(self, image: StoredImage) -> list[Path]:
@@ -160,7 +161,7 @@ class ImageStore:
         changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
         self._make(path.parent)
         if isinstance(image.source, bytes):
-            write_unsynced(path, image.source)
+            write_atomic(path, image.source, synced=False)
         else:
             image.source.replace(path)
         return [*changed, path, path.parent]
@@ -171,7 +172,7 @@ class ImageStore:
         if data:
             path = self._folder / ground_truth_path(camera, instant)
             self._make(path.parent)
-            write_unsynced(path, data)
+            write_atomic(path, data, synced=False)
             changed = [path, path.parent]
         true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
         self.true_times[camera, instant] = true

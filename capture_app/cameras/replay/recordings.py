@@ -229,7 +229,7 @@ def _images_of(session: Session, camera: str, *, with_others: bool) -> list[Imag
     """Return a camera's frames; `with_others` includes frames of its video outside all instants."""
     images = [image for image in session.manifest.images if image.camera == camera]
     return images + [
-        replace(frame_of_line(video, frame, frame.leader_ns), instant=0)
+        replace(frame_of_line(video, frame), instant=0)
         for video in (session.stored_manifest.videos if with_others else ())
         if video.camera == camera
         for frame in session.video_frames(video)

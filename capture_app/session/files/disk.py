@@ -51,12 +51,10 @@ def free_bytes(folder: Path) -> int:
 
     Raises DiskError if the disk does not respond.
     """
-    try:
+    with disk_errors(folder):
         while not folder.exists() and folder != folder.parent:
             folder = folder.parent
         return shutil.disk_usage(folder).free
-    except OSError as error:
-        raise disk_error(error, folder) from error
 
 
 def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITTLE_BYTES) -> bool:
@@ -64,9 +62,9 @@ def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITT
 
     Given the `folder` of the write, a nearly full disk counts too: some errors state no reason.
     """
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return True
-    return folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < little_bytes
+    return error.errno in (errno.ENOSPC, errno.EDQUOT) or (
+        folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < little_bytes
+    )
 
 
 def disk_error(error: OSError, folder: Path) -> DiskError:

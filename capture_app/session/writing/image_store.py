@@ -11,7 +11,7 @@ import msgspec
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name
-from capture_app.session.files.disk import disk_error
+from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     make_folders_unsynced,
@@ -27,10 +27,7 @@ from capture_app.session.format.journal import (
     ground_truth_path,
 )
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path, check_written
-from capture_app.session.writing.recovery import recover_images, recover_true_times, set_aside
-
-Key = tuple[str, int]
-"""Camera name and instant."""
+from capture_app.session.writing.recovery import Key, recover_images, recover_true_times, set_aside
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,44 +49,30 @@ class StoredImage:
 
     def journal_line(self) -> bytes:
         """Encode the record as a journal line. Raises BadInputError if no session can contain it."""
-        record = self.record
-        check_name(record.camera, "camera")
-        check_image_path(record)
-        check_written(record)
-        return encode_checked(record)
+        check_name(self.record.camera, "camera")
+        check_image_path(self.record)
+        check_written(self.record)
+        return encode_checked(self.record)
 
 
 class ImageStore:
     """Images of one session being written, with their ground truth; the writer serializes all calls."""
 
     def __init__(self, folder: Path) -> None:
+        """Find the images that an interrupted writer left, and open the journal. Raises OSError."""
         self._folder = folder
-        self.records: dict[Key, ImageRecord] = {}
-        """Records of all saved images, by camera and instant."""
-        self._journal: AppendOnlyFile
-        self.damaged: tuple[Key, ...] = ()
-        """Images of a resumed session that were saved and are now damaged."""
+        self.records, self.damaged = recover_images(folder)
+        """Records of all saved images by camera and instant, and the saved images that are now damaged."""
         self.is_crash_safe = False
         """Whether each true time is journaled on arrival; otherwise they are written with the manifest."""
-        self.true_times: dict[Key, TrueTime] = {}
+        self.true_times = recover_true_times(folder, self.records)
         """True capture times of simulated images, by image."""
         self.clocks: dict[str, SimulatedClock] = {}
         """True clocks of the simulated cameras."""
         self._true_journal: AppendOnlyFile | None = None
         self._new_folders: frozenset[Path] = frozenset()
         """Folders with new entries that are not synced yet."""
-
-    def open(self, *, recover: bool) -> None:
-        """Open the journal; with `recover`, first find the images that an interrupted writer left.
-
-        Raises OSError.
-        """
-        if recover:
-            images, damaged = recover_images(self._folder)
-            self.damaged = tuple((image.camera, image.instant) for image in damaged)
-            self.records = {(image.camera, image.instant): image for image in images}
-            self.true_times = recover_true_times(self._folder, images)
-        self._journal = AppendOnlyFile(self._folder / JOURNAL)
+        self._journal = AppendOnlyFile(folder / JOURNAL)
 
     def save(self, images: Sequence[StoredImage]) -> list[SimulshotError | None]:
         """Write images and their ground truth to disk, then append their lines to the journal.
@@ -98,25 +81,28 @@ class ImageStore:
         session.
         """
         errors: list[SimulshotError | None] = [None] * len(images)
-        begun: dict[int, list[Path]] = {}
-        keys: set[Key] = set()
+        begun: dict[Key, tuple[int, bytes, list[Path]]] = {}
         for place, image in enumerate(images):
             try:
-                image.journal_line()
-                if image.key in self.records or image.key in keys:
+                line = image.journal_line()
+                if image.key in self.records or image.key in begun:
                     raise BadInputError("there is an image of {} at instant {} already".format(*image.key))
-                begun[place] = self._put(image)
-                keys.add(image.key)
-            except OSError as error:
-                errors[place] = disk_error(error, self._folder)
-            except BadInputError as error:
+                with disk_errors(self._folder):
+                    begun[image.key] = place, line, self._put(image)
+            except SimulshotError as error:
                 errors[place] = error
-        failed = self._sync([path for paths in begun.values() for path in paths])
-        for place, paths in begun.items():
+        failed = self._sync([path for _, _, paths in begun.values() for path in paths])
+        for place, _, paths in begun.values():
             for path in failed.keys() & paths:
                 errors[place] = disk_error(failed[path], self._folder)
-        self._note(images, [place for place in begun if errors[place] is None], errors)
-        for place in begun:
+        good = {place: line for place, line, _ in begun.values() if errors[place] is None}
+        try:
+            self._journal.append(*good.values(), durable=bool(good))
+            self.records |= {images[place].key: images[place].record for place in good}
+        except OSError as error:
+            for place in good:
+                errors[place] = disk_error(error, self._folder)
+        for place, _, _ in begun.values():
             if errors[place] is not None:
                 with suppress(OSError):
                     (self._folder / images[place].record.path).unlink()
@@ -198,14 +184,3 @@ class ImageStore:
         for folder in self._new_folders:
             failed |= dict.fromkeys(paths, failed[folder])
         return failed
-
-    def _note(
-        self, images: Sequence[StoredImage], good: Sequence[int], errors: list[SimulshotError | None]
-    ) -> None:
-        """Append the journal lines of `images[k]` for k in `good`; if that fails, set their `errors[k]`."""
-        try:
-            self._journal.append(*(images[place].journal_line() for place in good), durable=bool(good))
-            self.records |= {images[place].key: images[place].record for place in good}
-        except OSError as error:
-            for place in good:
-                errors[place] = disk_error(error, self._folder)

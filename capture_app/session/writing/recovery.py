@@ -2,7 +2,8 @@
 
 import hashlib
 import shutil
-from collections.abc import Iterable
+from collections.abc import Container
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -29,6 +30,8 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.checksums import changed_files
 
+Key = tuple[str, int]
+"""Camera name and instant of an image."""
 SET_ASIDE = "set_aside"
 """Folder for images that are damaged or not in the journal."""
 INCOMING = "incoming"
@@ -37,35 +40,33 @@ RESERVE = f"reserve{PART}"
 """File that reserves disk space for the manifest, so that a session can be finished on a full disk."""
 
 
-def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
-    """Return the intact and the damaged images of the journal; afterwards it lists the intact ones only.
+def recover_images(folder: Path) -> tuple[dict[Key, ImageRecord], tuple[Key, ...]]:
+    """Return the journal's intact images, and its damaged ones; afterwards it lists the intact ones only.
 
     Files that it does not list, or whose bytes changed, are moved into `set_aside`. Requires the session's
     lock. Raises OSError.
     """
     data = read_regular(folder / JOURNAL) if (folder / JOURNAL).exists() else b""
-    records: dict[tuple[str, int], ImageRecord] = {}
+    records: dict[Key, ImageRecord] = {}
     for line in lines_of_file(data):
         if (listed := record_of_line(line, ImageRecord)) is not None:
             records.setdefault((listed.camera, listed.instant), listed)
     # An undamaged manifest takes precedence over the journal, which may be damaged.
     records |= {(record.camera, record.instant): record for record in _images_of_intact_manifest(folder)}
-    safe = [record for record in records.values() if is_intact(folder, record)]
+    safe = {key: record for key, record in records.items() if is_intact(folder, record)}
     (folder / RESERVE).unlink(missing_ok=True)
-    _set_aside_all_but(folder, {record.path for record in safe})
-    journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe)
+    _set_aside_all_but(folder, {record.path for record in safe.values()})
+    journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe.values())
     if journal != data:
         write_atomic(folder / JOURNAL, journal)
-    return safe, [record for record in records.values() if record not in safe]
+    return safe, tuple(key for key in records if key not in safe)
 
 
 def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
-    if not (folder / MANIFEST).is_file() or MANIFEST in dict(changed_files(folder)):
-        return ()
-    try:
-        return read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION).images
-    except BadInputError:
-        return ()
+    with suppress(BadInputError):
+        if (folder / MANIFEST).is_file() and MANIFEST not in dict(changed_files(folder)):
+            return read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION).images
+    return ()
 
 
 def is_intact(folder: Path, record: ImageRecord) -> bool:
@@ -80,18 +81,17 @@ def is_intact(folder: Path, record: ImageRecord) -> bool:
     return same_size and hashlib.sha256(file.read_bytes()).hexdigest() == record.sha256
 
 
-def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tuple[str, int], TrueTime]:
+def recover_true_times(folder: Path, images: Container[Key]) -> dict[Key, TrueTime]:
     """Return the known true times of these images."""
     path = folder / TRUE_TIMES_JOURNAL
     if not path.exists():
         return {}
     lines = lines_of_file(read_regular(path))
-    safe = {(image.camera, image.instant) for image in images}
     intact = {
         (true.camera, true.instant): true
         for line in lines
         if (true := record_of_line(line, TrueTime)) is not None
-        and (true.camera, true.instant) in safe
+        and (true.camera, true.instant) in images
         and _truth_is_intact(folder, true)
     }
     if len(intact) != len(lines):

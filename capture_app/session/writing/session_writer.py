@@ -32,7 +32,6 @@ from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
     IMAGE_SUFFIXES,
-    JOURNAL,
     MANIFEST,
     BurstRecord,
     CameraRecord,
@@ -65,8 +64,12 @@ def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageReco
     """
     encode_checked(manifest)
     check_references(folder / MANIFEST, manifest)
-    images = heapq.merge(manifest.images, frames, key=lambda image: image.instant)
-    sync = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+    sync = sync_record(
+        manifest.cameras,
+        manifest.burst,
+        heapq.merge(manifest.images, frames, key=lambda image: image.instant),
+        manifest.missing,
+    )
     return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync)))
 
 
@@ -99,14 +102,9 @@ class SessionWriter:
 
     def __init__(self, folder: Path, name: str, created: str = "", software: str = "") -> None:
         self.folder, self.name = folder, name
-        now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        self.created = created or now
+        self.created = created or datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
-        self.images = ImageStore(folder)
-        """Images stored as separate files, and the ground truth of all images."""
-        self.videos = VideoStore(folder)
-        """Videos of a recording, which contain its frames."""
         self.plan: BurstPlan | None = None
         """The burst's plan, from `set_plan` or from the interrupted session."""
         self._open = True
@@ -316,15 +314,15 @@ class SessionWriter:
                 shutil.rmtree(self.folder)
 
     def _recover(self) -> None:
-        if (self.folder / PLAN).exists():
-            self._know_plan(read_plan(self.folder))
-        interrupted = self.plan is not None or (self.folder / JOURNAL).exists()
-        self.images.open(recover=interrupted)
-        if interrupted:
-            self.videos.recover()
-        if self.plan is not None:
+        plan = read_plan(self.folder) if (self.folder / PLAN).exists() else None
+        self.images = ImageStore(self.folder)
+        """Images stored as separate files, and the ground truth of all images."""
+        self.videos = VideoStore(self.folder)
+        """Videos of a recording, which contain its frames."""
+        if plan is not None:
+            self._know_plan(plan)
             # `read_plan` omits the cameras that it cannot trust.
-            planned = {part.camera.name for part in self.plan.cameras}
+            planned = {part.camera.name for part in plan.cameras}
             self.images.leave_out({camera for camera, _ in self.images.records} - planned)
             self.videos.leave_out({video.camera for video in self.videos.records()} - planned)
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import SimulshotError
 from capture_app.common.names import check_name
-from capture_app.session.files.disk import disk_error
+from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     free_name,
@@ -83,17 +83,15 @@ class VideoStore:
     """Videos of one session; methods may raise OSError, and may be called from any thread."""
 
     def __init__(self, folder: Path) -> None:
+        """Adopt the videos that an interrupted writer left.
+
+        A torn line is dropped, and bytes after the last frame with a line are set aside.
+        """
         self._folder = folder
         self._videos: dict[str, _Video] = {}
         self._mutex = threading.Lock()
         self.knows_true_times = False
         """Whether any frame came with its true time."""
-
-    def recover(self) -> None:
-        """Adopt the videos that an interrupted writer left.
-
-        A torn line is dropped, and bytes after the last frame with a line are set aside.
-        """
         for lines in sorted((self._folder / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")):
             self._recover(lines.name.removesuffix(FRAMES_SUFFIX), lines)
 
@@ -112,8 +110,7 @@ class VideoStore:
             record, start = video.record, video.starts[place]
         with (self._folder / frames_path(record.path)).open("rb") as file:
             file.seek(start)
-            frame = msgspec.json.decode(file.readline(), type=FrameRecord)
-        return frame_of_line(record, frame, frame.leader_ns)
+            return frame_of_line(record, msgspec.json.decode(file.readline(), type=FrameRecord))
 
     def instants(self, camera: str) -> "array[int]":
         """Return the instants for which a camera's video has a frame, in order."""
@@ -135,11 +132,9 @@ class VideoStore:
         for camera in dict.fromkeys(frame.record.camera for frame in frames):
             try:
                 errors[camera] = None
-                with self._mutex:
+                with self._mutex, disk_errors(self._folder):
                     self._append(self._video(camera), [of for of in frames if of.record.camera == camera])
-            except OSError as error:
-                errors[camera] = disk_error(error, self._folder)
-            except BadInputError as error:
+            except SimulshotError as error:
                 errors[camera] = error
         return [errors[frame.record.camera] for frame in frames]
 

@@ -24,7 +24,7 @@ from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
 from capture_app.session.files.durable import PART, sync_folder, write_atomic
-from capture_app.session.files.output_folder import growing_folder, output_error
+from capture_app.session.files.output_folder import growing_folder, output_errors
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
@@ -128,10 +128,9 @@ class SequenceFolder:
         with growing_folder(out, _LOCK, OURS if (out / PLAN).exists() else _BEGUN) as root:
             folder = cls(root, plan)
             try:
-                yield folder
-            except OSError as error:
                 # Cleanup frees space, so the free space is checked before it.
-                raise output_error(error, root, root) from error
+                with output_errors(root, root):
+                    yield folder
             finally:
                 shutil.rmtree(root / _WORK, ignore_errors=True)
                 if not folder._has_clouds():

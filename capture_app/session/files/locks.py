@@ -5,7 +5,7 @@ import os
 import time
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, TryAgainError
+from capture_app.common.errors import TryAgainError, reading
 from capture_app.session.files.durable import make_folders
 
 _TRIES = 5
@@ -14,12 +14,8 @@ _READER_S = 0.005
 
 def lock_folder(folder: Path) -> int:
     """Lock a session's folder against other writers. Raises TryAgainError if it is locked already."""
-    try:
+    with reading(folder):
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise BadInputError(
-            f"cannot open {folder}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
     for _ in range(_TRIES):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -47,10 +47,9 @@ def replaces_only(names: Collection[str]) -> Check:
     """Return a check that allows replacing an earlier result, but no folder with files other than `names`."""
 
     def check(target: Path) -> None:
-        foreign = sorted({path.name for path in target.iterdir()} - set(names))
-        if foreign:
+        if foreign := {path.name for path in target.iterdir()} - set(names):
             raise BadInputError(
-                f"{target} holds other files ({foreign[0]})", hint="choose a new folder for --out"
+                f"{target} holds other files ({min(foreign)})", hint="choose a new folder for --out"
             )
 
     return check
@@ -82,10 +81,8 @@ class OutputFolder:
         self._workplace = self.target.parent / f".{self.target.name}{PART}"
         self._earlier = self._workplace / _EARLIER
         self.folder = self._workplace / _NEW
-        try:
+        with output_errors(self.target, self._workplace):
             self._check_target()
-        except OSError as error:
-            raise output_error(error, self.target, self._workplace) from error
 
     def __enter__(self) -> Self:
         """Lock the target, clean up after a killed run, and create the working folder.
@@ -95,23 +92,23 @@ class OutputFolder:
             BadInputError: the target cannot be written, or must not be replaced.
         """
         try:
-            self._check_workplace()
-            self._lock = lock_file(self._workplace / _LOCK, wait=self._wait)
-            try:
-                self._clear_leftovers()
-                self._check_target()
-                self.folder.mkdir()
-                if self._reuse and (self.target / self._reuse).is_dir():
-                    shutil.copytree(
-                        self.target / self._reuse, self.folder / self._reuse, copy_function=link_or_copy
-                    )
-            except BaseException:
-                self._release()
-                raise
-        except OSError as error:
-            explained = output_error(error, self.target, self._workplace)
+            with output_errors(self.target, self._workplace):
+                self._check_workplace()
+                self._lock = lock_file(self._workplace / _LOCK, wait=self._wait)
+                try:
+                    self._clear_leftovers()
+                    self._check_target()
+                    self.folder.mkdir()
+                    if self._reuse and (self.target / self._reuse).is_dir():
+                        shutil.copytree(
+                            self.target / self._reuse, self.folder / self._reuse, copy_function=link_or_copy
+                        )
+                except BaseException:
+                    self._release()
+                    raise
+        except SimulshotError:
             self._remove_workplace()
-            raise explained from error
+            raise
         return self
 
     def __exit__(
@@ -124,12 +121,11 @@ class OutputFolder:
             BadInputError: the target cannot be replaced.
         """
         try:
-            if error is None and not self._discarded:
-                self._put_in_place()
-            elif isinstance(error, OSError) and is_full(error, self._workplace):
-                raise error
-        except OSError as failure:
-            raise output_error(failure, self.target, self._workplace) from failure
+            with output_errors(self.target, self._workplace):
+                if error is None and not self._discarded:
+                    self._put_in_place()
+                elif isinstance(error, OSError) and is_full(error, self._workplace):
+                    raise error
         finally:
             self._release()
 
@@ -143,14 +139,12 @@ class OutputFolder:
         A target with an earlier result stays as it is until the end. After an error the file disappears.
         """
         shown, part = self.target / name, self._workplace / _EARLY
-        try:
+        with output_errors(self.target, self._workplace):
             if self.target.exists() and {path.name for path in self.target.iterdir()} - {name}:
                 return False
             self.target.mkdir(exist_ok=True)
             link_or_copy(str(self.folder / name), str(part))
             part.replace(shown)
-        except OSError as error:
-            raise output_error(error, self.target, self._workplace) from error
         appeared, self._early = self._early is None, shown
         return appeared
 
@@ -163,14 +157,13 @@ class OutputFolder:
             self._check(self.target)
 
     def _check_workplace(self) -> None:
-        foreign: list[str] = []
-        with suppress(FileNotFoundError):
-            foreign = sorted(
-                {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER, _EARLY, _INNER}
+        # Another run may remove the folder meanwhile, which `os.walk` takes for an empty one.
+        _, folders, files = next(os.walk(self._workplace), ("", [], []))
+        if foreign := {*folders, *files} - {_LOCK, _NEW, _EARLIER, _EARLY, _INNER}:
+            raise BadInputError(
+                f"{self._workplace} is not of this program (it holds {min(foreign)})",
+                hint="move it away, or choose another --out",
             )
-        if foreign:
-            what = f"{self._workplace} is not of this program (it holds {foreign[0]})"
-            raise BadInputError(what, hint="move it away, or choose another --out")
 
     def _is_free(self) -> bool:
         return not self.target.exists() or not any(self.target.iterdir())
@@ -251,16 +244,26 @@ class OutputFolder:
         _log.warning("%s is left behind: %s", self._workplace, error.strerror or error)
 
 
-def output_error(error: OSError, target: Path, workplace: Path) -> SimulshotError:
-    """Convert an OSError of writing to `target`, by way of a folder on the same disk, for users."""
-    if isinstance(error, BlockingIOError):
-        hint = "wait until it has ended, or choose another --out"
-        return TryAgainError(f"another run is writing to {target}", hint=hint)
-    if is_full(error, workplace):
-        return DiskFullError(
-            f"the disk of {target} is full", hint="make room, or choose an --out on another disk"
-        )
-    return BadInputError(f"cannot write to {target}: {error.strerror or error}", hint="choose another --out")
+@contextmanager
+def output_errors(target: Path, workplace: Path) -> Iterator[None]:
+    """Raise TryAgainError, DiskFullError or BadInputError when writing to `target` raises OSError.
+
+    The writing goes by way of `workplace`, a folder on the same disk.
+    """
+    try:
+        yield
+    except BlockingIOError as error:
+        raise TryAgainError(
+            f"another run is writing to {target}", hint="wait until it has ended, or choose another --out"
+        ) from error
+    except OSError as error:
+        if is_full(error, workplace):
+            raise DiskFullError(
+                f"the disk of {target} is full", hint="make room, or choose an --out on another disk"
+            ) from error
+        raise BadInputError(
+            f"cannot write to {target}: {error.strerror or error}", hint="choose another --out"
+        ) from error
 
 
 @contextmanager
@@ -275,7 +278,7 @@ def growing_folder(out: Path, lock: str, ours: Collection[str]) -> Iterator[Path
         BadInputError: it has other contents, or cannot be written.
     """
     root = Path(os.path.realpath(out))
-    try:
+    with output_errors(root, root):
         if root.is_dir():
             replaces_only(ours)(root)
         elif root.exists():
@@ -288,8 +291,6 @@ def growing_folder(out: Path, lock: str, ours: Collection[str]) -> Iterator[Path
             with suppress(OSError):
                 root.rmdir()  # if nothing has been added
             os.close(handle)
-    except OSError as error:
-        raise output_error(error, root, root) from error
 
 
 def unfinished_outputs(parent: Path) -> list[Path]:

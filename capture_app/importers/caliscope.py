@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_text
+from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, rotation_of
@@ -54,12 +54,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     path = paths[0][1]
     if path.suffix.lower() != ".toml":
         return None
-    try:
+    with rejecting(
+        f"cannot read the calibration {path}", tomllib.TOMLDecodeError, RecursionError, hint=EXPORT_AGAIN
+    ):
         content = tomllib.loads(read_text(path))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error}", hint=EXPORT_AGAIN) from error
-    inner = content.get("cameras")
-    tables = inner if isinstance(inner, dict) else content
+    tables = content["cameras"] if isinstance(content.get("cameras"), dict) else content
     found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
     if not found:
         raise BadInputError(f"{path} has no camera with a matrix", hint="give Caliscope's camera_array.toml")

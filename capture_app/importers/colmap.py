@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
@@ -93,12 +93,10 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
         model, parameters, size = lenses[number]
         return _view(where, model, parameters, pose, size)
 
-    hint = "a rig stands still"
-    if len(rigs) != 1:
-        hint += ": give a model of one instant, or one made with rig_config.json"
+    remedy = "" if len(rigs) == 1 else ": give a model of one instant, or one made with rig_config.json"
     of_images = [(camera_of(name, cameras), view(name, key, pose)) for name, key, pose in images]
     try:
-        views = views_of_images(str(folder), of_images, hint)
+        views = views_of_images(str(folder), of_images, f"a rig stands still{remedy}")
     except BadInputError:
         if len(rigs) != 1 or len(rigs[0]) < 2:
             raise
@@ -123,9 +121,11 @@ def views_of_rig_config(path: Path, content: Sequence[Any]) -> Views:
         parameters = numbers(where, sensor, "camera_params", *COUNTS.values(), hint=_USE_MODEL)
         pose = _HERE
         if not sensor.get("ref_sensor", False):
-            parts = (("rotation", 4), ("translation", 3))
-            of = (numbers(where, sensor, f"cam_from_rig_{part}", n, hint=_USE_MODEL) for part, n in parts)
-            pose = (*np.concatenate(list(of)).tolist(),)
+            parts = [
+                numbers(where, sensor, f"cam_from_rig_{part}", length, hint=_USE_MODEL)
+                for part, length in (("rotation", 4), ("translation", 3))
+            ]
+            pose = (*np.concatenate(parts).tolist(),)
         views[name] = _view(where, str(sensor.get("camera_model_name")), parameters, pose, None)
     return Views(views, path.name, assumed_unit=_ARBITRARY)
 
@@ -165,13 +165,13 @@ def _read(folder: Path, name: str) -> list[Any]:
     """Read a file of a model. Raises BadInputError, with the file, if it is malformed or missing."""
     path = _file(folder, name) or folder / f"{name}.txt"
     data = read_input(path)
-    try:
+    with rejecting(
+        f"{path} is not COLMAP's", ValueError, LookupError, OverflowError, struct.error, hint=EXPORT_AGAIN
+    ):
         if path.suffix == ".bin":
             return list(_BINARY[name](BytesIO(data)))
         lines = data.decode("utf-8").splitlines()
         return list(_TEXT[name]([line.split() for line in lines if not line.startswith("#")]))
-    except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
-        raise BadInputError(f"{path} is not COLMAP's: {error}", hint=EXPORT_AGAIN) from error
 
 
 def _text_cameras(lines: list[list[str]]) -> Iterator[tuple[int, Lens]]:

@@ -13,8 +13,7 @@ import re
 import statistics
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_text
+from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -53,9 +52,9 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
     """Return the table of each camera; none unless every camera has one."""
-    folder = videos / "timestamps" / "camera_timestamps"
     tables = {
-        name: folder / f"{video.stem.partition('.id-')[0]}.camera{name}.timestamps.csv"
+        name: videos
+        / f"timestamps/camera_timestamps/{video.stem.partition('.id-')[0]}.camera{name}.timestamps.csv"
         for name, video in named.items()
     }
     return tables if all(table.is_file() for table in tables.values()) else {}
@@ -75,14 +74,15 @@ def _timeline(tables: dict[str, Path]) -> Timeline:
 
 
 def _read(path: Path) -> list[TimedFrame]:
-    try:
-        rows = csv.DictReader(read_text(path).splitlines())
-        return [TimedFrame(int(row[_FRAME]), int(row[_TIME])) for row in rows]
-    except (KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadInputError(
-            f"{path} has no whole numbers {_FRAME} and {_TIME}",
-            hint="process the recording again with FreeMoCap, or import with --fps RATE",
-        ) from error
+    with rejecting(
+        f"{path} has no whole numbers {_FRAME} and {_TIME}",
+        *(KeyError, TypeError, ValueError, csv.Error),
+        hint="process the recording again with FreeMoCap, or import with --fps RATE",
+    ):
+        return [
+            TimedFrame(int(row[_FRAME]), int(row[_TIME]))
+            for row in csv.DictReader(read_text(path).splitlines())
+        ]
 
 
 IMPORTER = Importer(

@@ -15,7 +15,7 @@ from typing import Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers
@@ -53,14 +53,12 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if None in chosen:
         raise BadInputError(f"{path}: not every camera has a video {trial}", hint="name them: NAME=PATH")
     paths = [f"{camera.parent.name}={video}" for camera, video in zip(there, chosen, strict=True)]
-    apart = f"{trial} was not aligned by OpenCap: its phones start a little apart"
-    pickles = all((camera.parent / _PARAMETERS).is_file() for camera in there)
     return Layout(
         path=videos,
         sources=tuple(open_sources(paths, png=png)),
         same_frames=chosen is aligned,
-        calibration=videos if pickles else None,
-        note=apart if chosen is raw else "",
+        calibration=videos if all((camera.parent / _PARAMETERS).is_file() for camera in there) else None,
+        note=f"{trial} was not aligned by OpenCap: its phones start a little apart" if chosen is raw else "",
     )
 
 
@@ -92,17 +90,13 @@ class _ArraysOnly(pickle.Unpickler):
         return super().find_class(module, name)
 
 
-def _is_calibration(path: Path) -> bool:
-    """Return whether a path is one of OpenCap's calibrations: a pickle, or a folder of cameras with one."""
-    return any(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else path.suffix in (".pickle", ".pkl")
-
-
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read pickles, each with its camera's name (or '' for its folder's name), or a folder of cameras.
 
     Raises BadInputError, with the file, if it is malformed or not calibrated yet.
     """
-    if not _is_calibration(paths[0][1]):
+    first = paths[0][1]
+    if not (any(first.glob(f"*/{_PARAMETERS}")) if first.is_dir() else first.suffix in (".pickle", ".pkl")):
         return None
     files: dict[str, Path] = {}
     for name, path in paths:
@@ -113,14 +107,14 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 def _view(file: Path) -> View:
     data = io.BytesIO(read_input(file))
-    try:
+    with rejecting(
+        f"cannot read the calibration {file}",
+        Exception,  # a malformed pickle may raise anything
+        hint="download the session from OpenCap again",
+    ):
         content = _ArraysOnly(data).load()
         if not isinstance(content, dict):
             raise ValueError("it does not hold OpenCap's camera parameters")
-    except Exception as error:  # a malformed pickle may raise anything
-        raise BadInputError(
-            f"cannot read the calibration {file}: {error}", hint="download the session from OpenCap again"
-        ) from error
     where = str(file)
     size = numbers(where, content, "imageSize", 2)
     return View(

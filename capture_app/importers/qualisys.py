@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.files.untrusted_files import rejecting
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
@@ -24,10 +25,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     path = paths[0][1]
     if not _is_qualisys(path):
         return None
-    try:
+    with rejecting(f"cannot read the calibration {path}", OSError, ET.ParseError, hint=EXPORT_AGAIN):
         root = ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
-    except (OSError, ET.ParseError) as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error}", hint=EXPORT_AGAIN) from error
     labelled = {camera.get("serial") or str(n): camera for n, camera in enumerate(root.iter("camera"), 1)}
     views = {label: _view(f"{path}: camera {label}", camera) for label, camera in labelled.items()}
     if not views:

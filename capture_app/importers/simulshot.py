@@ -9,12 +9,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import decode_struct, read_struct, read_text
+from capture_app.session.files.untrusted_files import decode_struct, read_struct, read_text, rejecting
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.export_record import FRAMES, RECORD, ExportRecord, read_record
 from capture_app.session.format.manifest import (
@@ -22,7 +21,6 @@ from capture_app.session.format.manifest import (
     IMAGE_SUFFIXES,
     MANIFEST,
     SCHEMA_VERSION,
-    ImageRecord,
     Manifest,
     check_references,
     inside,
@@ -118,17 +116,16 @@ def _layout(
 def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
     """Return the file, and the frame number in it, of every (camera, instant) in the export."""
     path = folder / FRAMES
-    try:
+    with rejecting(
+        f"{path} is not the table of an export",
+        *(KeyError, TypeError, ValueError, csv.Error),
+        hint="copy the whole export, or export the session again",
+    ):
         return {
             (row["camera"], int(row["instant"])): (inside(folder, row["file"]), int(row["frame"]))
             for row in csv.DictReader(read_text(path).splitlines())
             if row["file"] and row["content"] in ("image", "substitute")
         }
-    except (KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadInputError(
-            f"{path} is not the table of an export: {error}",
-            hint="copy the whole export, or export the session again",
-        ) from error
 
 
 def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:
@@ -140,7 +137,9 @@ def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]
     for number, at_ns in enumerate(manifest.burst.instants_ns):
         here = {name: recorded[name, number] for name in cameras if (name, number) in recorded}
         frames = {
-            name: _timed(index, image)
+            name: TimedFrame(
+                index, image.leader_ns, image.local_ns, {key: getattr(image, key) for key in _OF_THE_FRAME}
+            )
             for name, image in here.items()
             if (index := places.get((name, number), by_content.get((name, image.sha256)))) is not None
         }
@@ -154,11 +153,6 @@ def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]
         instants.append(Instant(at_ns, frames, absent))
     periods = {camera.name: camera.facts.period_ns for camera in manifest.cameras if camera.name in cameras}
     return Timeline(instants, manifest.burst.period_ns, periods)
-
-
-def _timed(index: int, image: ImageRecord) -> TimedFrame:
-    further: dict[str, Any] = {key: getattr(image, key) for key in _OF_THE_FRAME}
-    return TimedFrame(index, image.leader_ns, image.local_ns, further)
 
 
 def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:

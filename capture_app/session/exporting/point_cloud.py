@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
 _TYPES = {
@@ -16,7 +16,6 @@ _TYPES = {
     "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
 }  # fmt: skip
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
-_GREY = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +40,15 @@ def read_ply(path: Path) -> PointCloud:
     """
     if not path.exists():
         raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there")
-    data = read_input(path)
-    try:
-        vertices = _vertices(data)
+    with rejecting(
+        f"{path} is not a PLY file of points that can be read",
+        *(ValueError, LookupError),
+        hint="reconstruct multiview writes point clouds as PLY",
+    ):
+        vertices = _vertices(read_input(path))
         points = np.stack([vertices[name].astype(np.float64) for name in ("x", "y", "z")], axis=1)
-    except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
-        raise BadInputError(
-            f"{path} is not a PLY file of points that can be read",
-            hint="reconstruct multiview writes point clouds as PLY",
-        ) from error
     names = vertices.dtype.names or ()
-    colours = np.full((len(points), 3), _GREY, np.uint8)
+    colours = np.full((len(points), 3), 128, np.uint8)  # grey
     if all(name in names and vertices[name].dtype == np.uint8 for name in ("red", "green", "blue")):
         colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
     chosen = np.isfinite(points).all(axis=1)
@@ -68,12 +65,14 @@ def write_ply(path: Path, cloud: PointCloud, normals: Array | None = None) -> No
     floats = ("x", "y", "z", "nx", "ny", "nz")[: places.shape[1]]
     rows = np.zeros(len(places), [("floats", "<f4", len(floats)), ("colour", "u1", 3)])
     rows["floats"], rows["colour"] = places, cloud.colours
-    properties = [f"property float {name}" for name in floats]
-    properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *properties]
-    head = "\n".join([*lines, "end_header\n"])
+    lines = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"),
+        *(f"property float {name}" for name in floats),
+        *(f"property uchar {name}" for name in ("red", "green", "blue")),
+        "end_header\n",
+    ]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(head.encode() + rows.tobytes())
+    path.write_bytes("\n".join(lines).encode() + rows.tobytes())
 
 
 def _vertices(data: bytes) -> NDArray[np.void]:

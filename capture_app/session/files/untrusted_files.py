@@ -9,12 +9,14 @@ import os
 import re
 import stat
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import msgspec
 
-from capture_app.common.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError, SimulshotError, reading
 from capture_app.common.text import UNREADABLE
 
 if TYPE_CHECKING:
@@ -26,6 +28,21 @@ MAX_BYTES = 1 << 30
 """Maximum unpacked size of all arrays of a file, bytes."""
 RESTORE = "restore this file from a copy"
 RESTORE_IMAGE = "restore it from a copy; capture-app sessions verify SESSION lists all damaged files"
+
+
+@contextmanager
+def rejecting(what: str, *kinds: type[Exception], hint: str = "") -> Iterator[None]:
+    """Raise BadInputError, `what` and the reason in one line, when decoding raises one of these kinds.
+
+    Errors that are for users already pass unchanged.
+    """
+    try:
+        yield
+    except SimulshotError:
+        raise
+    except kinds as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BadInputError(f"{what}: {reason}", hint=hint) from error
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -51,10 +68,8 @@ def read_input(path: Path) -> bytes:
 
 def read_text(path: Path, *, encoding: str = "utf-8") -> str:
     """Return the text of a file. Raises BadInputError if it cannot be read or is not text."""
-    try:
+    with rejecting(f"cannot read {path}", UnicodeDecodeError, hint="save it as UTF-8 text"):
         return read_input(path).decode(encoding)
-    except UnicodeDecodeError as error:
-        raise BadInputError(f"cannot read {path}: {error}", hint="save it as UTF-8 text") from error
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
@@ -62,19 +77,17 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
     import numpy as np  # slow to import, and every command imports this module
 
     data = io.BytesIO(read_input(path))
-    try:
+    with rejecting(
+        f"cannot read {path} as arrays (.npz)",
+        Exception,  # zipfile, its decompressors and numpy raise a dozen kinds
+        hint="restore it from a copy, or write it again with np.savez",
+    ):
         with zipfile.ZipFile(data) as archive:
             size = sum(member.file_size for member in archive.infolist())
         if size > MAX_BYTES:
             raise ValueError(f"its arrays have {size} bytes, and {MAX_BYTES} at most are read")
         with np.load(data, allow_pickle=False) as file:
             return {name: np.asarray(file[name]) for name in file.files}
-    except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise BadInputError(
-            f"cannot read {path} as arrays (.npz): {reason}",
-            hint="restore it from a copy, or write it again with np.savez",
-        ) from error
 
 
 def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
@@ -108,10 +121,8 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
 def encode_checked(value: msgspec.Struct) -> bytes:
     """Encode a struct. Raises BadInputError if its values violate its schema: constructors check nothing."""
     data = msgspec.json.encode(value)
-    try:
+    with rejecting(f"a {type(value).__name__} breaks its schema", msgspec.ValidationError):
         msgspec.json.decode(data, type=type(value))
-    except msgspec.ValidationError as error:
-        raise BadInputError(f"a {type(value).__name__} breaks its schema: {error}") from error
     return data
 
 

@@ -10,7 +10,7 @@ from capture_app.common.bounds import Count, Positive, Sentence, TimeNs
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
-from capture_app.session.files.untrusted_files import RESTORE, read_struct
+from capture_app.session.files.untrusted_files import RESTORE, read_struct, rejecting
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage, check_written
 
@@ -114,10 +114,8 @@ def read_plan(folder: Path) -> BurstPlan:
             record = part.get("camera") if isinstance(part, dict) else None
             name = record.get("name") if isinstance(record, dict) else f"camera {number}"
             notes.append(f"{name} is left out: {error}")
-    try:
+    with rejecting(f"{folder / PLAN} does not fit its schema", ValidationError, hint=RESTORE):
         plan = convert(fields | {"cameras": valid}, BurstPlan)
-    except ValidationError as error:
-        raise BadInputError(f"{folder / PLAN} does not fit its schema: {error}", hint=RESTORE) from error
     check_name(plan.name, "session")
     unused = "the burst cannot be repaired; its images stay in the folder"
     if not valid:

@@ -16,10 +16,10 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from capture_app.common.errors import BadInputError, SimulshotError, reading
+from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
-from capture_app.session.files.untrusted_files import open_regular
+from capture_app.session.files.untrusted_files import open_regular, rejecting
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.recording_sources import Layout, Source
 from capture_app.session.importing.views import View, Views, from_quaternion
@@ -293,11 +293,7 @@ def _decode(kind: str, data: bytes) -> Any:
 @contextmanager
 def intact(path: Path) -> Iterator[None]:
     """Convert any error of a reader on a damaged recording to BadInputError."""
-    try:
-        with reading(path):
-            yield
-    except SimulshotError:
-        raise
-    except Exception as error:  # the readers raise a dozen kinds on a damaged file
-        what = "MCAP" if path.suffix.lower() == MCAP else "bag"
-        raise BadInputError(f"{path} is not an intact {what}: {error}", hint=_RECOVER) from error
+    what = f"{path} is not an intact {'MCAP' if path.suffix.lower() == MCAP else 'bag'}"
+    # The readers raise a dozen kinds on a damaged file.
+    with rejecting(what, Exception, hint=_RECOVER), reading(path):
+        yield

@@ -4,7 +4,6 @@ import re
 from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.reading.decoding import read_exif
 
 _DATE = re.compile(
@@ -47,15 +46,15 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     if not path.is_file():  # a reader would wait for a pipe
         raise BadInputError(f"{path} is not a file", hint=DAMAGED)
     av = load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")
-    try:
-        with av.open(str(path), metadata_errors="replace") as container:
-            if not container.streams.video:
-                raise BadInputError(
-                    f"{path} has no video in it", hint="leave it out, or give the camera's video file"
-                )
-            yield av, container
-    except av.FFmpegError as error:
-        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
+    with (
+        rejecting(f"{path} is not a video that can be decoded", av.FFmpegError, hint=DAMAGED),
+        av.open(str(path), metadata_errors="replace") as container,
+    ):
+        if not container.streams.video:
+            raise BadInputError(
+                f"{path} has no video in it", hint="leave it out, or give the camera's video file"
+            )
+        yield av, container
 
 
 def video_times_ns(path: Path) -> list[int]:
@@ -67,7 +66,7 @@ def video_times_ns(path: Path) -> list[int]:
         stream = container.streams.video[0]
         packets = (packet for packet in container.demux(stream) if not packet.is_discard)
         ticks = {packet.pts for packet in packets if packet.pts is not None}
-        return [_nanoseconds(tick, stream.time_base) for tick in sorted(ticks)]
+        return [round(tick * stream.time_base * 1_000_000_000) for tick in sorted(ticks)]
 
 
 def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -84,7 +83,7 @@ def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, 
             with suppress(av.InvalidDataError):
                 frames = packet.decode()
             for frame in frames:
-                at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
+                at_ns = None if frame.pts is None else round(frame.pts * frame.time_base * 1_000_000_000)
                 if at_ns is not None and at_ns in times_ns:
                     image = frame.to_ndarray(format="bgr24", interpolation=rounding)
                     yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
@@ -108,22 +107,14 @@ def name_time_ns(path: Path) -> int:
 
 def exif_time_ns(path: Path) -> int:
     """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
-    try:
+    with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
         exif = read_exif(read_input(path))
-    except ValueError as error:
-        raise BadInputError(f"the EXIF of {path} is broken: {error}", hint=_OTHER_TIMES) from error
     if (found := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
     return _date_ns(path, found, exif.part_of_second)
 
 
 def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
-    try:
+    with rejecting(f"{path} has an invalid time", ValueError, hint=_OTHER_TIMES):
         moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
-    except ValueError as error:
-        raise BadInputError(f"{path} has an invalid time: {error}", hint=_OTHER_TIMES) from error
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
-
-
-def _nanoseconds(ticks: int, base: Fraction) -> int:
-    return round(ticks * base * 1_000_000_000)

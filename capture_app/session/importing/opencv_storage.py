@@ -14,8 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import yaml
 
-from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
 MAX_BYTES = 8 << 20
@@ -30,18 +29,16 @@ def read_storage(path: Path) -> dict[str, Any]:
     Raises BadInputError if the file cannot be read or is not in this format.
     """
     data = read_input(path)
-    try:
+    with rejecting(
+        f"cannot read the calibration {path}",
+        *(yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError),
+        hint="write it with OpenCV's FileStorage or np.savez",
+    ):
         if len(data) > MAX_BYTES:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
         if not isinstance(content, dict):
             raise ValueError("it is not a list of names and values")
-    except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
-        reason = " ".join(str(error).split()) or "not OpenCV's format"
-        raise BadInputError(
-            f"cannot read the calibration {path}: {reason}",
-            hint="write it with OpenCV's FileStorage or np.savez",
-        ) from error
     return {str(key): value for key, value in content.items()}
 
 

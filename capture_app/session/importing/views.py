@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -48,10 +48,8 @@ def read_json(path: Path) -> Any:
     """Decode a .json file; None for any other file. Raises BadInputError if it cannot be read."""
     if path.suffix.lower() != ".json":
         return None
-    try:
+    with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
         return msgspec.json.decode(read_input(path))
-    except UNREADABLE as error:
-        raise BadInputError(f"{path} is not JSON: {error}", hint=EXPORT_AGAIN) from error
 
 
 def numbers(

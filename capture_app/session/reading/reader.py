@@ -11,7 +11,13 @@ import msgspec
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_arrays, read_input, read_regular, read_struct
+from capture_app.session.files.untrusted_files import (
+    read_arrays,
+    read_input,
+    read_regular,
+    read_struct,
+    rejecting,
+)
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.journal import (
     TIMES,
@@ -125,13 +131,12 @@ class Session:
     def video_frames(self, video: VideoRecord) -> list[FrameRecord]:
         """Return the records of a video's frames, in order. Raises BadInputError for a malformed file."""
         path = inside(self.folder, frames_path(video.path))
-        try:
+        with rejecting(
+            f"{path} does not hold the frames of a video",
+            *UNREADABLE,
+            hint=f"capture-app sessions verify {self.folder} shows all problems",
+        ):
             return msgspec.json.Decoder(FrameRecord).decode_lines(read_input(path))
-        except UNREADABLE as error:
-            raise BadInputError(
-                f"{path} does not hold the frames of a video: {error}",
-                hint=f"capture-app sessions verify {self.folder} shows all problems",
-            ) from error
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
         """Return the images of each instant in order, by camera name; a missing image has no entry."""
@@ -161,14 +166,14 @@ class Session:
             return None
         import numpy as np  # slow to import, and every command imports this module
 
-        try:
+        with rejecting(
+            f"{path} is not a ground-truth file",
+            ValueError,
+            KeyError,
+            hint="restore it from a copy, or delete it: only evaluations need it",
+        ):
             data = read_arrays(path)
             depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
-        except (ValueError, KeyError) as error:
-            raise BadInputError(
-                f"{path} is not a ground-truth file: {error}",
-                hint="restore it from a copy, or delete it: only evaluations need it",
-            ) from error
         return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
 
     def true_times(self) -> TrueTimes | None:

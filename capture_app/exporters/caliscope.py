@@ -34,8 +34,9 @@ def write(burst: ExportedBurst, folder: Path) -> None:
             | camera_table(burst.calibration, camera, "m")
             for camera, number in numbers.items()
         }
-        text = "".join(toml_table(["cameras", key], table) for key, table in tables.items())
-        (folder / "camera_array.toml").write_text(text, encoding="utf-8")
+        (folder / "camera_array.toml").write_text(
+            "".join(toml_table(["cameras", key], table) for key, table in tables.items()), encoding="utf-8"
+        )
 
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:

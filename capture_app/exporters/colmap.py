@@ -99,10 +99,13 @@ def _write_model(
         for name in burst.cameras[1:]
     ]
     ids = {place: number for number, place in enumerate(names, 1)}
-    frames = []
-    for instant in sorted({instant for _, instant in ids}):
-        data = [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
-        frames.append(f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(data)} {' '.join(data)}")
+    data = {
+        instant: [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
+        for instant in sorted({instant for _, instant in ids})
+    }
+    frames = [
+        f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(of)} {' '.join(of)}" for instant, of in data.items()
+    ]
     points, seen = [], dict.fromkeys(numbers, "")
     if cloud is not None:
         seen, tracks = _observe(lenses, ids, cloud.points)

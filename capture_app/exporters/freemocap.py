@@ -41,8 +41,9 @@ def write(burst: ExportedBurst, folder: Path) -> None:
                     "for the nearest lens without"
                 )
         calibration = msgspec.structs.replace(calibration, cameras=fitted)
-        text = camera_tables(calibration, ids, "mm", numbered=True)
-        (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
+        (folder / f"{burst.name}_camera_calibration.toml").write_text(
+            camera_tables(calibration, ids, "mm", numbered=True), encoding="utf-8"
+        )
     write_paired_videos(burst, folder, files, redraws)
 
 

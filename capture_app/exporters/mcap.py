@@ -95,11 +95,28 @@ def _foxglove_messages(
     if calibration is not None:
         camera = calibration.cameras[image.camera]
         lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
-        own_lens = {"width": camera.width, "height": camera.height, "distortion_model": "plumb_bob", **lens}
-        yield f"/{image.camera}/calibration", "CameraCalibration", own | own_lens
+        yield (
+            f"/{image.camera}/calibration",
+            "CameraCalibration",
+            {
+                **own,
+                "width": camera.width,
+                "height": camera.height,
+                "distortion_model": "plumb_bob",
+                **lens,
+            },
+        )
         place, rotation = _pose(camera, calibration)
-        frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
-        yield "/tf", "FrameTransform", {"translation": place, "rotation": rotation, **frames}
+        yield (
+            "/tf",
+            "FrameTransform",
+            {
+                "parent_frame_id": "rig",
+                "child_frame_id": image.camera,
+                "translation": place,
+                "rotation": rotation,
+            },
+        )
     data, kind = jpeg_or_png(burst, image)
     yield f"/{image.camera}/image", "CompressedImage", {**own, "data": data, "format": kind}
 
@@ -142,13 +159,32 @@ def _bag_messages(
         topic, own = topics[image.camera], {"header": header(image.leader_ns, image.camera)}
         if calibration is not None:
             camera = calibration.cameras[image.camera]
-            about = {"height": camera.height, "width": camera.width, "distortion_model": "plumb_bob"}
-            about |= {"binning_x": 0, "binning_y": 0, **_lens(camera)}
-            whole = _ros("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-            yield image.leader_ns, f"{topic}/camera_info", _INFO, {**own, **about, "roi": whole}
+            yield (
+                image.leader_ns,
+                f"{topic}/camera_info",
+                _INFO,
+                {
+                    **own,
+                    "height": camera.height,
+                    "width": camera.width,
+                    "distortion_model": "plumb_bob",
+                    **_lens(camera),
+                    "binning_x": 0,
+                    "binning_y": 0,
+                    "roi": _ros("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),  # the whole image
+                },
+            )
         data, kind = jpeg_or_png(burst, image)
-        compressed = {"format": kind, "data": np.frombuffer(data, np.uint8)}
-        yield image.leader_ns, f"{topic}/image_raw/compressed", _IMAGE, {**own, **compressed}
+        yield (
+            image.leader_ns,
+            f"{topic}/image_raw/compressed",
+            _IMAGE,
+            {
+                **own,
+                "format": kind,
+                "data": np.frombuffer(data, np.uint8),
+            },
+        )
         burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
 
 
@@ -178,8 +214,12 @@ def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
 def _lens(camera: CameraCalibration) -> dict[str, Array]:
     """Return the numbers of a ROS camera_info; Foxglove has the same names in capital letters."""
     matrix = matrix_of(camera)
-    projection = np.column_stack([matrix, np.zeros(3)]).ravel()
-    return {"d": distortion_of(camera), "k": matrix.ravel(), "r": np.eye(3).ravel(), "p": projection}
+    return {
+        "d": distortion_of(camera),
+        "k": matrix.ravel(),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([matrix, np.zeros(3)]).ravel(),
+    }
 
 
 def _pose(camera: CameraCalibration, calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:

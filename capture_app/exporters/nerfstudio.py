@@ -63,10 +63,8 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
 
 
 def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
-    pose = np.eye(4)
-    # Columns are the camera's right, up and back: OpenCV's y and z negated.
-    pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
-    pose[:3, 3] = centre_of(camera)
+    # Columns are the camera's right, up and back, which are OpenCV's with y and z negated, and its place.
+    pose = np.column_stack([rotation_of(camera).T * [1.0, -1.0, -1.0], centre_of(camera)])
     return {
         "file_path": file,
         "fl_x": camera.fx,
@@ -76,7 +74,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
         "w": camera.width,
         "h": camera.height,
         **dict(zip(("k1", "k2", "p1", "p2", "k3"), distortion_of(camera).tolist(), strict=True)),
-        "transform_matrix": pose.tolist(),
+        "transform_matrix": [*pose.tolist(), [0.0, 0.0, 0.0, 1.0]],
         "time": time,
         "camera": image.camera,
         "instant": image.instant,

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from capture_app.common.names import natural_order
-from capture_app.session.exporting.exported_burst import ExportedBurst, Frame
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.calibration import METRES, Calibration
 from capture_app.session.format.export_record import FRAMES
 from capture_app.session.format.lens import (
@@ -30,17 +30,15 @@ _TIMES = ("leader_ns", "residual_ns", "uncertainty_ns", "hard_bound_ns")
 
 def write_frames(burst: ExportedBurst, folder: Path) -> None:
     """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
-    by_place = {(frame.camera, frame.instant): frame for frame in burst.frames}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["file", "frame", "camera", "instant", "content", *_TIMES])
     for instant in range(len(burst.instants_ns)):
         for camera in burst.cameras:
             image = burst.recorded.get((camera, instant))
-            frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
-            number = frame.frame if frame.file else ""
+            file, number, shown = burst.frames.get((camera, instant), ("", None, image))
             times = [getattr(image, name, None) for name in _TIMES]  # csv writes None as an empty cell
-            rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
+            rows.writerow([file, number, camera, instant, _content(file, shown), *times])
     (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
 
 
@@ -76,8 +74,7 @@ def camera_tables(
             **camera_table(calibration, name, unit),
         }
         for number, (name, key) in enumerate(names.items())
-    }
-    tables["metadata"] = {"adjusted": False, "error": 0.0}
+    } | {"metadata": {"adjusted": False, "error": 0.0}}
     return "".join(toml_table([key], table) for key, table in tables.items())
 
 
@@ -102,11 +99,11 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
     return f"[{title}]\n{''.join(lines)}\n"
 
 
-def _content(frame: Frame, image: ImageRecord | None) -> str:
-    if frame.image is None or image is None:
-        return "blank" if frame.file else "missing"
+def _content(file: str, image: ImageRecord | None) -> str:
+    if image is None:
+        return "blank" if file else "missing"
     shown = "substitute" if image.substitute else "image"
-    return shown if frame.file else "left out"
+    return shown if file else "left out"
 
 
 def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
@@ -131,9 +128,11 @@ def write_cameras(folder: Path, calibration: Calibration, names: Mapping[str, st
         intri += _matrix(f"K_{name}", matrix) + _matrix(f"dist_{name}", distortion_of(camera)[None])
         intri += f"H_{name}: {camera.height}\nW_{name}: {camera.width}\n"
         rotation = rotation_of(camera)
-        extri += _matrix(f"R_{name}", [[value] for value in rodrigues(rotation)])
-        extri += _matrix(f"Rot_{name}", rotation)
-        extri += _matrix(f"T_{name}", (translation_of(camera) * metres)[:, None])
+        extri += (
+            _matrix(f"R_{name}", [[value] for value in rodrigues(rotation)])
+            + _matrix(f"Rot_{name}", rotation)
+            + _matrix(f"T_{name}", (translation_of(camera) * metres)[:, None])
+        )
     (folder / "intri.yml").write_text(intri, encoding="utf-8")
     (folder / "extri.yml").write_text(extri, encoding="utf-8")
 

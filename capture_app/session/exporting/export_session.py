@@ -73,9 +73,10 @@ def export_session(
 def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:
     known = {one.name for one in fields(exporter.options)}
     if unknown := [option for option in given if option not in known]:
-        formats = [other for other, one in load_exporters().items() if unknown[0] in own_options(one)]
-        hint = f"it is for {', '.join(formats)}" if formats else ""
-        raise BadInputError(f"{name} takes no --{unknown[0]}", hint=hint)
+        formats = ", ".join(
+            other for other, one in load_exporters().items() if unknown[0] in own_options(one)
+        )
+        raise BadInputError(f"{name} takes no --{unknown[0]}", hint=formats and f"it is for {formats}")
     return exporter.options(**given)
 
 

@@ -2,8 +2,7 @@
 
 import hashlib
 import os
-from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +18,6 @@ from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One place in an export: `file` inside the export, and the index of the frame in that file, from 0.
-
-    `image` is None for a blank frame; `file` is empty if the camera and instant are not in the export.
-    """
-
-    camera: str
-    instant: int
-    file: str = ""
-    frame: int = 0
-    image: ImageRecord | None = None
 
 
 class ExportedBurst:
@@ -55,8 +40,11 @@ class ExportedBurst:
         self.period_ns = manifest.burst.period_ns
         self.recorded = self.images = _images_by_place(session)
         """The session's images (`recorded`), and the ones to export (`images`)."""
-        self.frames: list[Frame] = []
-        """Places of the images in the export."""
+        self.frames: dict[tuple[str, int], tuple[str, int, ImageRecord | None]] = {}
+        """Of each exported camera and instant: the file, the index of the frame in it from 0, and its image.
+
+        The image is None for a blank frame.
+        """
         self.drawn: dict[str, CameraCalibration] = {}
         """Cameras whose images are redrawn for another lens, with that lens."""
         if instant is not None:
@@ -83,17 +71,12 @@ class ExportedBurst:
 
     def put(self, image: ImageRecord, file: str, frame: int = 0) -> None:
         """Record the place of an image in the export."""
-        self.frames.append(Frame(image.camera, image.instant, file, frame, image))
+        self.frames[image.camera, image.instant] = file, frame, image
 
     def images_of(self, camera: str) -> list[ImageRecord]:
         """Return a camera's images in order, each once even if it also substitutes for a dropped frame."""
-        distinct: list[ImageRecord] = []
-        for image in self._in_order(camera):
-            if not distinct or image.leader_ns > distinct[-1].leader_ns:
-                distinct.append(image)
-            elif distinct[-1].substitute:
-                distinct[-1] = image
-        return distinct
+        groups = (list(of) for _, of in groupby(self._in_order(camera), key=lambda image: image.leader_ns))
+        return [next((one for one in of if not one.substitute), of[-1]) for of in groups]
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the image that was taken at an instant, or None if it is missing or a substitute."""
@@ -113,16 +96,12 @@ class ExportedBurst:
         facts = self.session.camera(camera).facts
         return facts.width, facts.height
 
-    def pixels(self, image: ImageRecord, redraw: Redraw | None = None) -> Picture:
-        """Return an image's pixels, redrawn if requested; see `load`."""
-        pixels = self.load(image)[1]
-        return redraw(pixels) if redraw else pixels
-
-    def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
+    def load(self, image: ImageRecord, redraw: Redraw | None = None) -> tuple[bytes, Picture]:
         """Return an image's file bytes and its pixels: height x width x BGR of 8 bits, EXIF not applied.
 
-        Raises IncompleteError if the file is missing; BadInputError if it differs from what was saved, cannot
-        be decoded, or has a different size than its camera.
+        The pixels are redrawn by `redraw`, if given. Raises IncompleteError if the file is missing;
+        BadInputError if it differs from what was saved, cannot be decoded, or has a different size than its
+        camera.
         """
         path = self.session.image_file(image)
         try:
@@ -144,7 +123,7 @@ class ExportedBurst:
                 f"{image.camera} takes {width}x{height}",
                 hint=RESTORE_IMAGE,
             )
-        return data, pixels
+        return data, (redraw(pixels) if redraw else pixels)
 
     def _in_order(self, camera: str) -> list[ImageRecord]:
         places = ((camera, instant) for instant in range(len(self.instants_ns)))
@@ -190,11 +169,11 @@ def place(
     A redrawn image is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does if the file is not the
     image that was saved.
     """
-    data, pixels = burst.load(image)
+    data, pixels = burst.load(image, redraw)
     target = folder / file
     target.parent.mkdir(parents=True, exist_ok=True)
     if redraw is not None or _ending(burst, image) != target.suffix:
-        target.write_bytes(encode_image(redraw(pixels) if redraw else pixels, target.suffix, quality=98))
+        target.write_bytes(encode_image(pixels, target.suffix, quality=98))
     elif burst.options.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.session.exporting.exported_burst import ExportedBurst, Frame
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 
@@ -107,13 +107,13 @@ def write_camera(
 ) -> None:
     """Write a camera's video named `file` in the export; `redraw` changes its images to `size`."""
     width, height = size or burst.size(camera)
-    black = np.zeros((height, width, 3), np.uint8)
     frames = (
-        (since_ns, black if image is None else burst.pixels(image, redraw)) for _, since_ns, image in shown
+        (since_ns, np.zeros((height, width, 3), np.uint8) if image is None else burst.load(image, redraw)[1])
+        for _, since_ns, image in shown
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     write_video(path, frames, (width, height), burst.period_ns, lossless=burst.options.lossless)
-    burst.frames += [Frame(camera, n, file or path.name, k, image) for k, (n, _, image) in enumerate(shown)]
+    burst.frames |= {(camera, n): (file or path.name, k, image) for k, (n, _, image) in enumerate(shown)}
 
 
 def write_paired_videos(
@@ -129,9 +129,8 @@ def write_paired_videos(
     """
     for camera, file in files.items():
         shown = at_instants(burst, camera, range(len(burst.instants_ns)))
-        redraw = (redraws or {}).get(camera)
-        write_camera(burst, folder / file, shown, camera, redraw=redraw, file=file)
-    if blank := sum(frame.image is None for frame in burst.frames):
+        write_camera(burst, folder / file, shown, camera, redraw=(redraws or {}).get(camera), file=file)
+    if blank := sum(image is None for _, _, image in burst.frames.values()):
         burst.notes.append(f"{blank} frames are black: their images are missing or of another moment")
     burst.notes += spacing_notes(burst.instants_ns, burst.period_ns)
 

@@ -26,30 +26,26 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if not all((path / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
         return None
     place = next((path / name for name in ("videos", "images") if (path / name).is_dir()), path)
-    sources = open_sources([str(place)], png=png)
-    return Layout(path=place, sources=tuple(sources), same_frames=True, calibration=path)
-
-
-def _is_easymocap(path: Path) -> bool:
-    """Return whether a path is a folder with both files, or one of the files."""
-    folder = path if path.is_dir() else path.parent
-    files = (INTRINSICS, EXTRINSICS)
-    return (path.is_dir() or path.name in files) and any((folder / name).is_file() for name in files)
+    return Layout(
+        path=place,
+        sources=tuple(open_sources([str(place)], png=png)),
+        same_frames=True,
+        calibration=path,
+    )
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read intri.yml and extri.yml, given their folder or one of them. Raises BadInputError."""
-    path = paths[0][1]
-    if not _is_easymocap(path):
-        return None
+    path, files = paths[0][1], (EXTRINSICS, INTRINSICS)
     folder = path if path.is_dir() else path.parent
-    content: dict[str, Any] = {}
-    for name in (EXTRINSICS, INTRINSICS):
-        if not (folder / name).is_file():
-            raise BadInputError(
-                f"no {name} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
-            )
-        content |= read_storage(folder / name)
+    missing = [name for name in files if not (folder / name).is_file()]
+    if len(missing) == len(files) or not (path.is_dir() or path.name in files):
+        return None
+    if missing:
+        raise BadInputError(
+            f"no {missing[0]} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
+        )
+    content = read_storage(folder / EXTRINSICS) | read_storage(folder / INTRINSICS)
     listed = content["names"] if isinstance(content.get("names"), list) else ()
     labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed]
     labels = [label for label in labels if label not in ("", "none")]

@@ -36,15 +36,13 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> I
             hint="copy img_* from the phone into the folder of its sync_metadata_*",
         )
     shots.sort(key=lambda shot: shot[1])
-    times = [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)]
-    files = [image for image, _, _ in shots]
     source = Images(
         name,
         path,
-        files,
+        [image for image, _, _ in shots],
         "libsoftwaresync",
         read=lambda file: upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file),
-        times=times,
+        times=[TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)],
     )
     source.suffix = ".jpg"
     return source

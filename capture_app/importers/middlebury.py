@@ -27,8 +27,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     text = "" if path.suffix.lower() != ".txt" or path.is_dir() else read_text(path, encoding="latin-1")
     if not re.search(r"(?m)^cam0\s*=\s*\[", text):
         return None
-    pairs = re.findall(r"(\w+)\s*=\s*\[?([^]\r\n]+)", text)
-    content = {key: re.split(r"[;\s]+", value.strip()) for key, value in pairs}
+    content = {
+        key: re.split(r"[;\s]+", value.strip())
+        for key, value in re.findall(r"(\w+)\s*=\s*\[?([^]\r\n]+)", text)
+    }
     width, height, baseline = (
         float(numbers(str(path), content, key, 1, hint=_HINT)[0]) for key in ("width", "height", "baseline")
     )

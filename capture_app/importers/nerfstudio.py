@@ -49,8 +49,11 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     """
     source = path / _TRANSFORMS
     content = (_read(source) if source.is_file() else None) or {"frames": []}
-    frames = (one for one in content["frames"] if isinstance(one, dict))
-    by_file = {file: one for one in frames if isinstance(file := one.get("file_path"), str)}
+    by_file = {
+        one["file_path"]: one
+        for one in content["frames"]
+        if isinstance(one, dict) and isinstance(one.get("file_path"), str)
+    }
     if len({(PurePosixPath(file).parent, str(one.get("time"))) for file, one in by_file.items()}) != 1:
         return None
     sources: dict[str, Images] = {}

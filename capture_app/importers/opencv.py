@@ -48,8 +48,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     views = {
         name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
     }
-    files = filter(None, [*own.values(), pair])
-    return Views(views, ", ".join(dict.fromkeys(path.name for path in files)))
+    return Views(views, ", ".join(dict.fromkeys(path.name for path in (*own.values(), pair) if path)))
 
 
 def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], Path | None]:
@@ -81,19 +80,16 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     own: dict[str, Path] = {}
     for name in cameras:
-        start = re.escape(name)
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
-        for pattern in (rf"{start}(?![A-Za-z0-9])", start):
-            matching = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
-            if len(matching) == 1:
-                own[name] = matching[0]
-                break
-        else:
+        patterns = (re.compile(re.escape(name) + end, re.IGNORECASE) for end in (r"(?![A-Za-z0-9])", ""))
+        matching = ([file for file in files if pattern.match(file.stem)] for pattern in patterns)
+        if (found := next((of for of in matching if len(of) == 1), None)) is None:
             have = ", ".join(file.name for file in files) or "no OpenCV file"
             raise BadInputError(
                 f"no single file in {folder} begins with {name!r}; it has {have}",
                 hint="say which is whose: --calibration NAME=FILE",
             )
+        own[name] = found[0]
     return own, [file for file in files if file not in own.values()]
 
 

@@ -40,12 +40,15 @@ class PhoneVideo(Video):
         """Return each frame's time; if table and video differ in length, only up to the shorter one's end."""
         rows = self._rows[: len(self.numbers)]
         if len(self._rows) != len(self.numbers):
-            times = f"{len(self._rows)} times for {len(self.numbers)} frames"
-            self.note = f"{self._table} has {times}: the first {len(rows)} are taken"
+            self.note = (
+                f"{self._table} has {len(self._rows)} times for {len(self.numbers)} frames: "
+                f"the first {len(rows)} are taken"
+            )
         frames = [TimedFrame(number, at_ns) for number, (at_ns, put_in) in enumerate(rows) if not put_in]
         if len(frames) < len(rows):
-            fillers = f"{len(rows) - len(frames)} of {len(rows)} frames are fillers"
-            self.note = f"{self._table}: {fillers} and left out"
+            self.note = (
+                f"{self._table}: {len(rows) - len(frames)} of {len(rows)} frames are fillers and left out"
+            )
         check_order(str(self._table), frames)
         return frames
 

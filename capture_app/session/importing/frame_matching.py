@@ -3,7 +3,7 @@
 import statistics
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -88,15 +88,6 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
             if rest is not None:
                 left.append((rest.leader_ns, name, rest))
     return groups + _group(sorted(left, key=lambda one: one[:2]), period_ns)
-
-
-def with_own_times(timeline: Timeline) -> Timeline:
-    """Return a timeline in which each frame's common time is also its own camera's time."""
-    instants = [
-        replace(one, frames={name: replace(of, local_ns=of.leader_ns) for name, of in one.frames.items()})
-        for one in timeline.instants
-    ]
-    return replace(timeline, instants=instants)
 
 
 def check_order(where: str, frames: Sequence[TimedFrame]) -> None:

@@ -86,9 +86,8 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
     if options.known is not None:
         return _shifted(options.known, options, "the recording")
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
-    if len(recorded) == len(sources):
-        return _by_times("the recording", recorded, options)
-    return _by_videos(sources, options)
+    complete = len(recorded) == len(sources)
+    return _by_times("the recording", recorded, options) if complete else _by_videos(sources, options)
 
 
 def _check_options(names: Sequence[str], options: ImportOptions) -> None:

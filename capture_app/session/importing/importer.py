@@ -95,9 +95,9 @@ def recordings_in(folder: Path) -> list[str]:
     return sorted({name for importer in load_importers() for name in importer.recordings_in(folder)})
 
 
-def is_program_camera(path: Path) -> bool:
-    """Return whether a path is one camera of a program that stores times beside it."""
-    return any(importer.is_camera(path) for importer in load_importers())
+def camera_importer(path: Path) -> Importer | None:
+    """Return the importer of a path that is one camera of a program which stores times beside it, or None."""
+    return next((importer for importer in load_importers() if importer.is_camera(path)), None)
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
@@ -111,7 +111,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
         name, path = split_name(text)
         if not path.exists():
             raise BadInputError(f"nothing at {path}", hint="check the path")
-        if not name and path.is_dir() and not is_program_camera(path):
+        if not name and path.is_dir() and not camera_importer(path):
             sources += _sources_in(path, png, recording)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
@@ -162,9 +162,8 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
 
 
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
-    for importer in load_importers():
-        if importer.is_camera(path):
-            return importer.open_camera(name, path, png=png, recording=recording)
+    if (importer := camera_importer(path)) is not None:
+        return importer.open_camera(name, path, png=png, recording=recording)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return image_folder(name, path)
     if path.suffix.lower() in ARCHIVE_SUFFIXES:
@@ -179,7 +178,7 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
 def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     videos = videos_in(folder)
     folders = [
-        path for path in folder.iterdir() if path.is_dir() and (images_in(path) or is_program_camera(path))
+        path for path in folder.iterdir() if path.is_dir() and (images_in(path) or camera_importer(path))
     ]
     if not videos and not folders:
         if images := images_in(folder):

@@ -4,14 +4,13 @@ import csv
 import re
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_text
+from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -29,12 +28,10 @@ _TIMES = {"time": 9, "frame_time": 9, "timestamp": 9, "time_s": 9, "time_ms": 6,
 """Column names of a time, and the power of ten that converts their unit to ns."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    camera: str
-    frame: int | None
-    group: str | None
-    leader_ns: int | None
+_Row = tuple[str, int | None, str | None, int | None]
+"""A row's camera, frame number, sync_index and time in ns; None for an empty cell or no such column."""
+_Timed = list[tuple[str | None, TimedFrame]]
+"""The frames of a camera that have a time, each with its sync_index."""
 
 
 def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:
@@ -79,15 +76,15 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     BadInputError, with the line, if the table contradicts itself or the recording.
     """
     rows = _read_table(path, [source.name for source in sources])
-    timed = {one.name: _number_rows(path, one.name, rows, len(one.numbers)) for one in sources}
+    timed = {one.name: _timed_frames(path, one.name, rows, len(one.numbers)) for one in sources}
     periods = {name: _period(path, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
     cameras = {
         name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
     }
+    if any(group is None for _, _, group, _ in rows):
+        return timeline_by_times(str(path), cameras)
     for name, frames in cameras.items():
         check_order(f"{path}: camera {name}", frames)
-    if any(row.group is None for row in rows):
-        return timeline_by_times(str(path), cameras)
     instants = _by_group(path, rows, timed)
     for before, after in pairwise(instants):
         if after.leader_ns <= before.leader_ns:
@@ -106,8 +103,8 @@ def _period_of(fps: float) -> Fraction:
 
 def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
     """Return each camera's frame numbers; their index if some camera has no numbers of its own."""
-    own = all(source.numbered for source in sources)
-    return {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
+    numbered = all(source.numbered for source in sources)
+    return {one.name: (one.numbers if numbered else range(len(one.numbers))) for one in sources}
 
 
 def match_name(label: str, names: Sequence[str]) -> str | None:
@@ -130,13 +127,9 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
     text = read_text(path, encoding="utf-8-sig")
     delimiter = next((mark for mark in ",;\t" if mark in text.partition("\n")[0]), ",")
     reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
-    try:
+    with rejecting(f"cannot read the table {path}", csv.Error, hint="save it as comma-separated values"):
         columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
         lines = [(f"{path}, line {reader.line_num}", line) for line in reader]
-    except csv.Error as error:
-        raise BadInputError(
-            f"cannot read the table {path}: {error}", hint="save it as comma-separated values"
-        ) from error
     camera, time, frame, group = (
         next((columns[name] for name in known if name in columns), None)
         for known in (_CAMERA, _TIMES, _FRAME, _GROUP)
@@ -148,16 +141,16 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
         )
     ns = 10 ** _TIMES[time.strip().lower()]
     rows = [
-        _Row(
-            camera=name,
-            frame=_parse(where, line[frame], None) if frame else None,
-            group=(line[group] or "").strip() if group else None,
-            leader_ns=_parse(where, line[time], ns),
+        (
+            name,
+            _parse(where, line[frame], None) if frame else None,
+            (line[group] or "").strip() if group else None,
+            _parse(where, line[time], ns),
         )
         for where, line in lines
         if (name := match_name((line[camera] or "").strip(), names)) is not None
     ]
-    timed = {row.camera for row in rows if row.leader_ns is not None}
+    timed = {camera for camera, _, _, at_ns in rows if at_ns is not None}
     if lacking := [name for name in names if name not in timed]:
         raise BadInputError(
             f"{path} has no times of camera {lacking[0]}",
@@ -180,18 +173,18 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
         ) from None
 
 
-def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:
-    """Return the rows of a camera that have a frame, each with the frame's index in the source."""
-    own = [row for row in rows if row.camera == name and row.leader_ns is not None]
-    if any(row.frame is None for row in own):
-        own.sort(key=lambda row: row.leader_ns or 0)
+def _timed_frames(path: Path, name: str, rows: Sequence[_Row], count: int) -> _Timed:
+    """Return the frames of a camera that have a time; without frame numbers they are in the times' order."""
+    own = [(at_ns, n, group) for camera, n, group, at_ns in rows if camera == name and at_ns is not None]
+    numbers = [n for _, n, _ in own if n is not None]
+    if len(numbers) < len(own):
         if len(own) != count:
             raise BadInputError(
                 f"{path} has {len(own)} times of camera {name}, which has {count} frames",
                 hint="add the column frame: the number of each frame, from 0",
             )
-        own = [replace(row, frame=index) for index, row in enumerate(own)]
-    numbers = [-1 if row.frame is None else row.frame for row in own]
+        own.sort(key=lambda row: row[0])
+        numbers = list(range(count))
     if wrong := [number for number in numbers if not 0 <= number < count]:
         raise BadInputError(
             f"{path} names frame {wrong[0]} of camera {name}, which has {count} frames",
@@ -199,31 +192,28 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
         )
     if len(set(numbers)) < len(numbers):
         raise BadInputError(f"{path} names a frame of camera {name} twice", hint="remove one of the two rows")
-    return [(row, TimedFrame(n, row.leader_ns or 0)) for n, row in zip(numbers, own, strict=True)]
+    return [(group, TimedFrame(n, at_ns)) for n, (at_ns, _, group) in zip(numbers, own, strict=True)]
 
 
 def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
     steps = [after - before for before, after in pairwise(sorted(times_ns))]
     if min(steps, default=0) <= 0:
-        reason = "has a time twice" if steps else "has only one time"
         raise BadInputError(
-            f"{path}: camera {name} {reason}", hint="each camera needs two different times or more"
+            f"{path}: camera {name} has {'a time twice' if steps else 'only one time'}",
+            hint="each camera needs two different times or more",
         )
     return round(statistics.median(steps))
 
 
-def _by_group(
-    path: Path, rows: Sequence[_Row], timed: Mapping[str, list[tuple[_Row, TimedFrame]]]
-) -> list[Instant]:
-    groups: dict[str, dict[str, TimedFrame]] = {}
+def _by_group(path: Path, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> list[Instant]:
+    groups: dict[str | None, dict[str, TimedFrame]] = {}
     for name, of in timed.items():
-        for row, frame in of:
-            if groups.setdefault(str(row.group), {}).setdefault(name, frame) is not frame:
+        for group, frame in of:
+            if groups.setdefault(group, {}).setdefault(name, frame) is not frame:
                 raise BadInputError(
-                    f"{path} has instant {row.group} of camera {name} twice",
-                    hint="remove one of the two rows",
+                    f"{path} has instant {group} of camera {name} twice", hint="remove one of the two rows"
                 )
-    dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
+    dropped = {(group, camera) for camera, _, group, at_ns in rows if at_ns is None}
     reason = "dropped by the camera: the table gives no time"
     instants = (
         Instant(middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})

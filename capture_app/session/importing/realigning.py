@@ -28,19 +28,22 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
     TryAgainError as writing a session does.
     """
     manifest, before = session.manifest, session.manifest.burst.common_times
-    if manifest.origin != "imported":
-        raise NotApplicableError(
+    unknown = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
+    obstacles = (
+        (
+            manifest.origin != "imported",
             f"{manifest.name} was not imported: its times are not each camera's own",
-            hint="leave out --apply: a captured session has measured times already",
-        )
-    if manifest.videos:
-        raise NotApplicableError(f"{manifest.name} stores its frames in videos", hint="import them again")
-    lacking = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
-    if lacking:
-        raise NotApplicableError(
-            f"not every camera's offset is known: {'; '.join(lacking)}",
-            hint="import again with known offsets: --time-shift-ms CAMERA=MS",
-        )
+            "leave out --apply: a captured session has measured times already",
+        ),
+        (manifest.videos, f"{manifest.name} stores its frames in videos", "import them again"),
+        (
+            unknown,
+            f"not every camera's offset is known: {'; '.join(unknown)}",
+            "import again with known offsets: --time-shift-ms CAMERA=MS",
+        ),
+    )
+    for what, remedy in ((what, remedy) for applies, what, remedy in obstacles if applies):
+        raise NotApplicableError(what, hint=remedy)
     together = {
         name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
     }

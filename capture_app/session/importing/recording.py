@@ -22,10 +22,10 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manif
 from capture_app.session.importing.aligning import align_recording, with_common_times
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
-from capture_app.session.importing.frame_matching import Instant, Timeline, with_own_times
+from capture_app.session.importing.frame_matching import Instant, Timeline
 from capture_app.session.importing.import_options import ImportOptions, clock_state, make_timeline
 from capture_app.session.importing.importer import (
-    is_program_camera,
+    camera_importer,
     open_sources,
     recognize_recording,
     recordings_in,
@@ -84,8 +84,11 @@ def burst_record(
     times_ns = tuple(instant.leader_ns for instant in instants)
     if exported is not None and exported.burst.instants_ns == times_ns:
         return exported.burst
-    common = exported.burst.common_times if exported else common
-    return BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns, common_times=common)
+    return BurstRecord(
+        instants_ns=times_ns,
+        period_ns=timeline.period_ns,
+        common_times=exported.burst.common_times if exported else common,
+    )
 
 
 def missing_images(
@@ -112,8 +115,9 @@ def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Mani
     """Return the origin of a session; an exported session with identical images keeps its origin."""
     if exported is None:
         return IMPORTED
-    times_ns = exported.burst.instants_ns
-    recorded = {(image.camera, times_ns[image.instant]): image.sha256 for image in exported.images}
+    recorded = {
+        (image.camera, exported.burst.instants_ns[image.instant]): image.sha256 for image in exported.images
+    }
     saved = {
         (name, instant.leader_ns): writer.image(name, number)
         for number, instant in enumerate(instants)
@@ -143,8 +147,8 @@ def import_recording(
     timeline = make_timeline(sources, options)
     for note in filter(None, (source.note for source in sources)):
         talk(note)
-    if common is not None and common.unknown:
-        timeline = with_own_times(timeline)
+    own_times = common is not None and common.unknown
+    if common is not None and own_times:
         common = align_recording(
             sources,
             timeline,
@@ -167,7 +171,7 @@ def import_recording(
         OutputFolder(root / name, replaces_nothing) as output,
         SessionWriter(output.folder, name, taken.created if taken else "") as writer,
     ):
-        sizes = _write_images(writer, sources, instants, options, progress)
+        sizes = _write_images(writer, sources, instants, options, progress, own_times=own_times)
         record = layout.record if layout else None
         calibration = _calibration_of(record, sizes) if record and not views else None
         if views is not None:
@@ -228,7 +232,7 @@ def import_found(
         talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
         chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
     elif any(
-        path.is_dir() and is_program_camera(path) for path in (folder, *folder.iterdir())
+        path.is_dir() and camera_importer(path) for path in (folder, *folder.iterdir())
     ) or recognize_recording(folder, recording=only):
         chosen = [(paths, "", options)]
     else:
@@ -316,8 +320,13 @@ def _write_images(
     instants: Sequence[Instant],
     options: ImportOptions,
     progress: Progress,
+    *,
+    own_times: bool,
 ) -> dict[str, tuple[int, int]]:
-    """Save the frames of all instants; return width and height in px by camera."""
+    """Save the frames of all instants; return width and height in px by camera.
+
+    `own_times`: the frames' times were each camera's own, unless they were converted since.
+    """
     ms = options.uncertainty_ms
     said = {} if ms is None else {"uncertainty_ns": round(ms * 1e6)}
     total, done = sum(len(instant.frames) for instant in instants), 0
@@ -335,6 +344,7 @@ def _write_images(
                 )
             for number in numbers[index]:
                 instant, frame = instants[number], instants[number].frames[source.name]
+                local_ns = frame.leader_ns if own_times and frame.local_ns is None else frame.local_ns
                 writer.add_image(
                     data,
                     camera=source.name,
@@ -342,7 +352,7 @@ def _write_images(
                     suffix=source.suffix,
                     leader_ns=frame.leader_ns,
                     residual_ns=frame.leader_ns - instant.leader_ns,
-                    **{"local_ns": frame.local_ns, "sequence": index, **frame.further, **said},
+                    **{"local_ns": local_ns, "sequence": index, **frame.further, **said},
                 )
             done += 1
             progress(done, total)

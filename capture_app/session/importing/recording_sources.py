@@ -17,7 +17,6 @@ from capture_app.session.importing.embedded_times import DAMAGED, video_pictures
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
-    JPEG_BEGIN,
     decode_image,
     encode_image,
     image_size,
@@ -126,7 +125,7 @@ def upright(data: bytes) -> bytes:
     """
     turned = False
     with suppress(ValueError):
-        turned = data[:2] == JPEG_BEGIN and read_exif(data).orientation in range(2, 9)
+        turned = read_exif(data).orientation in range(2, 9)
     image = decode_image(data, upright=True) if turned else None
     return data if image is None else encode_image(image, quality=TURNED_QUALITY)
 
@@ -226,8 +225,10 @@ def later_chapters(path: Path) -> list[Path]:
     if (found := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
         return []
     kind, number = ("GP", found["old"]) if found["old"] else (found["kind"], found["number"])
-    chapters = range(1 if found["old"] else 2, 100)
-    beside = (path.with_name(f"{kind}{chapter:02}{number}{path.suffix}") for chapter in chapters)
+    beside = (
+        path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
+        for chapter in range(1 if found["old"] else 2, 100)
+    )
     return list(takewhile(Path.is_file, beside))
 
 

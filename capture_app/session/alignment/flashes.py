@@ -124,8 +124,6 @@ class Lights:
         means = self.bands.mean(1)
         windows = np.lib.stride_tricks.sliding_window_view(means, AROUND)
         frames = np.arange(AROUND + 1, len(means) - AROUND - 1)
-        if not len(frames):
-            return []
         before, after = windows[frames - AROUND - 1], windows[frames + 2]
         levels = np.median(before, 1), np.median(after, 1)
         change = np.abs(levels[1] - levels[0])
@@ -214,8 +212,9 @@ def read_lights(path: Path) -> Lights:
                 stream.thread_type = "AUTO"
             for frame in container.decode(video=0) if container.streams.video else ():
                 if frame.pts is not None:
-                    height = min(BANDS, frame.height)
-                    small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
+                    small = frame.reformat(
+                        COLUMNS, min(BANDS, frame.height), format="gray", interpolation="AREA"
+                    )
                     found.append((float(frame.pts * frame.time_base), small.to_ndarray().mean(1)))
     except BadInputError as error:
         why = error.what
@@ -243,13 +242,11 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
             break
         # All pairs, or all but one: that pair may be two flashes that merged.
         others = [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs)) if len(pairs) > MIN_MATCHES]
-        fits = (_fit(choice, *periods) for choice in (pairs, *others))
-        found = next((one for one in fits if one.offset_ns is not None), CameraTimes())
-        if found.offset_ns is None:
-            continue
-        if best is not None:
+        found = next(filter(None, (_fit(choice, *periods) for choice in (pairs, *others))), None)
+        if found is not None and best is not None:
             return CameraTimes(reason="the flashes they saw fit at several offsets")
-        best, max_pairs = found, len(pairs)
+        if found is not None:
+            best, max_pairs = found, len(pairs)
     return best or CameraTimes(reason="the flashes they saw fit at no offset")
 
 
@@ -276,8 +273,8 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
     return [pairs for _, pairs in distinct[:CANDIDATES]]
 
 
-def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:
-    """Return the centre and half width of all offsets and rates that the edges allow; empty if none fits."""
+def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes | None:
+    """Return the centre and half width of all offsets and rates that the edges allow; None if none fits."""
     if len(pairs) > MAX_FITTED:
         pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MAX_FITTED)]
     at = np.array([other.rough_s for _, other in pairs])
@@ -299,7 +296,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
                 source="flash",
                 reason="one flash or lamp alone, taken for the same" if len(pairs) == 1 else "",
             )
-    return CameraTimes()
+    return None
 
 
 def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> Array:

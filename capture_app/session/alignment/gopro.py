@@ -115,9 +115,7 @@ def parse_payload(data: bytes) -> list[GpsStream]:
 
 
 def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
-    if stamp_us is None or frame_stamp_us is None:
-        return 0.0
-    after_s = (stamp_us - frame_stamp_us) * 1e-6
+    after_s = 0.0 if stamp_us is None or frame_stamp_us is None else (stamp_us - frame_stamp_us) * 1e-6
     return after_s if abs(after_s) < MAX_STAMP_DELAY_S else 0.0
 
 
@@ -135,9 +133,7 @@ def _items(data: bytes) -> Iterator[_Item]:
 
 def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
     """Yield the items of each STRM, at any nesting of its devices."""
-    for item in _items(data):
-        if item.kind != "\0" or depth == 0:
-            continue
+    for item in (item for item in _items(data) if item.kind == "\0" and depth):
         if item.key == "STRM":
             yield list(_items(item.data))
         else:
@@ -200,13 +196,12 @@ def read_gps_clock(path: Path) -> GpsClock:
     """Return a video's GPS clock. Raises BadInputError with a short reason if it has none."""
     with open_container(path) as (_, container):
         timed = list(islice(_payloads(container), PAYLOADS))
-    clocks = [_clock(key, timed) for key in LATE_S]
-    good = next((clock for clock in clocks if isinstance(clock, GpsClock)), None)
-    if good is None:
-        raise BadInputError(
-            next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
-        )
-    return good
+    why = ""
+    for key in LATE_S:
+        if isinstance(clock := _clock(key, timed), GpsClock):
+            return clock
+        why = why or clock
+    raise BadInputError(why or "no GPS metadata of a GoPro")
 
 
 def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
@@ -217,9 +212,8 @@ def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
         stream.discard = skip.default if stream.type == "data" else skip.all
     tracks = container.streams.data
     for packet in container.demux(tracks) if tracks else ():
-        if packet.pts is None or not 0 < packet.size <= PAYLOAD_BYTES:
-            continue
-        if streams := parse_payload(bytes(packet)):
+        is_timed = packet.pts is not None and 0 < packet.size <= PAYLOAD_BYTES
+        if is_timed and (streams := parse_payload(bytes(packet))):
             begin_s, long_s = (float(n * packet.time_base) for n in (packet.pts, packet.duration or 0))
             yield begin_s, long_s, streams
 

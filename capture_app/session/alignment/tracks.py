@@ -103,10 +103,8 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     for at in _loud_windows(samples, size):
         centre_s = start_s + (at + size / 2) / RATE_HZ
         expected = round((centre_s + rough_s - reference_start_s) * RATE_HZ - size / 2)
-        if not 0 <= expected <= len(reference_samples) - size:
-            continue
-        lag = _lag(reference_samples[expected : expected + size], samples[at : at + size])
-        if lag is not None:
+        window = reference_samples[max(0, expected) : max(0, expected + size)]
+        if len(window) == size and (lag := _lag(window, samples[at : at + size])) is not None:
             found.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
@@ -145,8 +143,7 @@ def _onsets(samples: Samples) -> NDArray[np.float64]:
 def _loud_windows(samples: Samples, size: int) -> list[int]:
     """Return the starts of the windows: the loudest one in each of many equal parts."""
     starts = np.arange(0, max(1, len(samples) - size + 1), size // 2)
-    bright = np.diff(samples, prepend=samples[:1]).astype(np.float64)
-    sums = np.concatenate([[0.0], np.cumsum(bright**2)])
+    sums = np.concatenate([[0.0], np.cumsum(np.diff(samples, prepend=samples[:1]).astype(np.float64) ** 2)])
     energies = sums[np.minimum(starts + size, len(samples))] - sums[starts]
     parts = np.array_split(np.arange(len(starts)), min(WINDOWS, len(starts)))
     return [int(starts[part[energies[part].argmax()]]) for part in parts if energies[part].max() > 0]
@@ -211,10 +208,10 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
         places = (*(stream.metadata for stream in streams), container.metadata)
         text = next((place["timecode"] for place in places if "timecode" in place), "")
         rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
-    if (found := _TIMECODE.fullmatch(text.strip())) is None or not rate:
+    nominal = round(rate or 0)
+    if (found := _TIMECODE.fullmatch(text.strip())) is None or not nominal:
         raise BadInputError("it has no timecode")
     hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
-    nominal = round(rate)
     # Rates such as 29.97 are NTSC's; a phone's average rate is only close to one.
     ntsc = Fraction(nominal * 1000, 1001)
     fractional = abs(rate - ntsc) < rate / 3000

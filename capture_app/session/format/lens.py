@@ -179,8 +179,8 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
     """
     import cv2
 
-    sizes = {(lens.width, lens.height) for lens in (camera, target)}
-    if len(sizes) == 1 and _parameters(camera) == _parameters(target):
+    size = (target.width, target.height)
+    if (camera.width, camera.height) == size and _parameters(camera) == _parameters(target):
         return None
     if distortion_of(target).any():
         rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
@@ -189,7 +189,6 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
         pixels[np.isnan(pixels)] = -10
         maps = (np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1]))
     else:
-        size = (target.width, target.height)
         maps = cv2.initUndistortRectifyMap(
             matrix_of(camera), distortion_of(camera), np.eye(3), matrix_of(target), size, cv2.CV_32FC1
         )

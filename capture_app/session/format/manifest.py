@@ -108,7 +108,7 @@ class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     camera: Name
     reason: Sentence
     dropped: bool = False
-    """The camera dropped the frame."""
+    """Whether the camera dropped the frame; False if it was lost later."""
 
 
 class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -189,14 +189,10 @@ class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     bytes: Count
 
 
-class MissingImage(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class MissingImage(SkippedFrame, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An image that is missing from the burst, and the reason."""
 
-    camera: Name
     instant: Count
-    reason: Sentence
-    dropped: bool = False
-    """Whether the camera dropped the frame; False if it was lost later."""
 
 
 class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -271,13 +267,9 @@ class RowExposures:
     row_time_ns: int
     rows: int
 
-    def start_ns(self, row: int) -> int:
-        """Return the start of a row's exposure."""
-        return self.first_start_ns + row * self.row_time_ns
-
     def middle_ns(self, row: int) -> int:
         """Return the middle of a row's exposure: the moment that its pixels show."""
-        return self.start_ns(row) + self.exposure_ns // 2
+        return self.first_start_ns + row * self.row_time_ns + self.exposure_ns // 2
 
 
 def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | None:
@@ -333,8 +325,12 @@ def sync_record(
 
 def computed_sync(manifest: Manifest) -> SyncRecord:
     """Compute the sync record of a manifest's images in any order, ignoring the record that it stores."""
-    images = sorted(manifest.images, key=lambda image: image.instant)
-    return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
+    return sync_record(
+        manifest.cameras,
+        manifest.burst,
+        sorted(manifest.images, key=lambda image: image.instant),
+        manifest.missing,
+    )
 
 
 def _worse(worst: int | None, number: int | None) -> int | None:
@@ -382,13 +378,14 @@ def check_references(path: Path, manifest: Manifest) -> None:
     Raises BadInputError, with `path`, for the first violation.
     """
     check_numbers(path, manifest)
-    if not manifest.burst.instants_ns:
-        raise BadInputError(f"{path} has no instants", hint=RESTORE)
     names = [camera.name for camera in manifest.cameras]
-    if not names:
-        raise BadInputError(f"{path} has no cameras", hint=RESTORE)
-    if len(set(names)) != len(names):
-        raise BadInputError(f"{path} lists a camera twice", hint=RESTORE)
+    defects = (
+        (not manifest.burst.instants_ns, "has no instants"),
+        (not names, "has no cameras"),
+        (len(set(names)) != len(names), "lists a camera twice"),
+    )
+    for what in (what for applies, what in defects if applies):
+        raise BadInputError(f"{path} {what}", hint=RESTORE)
     for name in (*names, manifest.name, manifest.rig):
         check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
@@ -405,8 +402,10 @@ def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
 
     A number is impossible if it is not finite or needs more than 64 bits.
     """
-    numbers = _numbers(msgspec.to_builtins(record))
-    if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
+    if not all(
+        abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL)
+        for one in _numbers(msgspec.to_builtins(record))
+    ):
         raise BadInputError(
             f"{path} has a number that no session has, such as one of over 64 bits", hint=RESTORE
         )

@@ -136,8 +136,9 @@ class AppLeader:
                 del self._phones[phone.host]
             elif silent_ns >= SILENT_NS and not phone.lost:
                 phone.lost = True
-                what = f"lost phone {phone.name}: it has gone silent"
-                self._events.append(FollowerEvent(phone.name, what, is_warning=True))
+                self._events.append(
+                    FollowerEvent(phone.name, f"lost phone {phone.name}: it has gone silent", is_warning=True)
+                )
                 self._set_interval()
             elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):
                 self._send_trigger(phone, now_ns)
@@ -159,8 +160,8 @@ class AppLeader:
         middle_ns = now_ns + REPORT_INTERVAL_NS // 2
         self._call(phone, Method.OFFSET_UPDATE, str(phone.time_map.leader_from_local(middle_ns) - middle_ns))
         if phone.report_due_ns is None:
-            known = duration(_uncertainty_ns(phone, now_ns) or 0.0)
-            self._events.append(FollowerEvent(phone.name, f"phone {phone.name} has the time to {known}"))
+            text = f"phone {phone.name} has the time to {duration(_uncertainty_ns(phone, now_ns) or 0.0)}"
+            self._events.append(FollowerEvent(phone.name, text))
             phone.align_due_ns = now_ns + REPORT_INTERVAL_NS
         phone.report_due_ns = now_ns + REPORT_INTERVAL_NS
         if self._aligns and now_ns >= phone.align_due_ns and self.orders.may_align(now_ns):

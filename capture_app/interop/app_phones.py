@@ -106,8 +106,10 @@ class AppPhones(RigFollower):
 
     def _log_order(self, phones: int, what: str) -> str:
         self._advance_burst()
-        ordered = f"{count(phones, 'phone')} with the app ordered to {what}"
-        text = f"{ordered}; what they take stays on them (capture-app sessions import)"
+        text = (
+            f"{count(phones, 'phone')} with the app ordered to {what}; "
+            "what they take stays on them (capture-app sessions import)"
+        )
         self._event_log.note(FollowerEvent(None, text))
         return text
 

@@ -192,8 +192,9 @@ class AppOrders:
         due = [still for still, due_ns in self.stills.items() if due_ns <= now_ns < still[1]]
         for instant_ns, trigger_ns in due:
             again_ns = now_ns + AGAIN_EVERY_NS
-            is_last = again_ns > trigger_ns - LAST_CALL_NS
-            self.stills[instant_ns, trigger_ns] = instant_ns if is_last else again_ns
+            self.stills[instant_ns, trigger_ns] = (
+                again_ns if again_ns <= trigger_ns - LAST_CALL_NS else instant_ns
+            )
         for still in [still for still in self.stills if now_ns >= still[0]]:
             self._quiet_until_ns = max(self._quiet_until_ns, still[0] + QUIET_AFTER_NS)
             del self.stills[still]
@@ -201,5 +202,8 @@ class AppOrders:
 
     def may_align(self, now_ns: int) -> bool:
         """Return whether phones may align: no still is near and no recording runs."""
-        is_quiet = not self.is_recording and now_ns >= self._quiet_until_ns
-        return is_quiet and all(instant_ns > now_ns + QUIET_BEFORE_NS for instant_ns, _ in self.stills)
+        return (
+            not self.is_recording
+            and now_ns >= self._quiet_until_ns
+            and all(instant_ns > now_ns + QUIET_BEFORE_NS for instant_ns, _ in self.stills)
+        )

@@ -13,7 +13,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
@@ -160,11 +160,12 @@ def _write_changed(folder: Path, manifest: Manifest) -> None:
         write_atomic(folder / name, data)
     if (folder / CHECKSUMS).is_file():
         lines = (folder / CHECKSUMS).read_bytes().splitlines(keepends=True)
-        for number, line in enumerate(lines):
-            name = line.decode("ascii", errors="replace").partition("  ")[2].strip()
-            if name in written:
-                lines[number] = f"{sha256(written[name]).hexdigest()}  {name}\n".encode()
-        write_atomic(folder / CHECKSUMS, b"".join(lines))
+        named = ((line.decode("ascii", errors="replace").partition("  ")[2].strip(), line) for line in lines)
+        renewed = (
+            f"{sha256(written[name]).hexdigest()}  {name}\n".encode() if name in written else line
+            for name, line in named
+        )
+        write_atomic(folder / CHECKSUMS, b"".join(renewed))
 
 
 class TrashedSession(Struct, frozen=True, kw_only=True):
@@ -186,23 +187,20 @@ def trash_session(folder: Path) -> TrashedSession:
     folder = folder.absolute()
     if not any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN)):
         raise BadInputError(f"no session at {folder}", hint="capture-app sessions list shows what is there")
-    lock = lock_folder(folder)
-    try:
+    with ExitStack() as held, disk_errors(folder):
+        held.callback(os.close, lock_folder(folder))
         trash = folder.parent / TRASH
         make_folders(trash, folder.parent)
         entry = free_name(trash / folder.name)
         entry.mkdir()
-        now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
-        trashed = TrashedSession(id=entry.name, name=folder.name, trashed=now)
+        trashed = TrashedSession(
+            id=entry.name, name=folder.name, trashed=datetime.now(UTC).isoformat().replace("+00:00", "Z")
+        )
         # The original location is stored first: a crash in between leaves the session in place.
         write_atomic(entry / _RECORD, indented(encode_checked(trashed)))
         sync_folder(trash)
         move_folder(folder, entry / _SESSION)
         move_result_folder(results_folder(folder), entry / _OWN_RESULTS)
-    except OSError as error:
-        raise disk_error(error, folder) from error
-    finally:
-        os.close(lock)
     return trashed
 
 

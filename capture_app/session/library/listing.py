@@ -36,6 +36,8 @@ MAX_BYTES = 1 << 26
 """Number of bytes read of an image, or of a video for its first frame."""
 MAX_FILES = 4000
 """Maximum number of cached thumbnails, about 20 MB; above it the oldest half is removed."""
+_Stamp = tuple[int, int, int]
+"""Key of a manifest's file that changes whenever the file does: time, size and inode."""
 SessionState = Literal["complete", "being saved", "interrupted", "unreadable"]
 """Whether a session can be used."""
 
@@ -84,23 +86,19 @@ class SessionListing:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self._known: dict[str, tuple[tuple[int, int, int], SessionCard]] = {}
+        self._known: dict[str, tuple[_Stamp | None, SessionCard]] = {}
 
     def read(self) -> list[SessionCard]:
         """Return all current sessions, by name; a folder that does not exist has none."""
-        before, cards = self._known, []
-        self._known = {}
+        before, self._known = self._known, {}
         for folder, stamp in sorted(self._folders(), key=lambda one: one[0]):
             known = before.get(folder)
-            if stamp is None:
-                card = _card_without_manifest(Path(folder))
-            else:
-                card = known[1] if known and known[0] == stamp else read_card(Path(folder))
-                self._known[folder] = stamp, card
-            cards.append(card)
-        return cards
+            if known is None or stamp is None or known[0] != stamp:
+                known = stamp, read_card(Path(folder)) if stamp else _card_without_manifest(Path(folder))
+            self._known[folder] = known
+        return [card for _, card in self._known.values()]
 
-    def _folders(self) -> Iterator[tuple[str, tuple[int, int, int] | None]]:
+    def _folders(self) -> Iterator[tuple[str, _Stamp | None]]:
         """Yield each session's folder, with a key that changes whenever its manifest does.
 
         The key is None if the session has no manifest yet.

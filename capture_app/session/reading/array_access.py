@@ -31,7 +31,6 @@ TimeName = Literal[
 """Times that `OpenSession.times` returns: fields of `ImageRecord`, and the simulated true time."""
 Pixels = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float64]
-_CALIBRATE = "run `reconstruct calibrate SESSION --from sfm`, or --from board"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,9 +199,8 @@ class CameraFrames:
     _matrices: CameraMatrices | None
 
     def __repr__(self) -> str:
-        there = sum(not frame.missing for frame in self.frames)
-        calibrated = "calibrated" if self.is_calibrated else "not calibrated"
-        return f"<CameraFrames {self.name}: {there} of {len(self.frames)} frames, {calibrated}>"
+        there = f"{sum(not one.missing for one in self.frames)} of {len(self.frames)} frames"
+        return f"<CameraFrames {self.name}: {there}, {'' if self.is_calibrated else 'not '}calibrated>"
 
     @property
     def is_calibrated(self) -> bool:
@@ -213,7 +211,10 @@ class CameraFrames:
     def calibration(self) -> CameraMatrices:
         """The camera's calibration. Raises IncompleteError if the session has none of it."""
         if self._matrices is None:
-            raise IncompleteError(f"{self.name} is not calibrated", hint=_CALIBRATE)
+            raise IncompleteError(
+                f"{self.name} is not calibrated",
+                hint="run `reconstruct calibrate SESSION --from sfm`, or --from board",
+            )
         return self._matrices
 
 
@@ -271,8 +272,11 @@ class OpenSession(Session):
             ]
             for of in self.cameras.values()
         ]
-        unknown = [[time is None for time in row] for row in times_ns]
-        return np.ma.MaskedArray([[time or 0 for time in row] for row in times_ns], unknown, np.int64)
+        return np.ma.MaskedArray(
+            [[time or 0 for time in row] for row in times_ns],
+            [[time is None for time in row] for row in times_ns],
+            np.int64,
+        )
 
     def triangulate(self, pixels: Mapping[str, npt.ArrayLike]) -> Numbers:
         """Return points (n x 3) in the rig's frame from their pixels (n x 2) in two or more cameras by name.
@@ -295,18 +299,18 @@ class OpenSession(Session):
         return {(one.camera, one.instant): one.true_ns for one in (truth.images if truth else ())}
 
     def _named(self, camera: str) -> CameraFrames:
-        if camera not in self.cameras:
-            raise BadInputError(f"no camera {camera!r}", hint=f"the cameras are {', '.join(self.cameras)}")
-        return self.cameras[camera]
+        return self.cameras[self.camera(camera).name]
 
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
         if (rig := self.calibration()) is None or camera.name not in rig.cameras:
             return None
         of = rig.cameras[camera.name]
-        cam_from_rig = np.eye(4)
-        cam_from_rig[:3, :3], cam_from_rig[:3, 3] = of.rotation, of.translation
-        matrix = of.matrix(camera.facts.width, camera.facts.height)
-        return CameraMatrices(matrix, np.array(of.distortion[:5]), cam_from_rig, rig.unit)
+        return CameraMatrices(
+            camera_matrix=of.matrix(camera.facts.width, camera.facts.height),
+            distortion=np.array(of.distortion[:5]),
+            cam_from_rig=np.vstack([np.column_stack([of.rotation, of.translation]), [0.0, 0.0, 0.0, 1.0]]),
+            unit=rig.unit,
+        )
 
 
 def open_session(path: str | PathLike[str]) -> OpenSession:

@@ -106,8 +106,7 @@ class TakeSheet:
 
     def note(self, camera: str, instant: int) -> str:
         """Return a short note on an image, or the reason why it is missing; empty if nothing is wrong."""
-        image = self.image(camera, instant)
-        if image is None:
+        if (image := self.image(camera, instant)) is None:
             return self._missing.get((camera, instant), "missing")
         beside = "neighbouring frame" if image.substitute else ""
         return f"{duration(image.residual_ns, signed=True)} off" if image.late else beside

@@ -86,18 +86,17 @@ def judge(manifest: Manifest) -> Verdict:
     spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
-    # Old recordings and imports carry no timestamp uncertainty, so it cannot be part of their error.
-    stamped = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
     if unknown:
         purpose = NOT_SYNCHRONIZED
         sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync)
-    headline = f"{purpose}; {_completeness(manifest, sync)}"
     expected = len(manifest.cameras) * len(sync.spread_ns)
-    if is_incomplete(expected - len(manifest.images), expected):
-        grade, headline = "poor", f"poor: {_completeness(manifest, sync)}; the rest is {purpose}"
+    missing = expected - len(manifest.images)
+    headline = f"{purpose}; {_completeness(missing, expected, sync)}"
+    if is_incomplete(missing, expected):
+        grade, headline = "poor", f"poor: {_completeness(missing, expected, sync)}; the rest is {purpose}"
     return Verdict(
         grade=grade,
         headline=headline,
@@ -110,7 +109,8 @@ def judge(manifest: Manifest) -> Verdict:
         dropped=sync.dropped,
         substituted=sync.substituted,
         late=sync.late,
-        stamps=unmeasured_stamps(stamped),
+        # Old recordings and imports carry no timestamp uncertainty, so it cannot be part of their error.
+        stamps=unmeasured_stamps({one.name: one.facts for one in manifest.cameras if one.facts.stamp}),
     )
 
 
@@ -121,10 +121,8 @@ def is_incomplete(missing: int, expected: int) -> bool:
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:
     """Return the manifest's synchronization record; if it lacks instants, compute it from the images."""
-    sync = manifest.sync
-    if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
-        return sync
-    return computed_sync(manifest)
+    sync, instants = manifest.sync, len(manifest.burst.instants_ns)
+    return sync if sync and len(sync.spread_ns) == instants else computed_sync(manifest)
 
 
 def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
@@ -167,9 +165,7 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"
 
 
-def _completeness(manifest: Manifest, sync: SyncRecord) -> str:
-    expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
-    missing = expected - len(manifest.images)
+def _completeness(missing: int, expected: int, sync: SyncRecord) -> str:
     images = count(expected, "image")
     notes = (
         (missing and sync.dropped, "dropped by the camera"),

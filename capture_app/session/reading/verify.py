@@ -127,11 +127,10 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 
 def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> Iterator[Problem]:
-    header_size, own = size_of(data), (camera.facts.width, camera.facts.height)
+    size, own = size_of(data), (camera.facts.width, camera.facts.height)
     # An image of a different size need not be decoded, and might not fit into memory.
-    size = (
-        header_size if header_size is not None and (header_size != own or not in_full) else image_size(data)
-    )
+    if size == own and in_full:
+        size = image_size(data)
     if size is None:
         yield Problem("unreadable", path, "not an image that can be decoded")
     elif size != own:

@@ -64,7 +64,8 @@ class CameraNode:
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
         opened at the start, BadInputError for an unusable spool or machine key. Later failures are retried.
         """
-        options, self._last_state, self._is_leaving = self.options, None, False
+        options = self.options
+        self._last_state, self._is_leaving = None, False
         # Anyone who knows the number can speak for this camera, so it has too many bits to be guessed.
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
@@ -176,8 +177,11 @@ class CameraNode:
             self._log.say(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
                 # What brought the camera into phase is proven now.
-                of = self._engine.aligner
-                proven = {"injection": of.actuator.profile, "start_latencies_ns": of.start_latencies_ns}
+                aligner = self._engine.aligner
+                proven = {
+                    "injection": aligner.actuator.profile,
+                    "start_latencies_ns": aligner.start_latencies_ns,
+                }
                 self.options.profiles.save(
                     mode_key(self._camera.facts), **{name: value for name, value in proven.items() if value}
                 )

@@ -52,8 +52,13 @@ class _Stream:
     async def read(self, preview: Preview) -> None:
         """Read its next preview and store it, if an operator watches and it is not too large."""
         if self.request.fps and self.channel.unread <= MAX_PREVIEW_BYTES:
-            jpeg = b"".join([chunk async for chunk in self.channel.payload()])
-            self.pictures.append(replace(preview, jpeg=jpeg, completes=False))
+            self.pictures.append(
+                replace(
+                    preview,
+                    jpeg=b"".join([chunk async for chunk in self.channel.payload()]),
+                    completes=False,
+                )
+            )
             while sum(len(one.jpeg) for one in self.pictures) > MAX_PREVIEW_BYTES:
                 self.pictures.popleft()
 

@@ -320,7 +320,7 @@ class StereoStudy(PairStudy):
         for now, later in pairs:
             self.progress.step(f"stereo {reference}-{other}, instant {now}")
             shown = {"synced": now, "offset": later}
-            maps.append({side: self._depth(matcher, disparities, now, k) for side, k in shown.items()})
+            maps.append({side: self._depth(matcher, now, k) for side, k in shown.items()})
         instants = self._instants(pairs, maps, matcher)
         tally = Tally()
         for one in instants:
@@ -358,7 +358,7 @@ class StereoStudy(PairStudy):
             "disparities", tuple[float, float], find, reference, other, nows, repr(views)
         )
 
-    def _depth(self, matcher: StereoPair, disparities: tuple[float, float], now: int, shown: int) -> DepthMap:
+    def _depth(self, matcher: StereoPair, now: int, shown: int) -> DepthMap:
         """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
         reference, other = self.cameras
         return self.rig.stages.arrays(
@@ -368,7 +368,8 @@ class StereoStudy(PairStudy):
             reference,
             other,
             repr((self.rig.views[reference], self.rig.views[other])),
-            disparities,
+            # Ranges that round to the same search, such as the tolerance curve's, share their depth.
+            (matcher.min_disparity, matcher.num_disparities),
             matcher.scale,
             now,
             shown,

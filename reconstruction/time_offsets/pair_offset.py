@@ -96,6 +96,8 @@ class PairOffsets:
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
         self._stays = lru_cache(maxsize=None)(self._find_staying)
         self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
+        # A comparison's pair is also one of its rig's.
+        self.measure = lru_cache(maxsize=None)(self._measure)
 
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""
@@ -105,7 +107,7 @@ class PairOffsets:
             if (one := self._motion(name)) is not None and one[0] < MIN_STILL
         }
 
-    def measure(
+    def _measure(
         self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None
     ) -> OffsetFit:
         """Measure how much later than its recorded times the second camera is, relative to the first.

@@ -43,27 +43,27 @@ def fuse_maps(
     view.
     """
     maps = [(number, name) for number, name in enumerate(views) if name in depth_views]
-    free = {name: depth_views[name].depth.reshape(-1) > 0 for _, name in maps}
+    free = {name: depth_views[name].depth.ravel() > 0 for _, name in maps}
+    measured = {name: _measurements(views[name], depth_views[name], pictures[name]) for _, name in maps}
     parts, required = [], min(MIN_VIEWS, group)
     # A later map cannot be in enough others.
     for place, (number, name) in enumerate(maps[: max(1, len(maps) + 1 - required)]):
-        starts = np.flatnonzero(free[name])
-        first = _measurements(views[name], depth_views[name], pictures[name], starts)
-        total, seen = first.copy(), np.zeros((len(starts), len(views)), bool)
+        first = measured[name][free[name]]
+        total, seen = first.copy(), np.zeros((len(first), len(views)), bool)
         seen[:, number] = True
         for later, other in maps[place + 1 :]:
-            view, found = views[other], depth_views[other]
-            rows, columns, z, inside = project_points(view, first[:, :3])
-            at, depth = rows * view.width + columns, found.depth[rows, columns]
-            same = inside & free[other][at] & (np.abs(z - depth) <= MAX_DEPTH_ERROR * depth)
-            points, pixels = np.flatnonzero(same), at[same]
-            joining = _measurements(view, found, pictures[other], pixels)
-            facing = (joining[:, 3:6] * first[points, 3:6]).sum(1) >= MIN_NORMAL_COSINE
+            at, z, inside = project_points(views[other], first[:, :3])
+            depth = depth_views[other].depth.take(at)
+            same = inside & free[other].take(at) & (np.abs(z - depth) <= MAX_DEPTH_ERROR * depth)
+            points = np.flatnonzero(same)
+            cosine = np.einsum("ij,ij->i", measured[other][at[points], 3:6], first[points, 3:6])
+            points = points[cosine >= MIN_NORMAL_COSINE]
             # Of several points that show a pixel the first gets it.
-            taken, chosen = np.unique(pixels[facing], return_index=True)
-            points = points[facing][chosen]
-            total[points] += joining[facing][chosen]
-            seen[points, later], free[other][taken] = True, False
+            owner = np.empty(len(free[other]), np.intp)
+            owner[at[points[::-1]]] = points[::-1]
+            points = points[owner[at[points]] == points]
+            total[points] += measured[other][at[points]]
+            seen[points, later], free[other][at[points]] = True, False
         count = seen.sum(1)
         enough = count >= required
         parts.append((total[enough] / count[enough, None].astype(np.float32), seen[enough]))
@@ -75,12 +75,12 @@ def fuse_maps(
     return FusedCloud(*(part[accepted] for part in cloud))
 
 
-def _measurements(view: View, found: ViewDepth, picture: Array, pixels: Array) -> Array:
-    """Return place, normal and colour (n, 9), float32, that a map has at pixels (flat indices)."""
-    rows, columns = np.divmod(pixels, view.width)
-    points = surface_points(view, rows, columns, found.depth[rows, columns])
-    normals = found.normals[rows, columns] @ view.rotation.astype(np.float32)
-    return np.hstack([points, normals, picture[rows, columns, ::-1]])
+def _measurements(view: View, found: ViewDepth, picture: Array) -> Array:
+    """Return place, normal and colour (n, 9), float32, that a map has at each pixel."""
+    rows, columns = np.divmod(np.arange(found.depth.size), view.width)
+    points = surface_points(view, rows, columns, found.depth.ravel())
+    normals = found.normals.reshape(-1, 3) @ view.rotation.astype(np.float32)
+    return np.hstack([points, normals, picture.reshape(-1, 3)[:, ::-1]])
 
 
 def surface_points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -111,23 +111,24 @@ def find_denied(
     confirming, denying = (np.zeros(len(points), np.uint16) for _ in range(2))
     for name, found in depth_views.items():
         view = views[name]
-        rows, columns, z, inside = project_points(view, points)
+        at, z, inside = project_points(view, points)
         towards = view.centre.astype(np.float32) - points
-        cosine = (towards * normals).sum(1) / np.linalg.norm(towards, axis=1)
-        confirming += inside & (cosine > 0) & (np.abs(found.depth[rows, columns] - z) < SLACK * z)
+        cosine = np.einsum("ij,ij->i", towards, normals) / np.sqrt(np.einsum("ij,ij->i", towards, towards))
+        confirming += inside & (cosine > 0) & (np.abs(found.depth.take(at) - z) < SLACK * z)
         # Zero if any neighbouring pixel has no depth.
-        nearest = cv2.erode(found.depth, np.ones((3, 3), np.uint8))[rows, columns]
+        nearest = cv2.erode(found.depth, np.ones((3, 3), np.uint8)).take(at)
         denying += inside & (nearest > np.where(cosine < BEHIND, 1 - SLACK, 1 + SLACK) * z)
     return np.asarray((denying > 0) & (confirming <= 2 * denying))
 
 
-def project_points(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the rows and columns of the pixels that points project to, their depth, and which are inside."""
+def project_points(view: View, points: Array) -> tuple[Array, Array, Array]:
+    """Return the pixels of points (flat indices, 0 outside the image), their depth, and which are inside."""
     onto = (view.matrix @ view.rotation).astype(np.float32)
-    x, y, z = (points.astype(np.float32) @ onto.T + (view.matrix @ view.translation).astype(np.float32)).T
+    shift = (view.matrix @ view.translation).astype(np.float32)
+    x, y, z = onto @ points.T.astype(np.float32) + shift[:, None]
     ahead = z > 1e-6
     far = 1 / np.where(ahead, z, 1)
     columns, rows = np.rint(x * far), np.rint(y * far)
     inside = ahead & (columns >= 0) & (columns < view.width) & (rows >= 0) & (rows < view.height)
-    rows, columns = (np.where(inside, axis, 0).astype(np.int32) for axis in (rows, columns))
-    return rows, columns, z, inside
+    rows, columns = (np.where(inside, axis, 0).astype(np.intp) for axis in (rows, columns))
+    return rows * view.width + columns, z, inside

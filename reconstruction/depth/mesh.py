@@ -91,14 +91,14 @@ def join_maps(
         surface = view.unproject(view.grid(), depth.reshape(-1)).reshape(*depth.shape, 3)
         for other, theirs in taken.items():
             pixels = np.nonzero(mine)
-            rows, columns, ratio = _compare(surface[pixels], views[other], depth_views[other])
-            mine[pixels] = (ratio == 0) | ~theirs[rows, columns]
+            at, ratio = _compare(surface[pixels], views[other], depth_views[other])
+            mine[pixels] = (ratio == 0) | ~theirs.take(at)
         mine = remove_speckles(mine, 1 / np.maximum(depth, 1e-12), MIN_ISLAND_PX)
         taken[name] = mine
         seam = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8))
         pixels = np.nonzero((depth > 0) & (seam > 0))
         points = surface[pixels]
-        ratios = [_compare(points, views[other], depth_views[other])[2] for other in small if other != name]
+        ratios = [_compare(points, views[other], depth_views[other])[1] for other in small if other != name]
         mean = (1 + np.sum(ratios, axis=0)) / (1 + np.count_nonzero(ratios, axis=0))
         points = view.centre + (points - view.centre) * mean[:, None]
         denied = find_denied(points, found.normals[pixels] @ view.rotation, views, depth_views)
@@ -126,14 +126,14 @@ def _reduce(view: View, found: ViewDepth, picture: Array) -> tuple[View, ViewDep
     return replace(view, matrix=matrix, **size), ViewDepth(depth, normals), colours
 
 
-def _compare(points: Array, view: View, found: ViewDepth) -> tuple[Array, Array, Array]:
-    """Return the rows and columns at which a view sees points, and its depths relative to theirs.
+def _compare(points: Array, view: View, found: ViewDepth) -> tuple[Array, Array]:
+    """Return the pixels (flat indices) at which a view sees points, and its depths relative to theirs.
 
     The relative depth is 0 where the view did not measure that surface.
     """
-    rows, columns, z, inside = project_points(view, points)
-    ratio = found.depth[rows, columns] / np.where(inside, z, 1)
-    return rows, columns, np.where(inside & (np.abs(ratio - 1) < SAME_SURFACE), ratio, 0)
+    at, z, inside = project_points(view, points)
+    ratio = found.depth.take(at) / np.where(inside, z, 1)
+    return at, np.where(inside & (np.abs(ratio - 1) < SAME_SURFACE), ratio, 0)
 
 
 def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]) -> dict[str, Array]:

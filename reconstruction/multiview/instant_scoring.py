@@ -128,13 +128,13 @@ def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str
 
 def visible_points(view: View, depth: Array, points: Array) -> Array:
     """Return the points (bool) that a view sees, by its true depth; they are not occluded."""
-    rows, columns, z, inside = project_points(view, points)
-    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_FRACTION * z))
+    at, z, inside = project_points(view, points)
+    return np.asarray(inside & (np.abs(depth.take(at) - z) < VISIBLE_FRACTION * z))
 
 
 def _on_mask(view: View, mask: Array, points: Array) -> Array:
-    rows, columns, _, inside = project_points(view, points)
-    return np.asarray(inside & mask[rows, columns])
+    at, _, inside = project_points(view, points)
+    return np.asarray(inside & mask.take(at))
 
 
 def _sample(points: Array) -> Array:

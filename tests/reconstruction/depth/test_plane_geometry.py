@@ -433,14 +433,14 @@ def test_other_views_propose_their_nearest_surface() -> None:
 
 def test_points_are_at_the_pixels_that_see_them() -> None:
     at = np.array([[3.0, 50.0], [70.0, 7.0], [31.0, 36.0], [0.0, 0.0], [79.0, 59.0]])
-    rows, columns, z, inside = project_points(REFERENCE, WALL.points(REFERENCE, at))
+    pixels, z, inside = project_points(REFERENCE, WALL.points(REFERENCE, at))
     assert inside.all()
-    assert np.array_equal(np.column_stack([columns, rows]), at)
+    assert np.array_equal(np.column_stack(np.divmod(pixels, REFERENCE.width)[::-1]), at)
     assert z == pytest.approx(depth_in(REFERENCE, WALL.points(REFERENCE, at)), rel=1e-5)
     beside = WALL.points(REFERENCE, np.array([[-1.0, 5], [5, -1], [80, 5], [5, 60]]))
-    assert not project_points(REFERENCE, beside)[3].any()
+    assert not project_points(REFERENCE, beside)[2].any()
     behind = 2 * REFERENCE.centre - WALL.points(REFERENCE, at)
-    assert not project_points(REFERENCE, behind)[3].any()
+    assert not project_points(REFERENCE, behind)[2].any()
 
 
 def test_the_best_angles_are_worth_most() -> None:

@@ -4,7 +4,7 @@ First the planes with many points of all views are found, one after the other. T
 matched with wide windows at a small scale. It takes one of the planes or keeps the depth found before.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -111,14 +111,6 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     return BlankPart(part, shade, there, mask)
 
 
-class SurfacePoints(NamedTuple):
-    """Surface points in the rig's frame, their normals, and the camera centres that saw them; (n, 3)."""
-
-    places: Array
-    normals: Array
-    centres: Array
-
-
 class ScenePlane(NamedTuple):
     """A plane of the rig's frame: normal . X = distance, in the rig's unit."""
 
@@ -131,13 +123,16 @@ class ScenePlane(NamedTuple):
         distance = self.distance + float(normal @ view.translation)
         return np.asarray(normal / (distance if abs(distance) > 1e-9 else 1e-9), np.float32)
 
-    def off(self, points: SurfacePoints) -> Array:
-        """Return the relative depth errors (n,) of points to the plane, along the rays that saw them."""
-        return np.asarray(_relative_gaps(self.normal[None], np.array([self.distance]), points)[0])
+    def contains(self, points: Array, tolerance: float = TOLERANCE) -> Array:
+        """Return which surface points (9, n) are within a relative depth error of the plane (bool)."""
+        return np.asarray(_near(self.normal[None], np.array([self.distance]), points, tolerance)[0])
 
 
-def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array) -> SurfacePoints:
-    """Return points and normals of a view's surface where it is evident (bool height x width)."""
+def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array) -> Array:
+    """Return points of a view's surface where it is evident (bool height x width).
+
+    They are float32 (9, n) in the rig's frame: places, normals, and the camera centre that saw them.
+    """
     typical = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
     level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
@@ -147,60 +142,54 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
     normals = facing[rows, columns] @ image.view.rotation
     centres = np.broadcast_to(image.view.centre, places.shape)
-    return SurfacePoints(*(part.astype(np.float32) for part in (places, normals, centres)))
+    return np.hstack([places, normals, centres]).T.astype(np.float32)
 
 
-def find_scene_planes(samples: Iterable[SurfacePoints], min_points: int) -> list[ScenePlane]:
-    """Find planes that contain at least `min_points` of all points, largest first."""
-    left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
+def find_scene_planes(samples: Sequence[Array], min_points: int) -> list[ScenePlane]:
+    """Find planes that contain at least `min_points` of all surface points (9, n each), largest first."""
+    left = np.ascontiguousarray(np.hstack(samples))
     found: list[ScenePlane] = []
-    while len(found) < MAX_PLANES and len(left.places) >= min_points:
+    while len(found) < MAX_PLANES and left.shape[1] >= min_points:
         plane = _best_supported(left)
-        off = plane.off(left)
-        if np.count_nonzero(off < TOLERANCE) < min_points:
+        if np.count_nonzero(plane.contains(left)) < min_points:
             break
         found.append(plane)
         # Points just beside it would give the same plane again.
-        left = _selected(left, off >= 2 * TOLERANCE)
+        left = left.compress(~plane.contains(left, 2 * TOLERANCE), axis=1)
     return found
 
 
-def _best_supported(points: SurfacePoints) -> ScenePlane:
+def _best_supported(points: Array) -> ScenePlane:
     """Return the plane with the most points, fitted to them."""
-    tried, judges = (
-        _selected(points, slice(None, None, max(1, len(points.places) // n))) for n in (TRIALS, JUDGES)
-    )
-    distances = (tried.normals * tried.places).sum(1)
-    support = (_relative_gaps(tried.normals, distances, judges) < TOLERANCE).sum(1)
+    tried, judges = (points[:, :: max(1, points.shape[1] // n)] for n in (TRIALS, JUDGES))
+    normals = tried[3:6].T
+    distances = (tried[3:6] * tried[:3]).sum(0)
+    support = np.count_nonzero(_near(normals, distances, judges, TOLERANCE), axis=1)
     finalists = np.argsort(-support, kind="stable")[:FINALISTS]
-    planes = (_refined(ScenePlane(tried.normals[k], float(distances[k])), points) for k in finalists)
-    return max(planes, key=lambda plane: np.count_nonzero(plane.off(points) < TOLERANCE))
+    planes = (_refined(ScenePlane(normals[k], float(distances[k])), points) for k in finalists)
+    return max(planes, key=lambda plane: np.count_nonzero(plane.contains(points)))
 
 
-def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
+def _refined(plane: ScenePlane, points: Array) -> ScenePlane:
     """Refine a plane by repeated least squares through the points on it."""
     for factor in ROUNDS:
-        close = plane.off(points) < factor * TOLERANCE
-        on = SurfacePoints(*(part[close].astype(float) for part in points))
-        if len(on.places) < 3:
+        on = points.compress(plane.contains(points, factor * TOLERANCE), axis=1).astype(float)
+        if on.shape[1] < 3:
             break
-        weights = 1 / np.maximum(np.abs(plane.distance - on.centres @ plane.normal), 1e-9) ** 2
-        middle = np.average(on.places, axis=0, weights=weights)
-        deviations = on.places - middle
-        normal = np.linalg.eigh((deviations * weights[:, None]).T @ deviations)[1][:, 0]
+        places, centres = on[:3], on[6:]
+        weights = 1 / np.maximum(np.abs(plane.distance - plane.normal @ centres), 1e-9) ** 2
+        middle = np.average(places, axis=1, weights=weights)
+        deviations = places - middle[:, None]
+        normal = np.linalg.eigh((deviations * weights) @ deviations.T)[1][:, 0]
         plane = ScenePlane(normal, float(normal @ middle))
     return plane
 
 
-def _relative_gaps(normals: Array, distances: Array, points: SurfacePoints) -> Array:
-    """Return the gaps (planes x points) between planes and points along the rays, relative to plane depth."""
+def _near(normals: Array, distances: Array, points: Array, tolerance: float) -> Array:
+    """Return which points are within a relative depth error of planes, along their rays (planes x points)."""
     normals, distances = normals.astype(np.float32), distances.astype(np.float32)[:, None]
-    gaps = np.abs(normals @ points.places.T - distances)
-    return np.asarray(gaps / np.maximum(np.abs(normals @ points.centres.T - distances), 1e-9))
-
-
-def _selected(points: SurfacePoints, chosen: Array | slice) -> SurfacePoints:
-    return SurfacePoints(*(part[chosen] for part in points))
+    gaps, depths = (np.abs(normals @ part - distances) for part in (points[:3], points[6:]))
+    return np.asarray(gaps < np.float32(tolerance) * depths)
 
 
 PlaneChoice = tuple[Array, Array, Array]
@@ -362,7 +351,7 @@ def fit_blank_walls(
     if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_FRACTION:
         return dict(surfaces), planes
 
-    def sample(name: str) -> list[SurfacePoints]:
+    def sample(name: str) -> list[Array]:
         part, surface = parts[name], surfaces[name]
         level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)

@@ -10,7 +10,6 @@ from capture_app.simulation.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.blank_walls import (
     ScenePlane,
-    SurfacePoints,
     evident_patches,
     extract_blank_part,
     find_scene_planes,
@@ -30,14 +29,14 @@ DISTANCES = np.array([4.0, 2.0, 1.5])
 
 def seen_on(
     plane: ScenePlane, count: int, rng: np.random.Generator, *, off: float = 0.001, tilt: float = 0.05
-) -> SurfacePoints:
+) -> Array:
     """Points before a camera in the origin, off the plane by a share of their depth and some radians."""
     rays = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.ones(count)])
     rays = rays[rays @ plane.normal > 0.2]
     depth = plane.distance / (rays @ plane.normal) * rng.normal(1, off, len(rays))
     normals = plane.normal + rng.normal(0, tilt, rays.shape)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return SurfacePoints(rays * depth[:, None], normals, np.zeros_like(rays))
+    return np.hstack([rays * depth[:, None], normals, np.zeros_like(rays)]).T
 
 
 def test_planes_are_found_among_points_of_nothing() -> None:
@@ -45,9 +44,8 @@ def test_planes_are_found_among_points_of_nothing() -> None:
     true = [ScenePlane(normal, float(d)) for normal, d in zip(NORMALS, DISTANCES, strict=True)]
     samples = [seen_on(plane, count, rng) for plane, count in zip(true, (4000, 3000, 2500), strict=True)]
     stray = rng.uniform(1, 6, (1500, 3))
-    samples.append(
-        SurfacePoints(stray, rng.permutation(NORMALS[rng.integers(0, 3, 1500)]), np.zeros_like(stray))
-    )
+    facing = rng.permutation(NORMALS[rng.integers(0, 3, 1500)])
+    samples.append(np.hstack([stray, facing, np.zeros_like(stray)]).T)
     found = find_scene_planes(samples, min_points=400)
     assert len(found) == len(true)
     for plane in true:
@@ -67,9 +65,9 @@ def test_a_wall_among_noise_is_not_tilted_as_its_first_candidate_is() -> None:
 def test_near_cameras_count_for_more_in_a_plane_than_far_ones() -> None:
     flat = np.column_stack([np.random.default_rng(1).uniform(-1, 1, (2000, 2)), np.ones(2000)])
     facing = np.tile((0.0, 0.0, 1.0), (2000, 1))
-    near = SurfacePoints(flat, facing, np.zeros_like(flat))
+    near = np.hstack([flat, facing, np.zeros_like(flat)]).T
     # From 10 m, 2 cm are a fifth of a percent; from 1 m, two.
-    far = SurfacePoints(flat + (0, 0, 0.02), facing, np.zeros_like(flat) + (0, 0, -9.0))  # noqa: RUF005
+    far = near + np.array([0, 0, 0.02, 0, 0, 0, 0, 0, -9.0])[:, None]
     found = find_scene_planes([near, far], min_points=400)[0]
     assert abs(found.distance) == pytest.approx(1.0002, abs=2e-4)
 

@@ -93,11 +93,10 @@ class CalibratedImage:
         `right`, `down`: slope per pixel. With w = a + right * x + down * y and rays (x', y', 1) of the
         pixels, the plane n . X = d has n / d = gradient of w along the rays.
         """
-        per_x, per_y = right * self.view.matrix[0, 0], down * self.view.matrix[1, 1]
-        along = inverse_depth - per_x * self.rays[0] - per_y * self.rays[1]
-        normal = -np.stack([per_x, per_y, along], axis=-1)
-        length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        return np.asarray(normal / np.maximum(length, 1e-12), np.float32)
+        per_x, per_y = right * np.float32(self.view.matrix[0, 0]), down * np.float32(self.view.matrix[1, 1])
+        parts = per_x, per_y, inverse_depth - per_x * self.rays[0] - per_y * self.rays[1]
+        scale = -1 / np.maximum(np.sqrt(sum(part * part for part in parts)), 1e-12)
+        return np.stack([part * scale for part in parts], axis=-1)
 
 
 def matching_noise(grey: Array) -> float:

@@ -61,6 +61,11 @@ class CompiledEngine(SweepEngine):
         self._call("warp", *out.shape, _floats(inverse_depth), ctypes.byref(_source(source_view)), out)
         return out
 
+    def splat(self, source_view: SourceView, depth: Array, nearest: Array) -> None:
+        """Splat depth, bit-identical to NumPy's."""
+        numbers = _floats(source_view.numbers)
+        self._call("splat", *depth.shape, _floats(depth), numbers, *nearest.shape, nearest)
+
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Find the cheapest depths, bit-identical to NumPy's."""
         place, own = (np.empty(grey.shape, np.float32) for _ in range(2))
@@ -79,10 +84,10 @@ class CompiledEngine(SweepEngine):
 
     def _reused(self, name: str, shape: tuple[int, ...], dtype: type) -> Array:
         """Return an array in memory that this thread uses again; fresh pages take a tenth of a map's time."""
-        count = int(np.prod(shape))
-        if getattr(self._kept, name, np.empty(0)).size < count:
-            setattr(self._kept, name, np.empty(count, dtype))
-        return np.asarray(getattr(self._kept, name)[:count].reshape(shape))
+        kept, count = vars(self._kept), int(np.prod(shape))
+        if name not in kept or kept[name].size < count:
+            kept[name] = np.empty(count, dtype)
+        return np.asarray(kept[name][:count].reshape(shape))
 
     def fit_planes(
         self,

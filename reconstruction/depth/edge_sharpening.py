@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import cv2
 import numpy as np
@@ -58,19 +59,25 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
 def _both_sides(surface: Surface, pixels: tuple[Array, ...]) -> tuple[Array, Array]:
     """Return the nearest level (n,) and the farthest plane (3, n) around pixels, extended to these."""
     height, width = surface.inverse_depth.shape
-    levels, slopes_x, slopes_y = (part.reshape(-1) for part in surface[:3])
-    farthest = np.ravel_multi_index(pixels, (height, width))
-    near = far = levels[farthest]
+    around = REACH_PX, REACH_PX
+    planes = np.pad(surface[:3], ((0, 0), around, around), "edge")
+    # Beyond the image its outermost planes go on.
+    for axis, size in ((1, width), (2, height)):
+        beyond = np.arange(-REACH_PX, size + REACH_PX, dtype=np.float32)
+        beyond -= beyond.clip(0, size - 1)
+        planes[0] += planes[axis] * (beyond if axis == 1 else beyond[:, None])
+    wide = width + 2 * REACH_PX
+    farthest = own = (pixels[0] + REACH_PX) * wide + pixels[1] + REACH_PX
+    near = far = planes[0].take(own)
     for off in (REACH_PX, REACH_PX // 2):
-        for dy in (-off, 0, off):
-            for dx in (-off, 0, off):
-                rows, columns = np.clip(pixels[0] + dy, 0, height - 1), np.clip(pixels[1] + dx, 0, width - 1)
-                at = rows * width + columns
-                level = levels[at] - slopes_x[at] * (columns - pixels[1]) - slopes_y[at] * (rows - pixels[0])
-                near = np.maximum(near, level)
-                farthest = np.where(level < far, at, farthest)
-                far = np.minimum(far, level)
-    return near, np.stack([far, slopes_x[farthest], slopes_y[farthest]]).astype(np.float32)
+        for dy, dx in product((-off, 0, off), repeat=2):
+            at = own + (dy * wide + dx)
+            level, slope_x, slope_y = (part.take(at) for part in planes)
+            level -= slope_x * dx + slope_y * dy
+            near = np.maximum(near, level)
+            farthest = np.where(level < far, at, farthest)
+            far = np.minimum(far, level)
+    return near, np.stack([far, *(part.take(farthest) for part in planes[1:])])
 
 
 def _differences(
@@ -95,13 +102,12 @@ def _gains(gain: Array, grey: Array, pixels: tuple[Array, ...]) -> Array:
     rows, columns = pixels[0] + margin, pixels[1] + margin
     own = grey[pixels]
     total, size, weight = (np.full(len(own), 1e-9, np.float32) for _ in range(3))
-    for dy in NEIGHBOURHOOD:
-        for dx in NEIGHBOURHOOD:
-            at = rows + dy, columns + dx
-            theirs = wide_gain[at]
-            alike = np.exp(-np.abs(wide_grey[at] - own) / SIMILAR_GREY - math.hypot(dx, dy) / SIMILAR_PX)
-            alike *= theirs != 0
-            total += alike * theirs
-            size += alike * np.abs(theirs)
-            weight += alike
+    for dy, dx in product(NEIGHBOURHOOD, repeat=2):
+        at = rows + dy, columns + dx
+        theirs = wide_gain[at]
+        alike = np.exp(-np.abs(wide_grey[at] - own) / SIMILAR_GREY - math.hypot(dx, dy) / SIMILAR_PX)
+        alike *= theirs != 0
+        total += alike * theirs
+        size += alike * np.abs(theirs)
+        weight += alike
     return np.asarray((total > MIN_GAIN * weight) & (total > MIN_GAIN_FRACTION * size))

@@ -175,6 +175,23 @@ FOR_ALL int warp(int height, int width, const float *level, const Source *source
   return 0;
 }
 
+/* Raises `nearest` (there_height x there_width) to the inverse depths of the surfaces that this view's depth shows in
+ * another view, whose pixels `m` gives: see `Source`. */
+FOR_ALL int splat(int height, int width, const float *depth, const float *m, int there_height, int there_width,
+                  float *nearest) {
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++) {
+      const float own = depth[(size_t)y * width + x], level = 1.f / at_least(own, 1e-12f);
+      const float z = m[6] * x + m[7] * y + m[8] + m[11] * level, far = 1.f / z;
+      const float u = rintf((m[0] * x + m[1] * y + m[2] + m[9] * level) * far);
+      const float v = rintf((m[3] * x + m[4] * y + m[5] + m[10] * level) * far);
+      if (!(own > 0.f && z > 1e-6f && u >= 0.f && u < there_width && v >= 0.f && v < there_height)) continue;
+      float *at = nearest + (size_t)v * there_width + (size_t)u;
+      *at = at_least(level / z, *at);
+    }
+  return 0;
+}
+
 /* ---- Semi-global scan (Hirschmueller 2008): 8 paths through a volume, then each pixel's cheapest depth ---- */
 
 enum { TURNED = 32, FAR = 16000 }; /* rows that are walked along at once; what no path reaches */

@@ -156,6 +156,20 @@ class SweepEngine:
         at = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
         return np.asarray(cv2.remap(grey, *at, cv2.INTER_LINEAR, borderValue=(OUTSIDE,)))
 
+    def splat(self, source_view: SourceView, depth: Array, nearest: Array) -> None:
+        """Raise `nearest` to the inverse depths of the reference's surface at the source's pixels.
+
+        `depth` (0 = none) is the reference's, `nearest` of the source's size.
+        """
+        there = depth > 0
+        inverse = np.where(there, 1 / np.maximum(depth, 1e-12), 0).astype(np.float32)
+        x, y, z = source_view.project(inverse)
+        height, width = nearest.shape
+        column, row = (np.rint(np.nan_to_num(axis, nan=-1)) for axis in (x, y))
+        inside = there & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at = row[inside].astype(np.int64), column[inside].astype(np.int64)
+        np.maximum.at(nearest, at, inverse[inside] / z[inside])
+
     def fit_planes(
         self,
         inverse_depth: Array,

@@ -45,13 +45,7 @@ def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tup
     """
     nearest = np.zeros(shape, np.float32)
     for to_this, depth in others:
-        inverse = np.where(depth > 0, 1 / np.maximum(depth, 1e-12), 0).astype(np.float32)
-        x, y, z = to_this.project(inverse)
-        there = (depth > 0) & (z > 1e-6) & np.isfinite(x) & np.isfinite(y)
-        column, row = np.rint(x[there]).astype(np.int64), np.rint(y[there]).astype(np.int64)
-        inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-        at = row[inside] * shape[1] + column[inside]
-        np.maximum.at(nearest.reshape(-1), at, (inverse[there] / z[there])[inside])
+        CPU.splat(to_this, depth, nearest)
     return _close_gaps(nearest)
 
 

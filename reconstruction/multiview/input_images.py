@@ -1,5 +1,6 @@
 """Images prepared for matching: undistorted, grey, with their noise level."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -39,12 +40,13 @@ class InputImage:
 
 def undistort_nearest(view: View, image: Array) -> Array:
     """Undistort an image of a view's pixels by nearest neighbour."""
-    if not view.distortion.any():
-        return image
-    maps = cv2.initUndistortRectifyMap(
-        view.matrix, view.distortion, None, view.matrix, (view.width, view.height), cv2.CV_32FC1
-    )
-    return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_NEAREST))
+    return np.asarray(cv2.remap(image, *_distorted_pixels(view), cv2.INTER_NEAREST))
+
+
+def _distorted_pixels(view: View) -> Sequence[Array]:
+    """Return x and y (float32) in a view's distorted image of each undistorted pixel."""
+    size = view.width, view.height
+    return cv2.initUndistortRectifyMap(view.matrix, view.distortion, None, view.matrix, size, cv2.CV_32FC1)
 
 
 def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
@@ -134,6 +136,7 @@ class UndistortedSession:
         self.full_views = views
         self.views = {name: _small(view, width_px) for name, view in views.items()}
         self._image = lru_cache(maxsize=CACHED_IMAGES)(self._load)
+        self._distorted = {name: _distorted_pixels(view) for name, view in self.views.items()}
 
     def problem(self, camera: str, instant: int) -> str:
         """Return why there is no image to match; empty if there is one."""
@@ -171,7 +174,7 @@ class UndistortedSession:
     def _undistort_small(self, camera: str, image: Array) -> Array:
         view = self.views[camera]
         small = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
-        return undistort_nearest(view, np.asarray(small))
+        return np.asarray(cv2.remap(small, *self._distorted[camera], cv2.INTER_NEAREST))
 
     def _load(self, camera: str, instant: int) -> InputImage | str:
         view = self.views[camera]

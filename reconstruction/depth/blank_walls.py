@@ -106,9 +106,8 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
         outside, 2 * SEARCH_PX + 1, SAME_SHADE * float(np.sqrt(image.noise)) / 3, 2 * SEARCH_PX
     )
     texture = np.where(there, shade - around, 0) + np.float32(MIDDLE)
-    averaged = view.width * view.height / (small.width * small.height)
-    part = CalibratedImage(small, texture.astype(np.float32), WINDOW, image.noise / averaged)
-    return BlankPart(part, shade, there, mask)
+    noise = image.noise / (view.width * view.height / (small.width * small.height))
+    return BlankPart(CalibratedImage(small, texture.astype(np.float32), WINDOW, noise), shade, there, mask)
 
 
 class ScenePlane(NamedTuple):
@@ -138,11 +137,10 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = image.surface_normals(level, right, down)
     rows, columns = np.nonzero(evident)
-    pixels = np.column_stack([columns, rows]).astype(float)
-    places = image.view.unproject(pixels, 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float))
+    depth = 1 / np.maximum(inverse_depth[rows, columns], 1e-9).astype(float)
+    places = image.view.unproject(np.column_stack([columns, rows]).astype(float), depth)
     normals = facing[rows, columns] @ image.view.rotation
-    centres = np.broadcast_to(image.view.centre, places.shape)
-    return np.hstack([places, normals, centres]).T.astype(np.float32)
+    return np.hstack([places, normals, np.full_like(places, image.view.centre)]).T.astype(np.float32)
 
 
 def find_scene_planes(samples: Sequence[Array], min_points: int) -> list[ScenePlane]:
@@ -165,8 +163,10 @@ def _best_supported(points: Array) -> ScenePlane:
     normals = tried[3:6].T
     distances = (tried[3:6] * tried[:3]).sum(0)
     support = np.count_nonzero(_near(normals, distances, judges, TOLERANCE), axis=1)
-    finalists = np.argsort(-support, kind="stable")[:FINALISTS]
-    planes = (_refined(ScenePlane(normals[k], float(distances[k])), points) for k in finalists)
+    planes = (
+        _refined(ScenePlane(normals[k], float(distances[k])), points)
+        for k in np.argsort(-support, kind="stable")[:FINALISTS]
+    )
     return max(planes, key=lambda plane: np.count_nonzero(plane.contains(points)))
 
 
@@ -376,5 +376,4 @@ def fit_blank_walls(
 
 def _shrunk(part: Array, image: CalibratedImage) -> Array:
     """Return a map at a small image's size by nearest neighbour: a mean across an edge is on no surface."""
-    size = image.view.width, image.view.height
-    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_NEAREST))
+    return np.asarray(cv2.resize(part, image.grey.shape[::-1], interpolation=cv2.INTER_NEAREST))

@@ -71,8 +71,9 @@ def fuse_maps(
     points, normals, colours = np.split(fused, 3, axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     accepted = ~find_denied(points, normals, views, depth_views)
-    cloud = points, normals, np.rint(colours).astype(np.uint8), seen
-    return FusedCloud(*(part[accepted] for part in cloud))
+    return FusedCloud(
+        points[accepted], normals[accepted], np.rint(colours[accepted]).astype(np.uint8), seen[accepted]
+    )
 
 
 def _measurements(view: View, found: ViewDepth, picture: Array) -> Array:

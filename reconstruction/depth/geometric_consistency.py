@@ -56,8 +56,9 @@ def consistent_and_visible_views(
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
-        agreement = _agreement(source_view, relative_depth)
-        same, sees = engine.compare(surface.inverse_depth, source_view, other.inverse_depth, agreement)
+        same, sees = engine.compare(
+            surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view, relative_depth)
+        )
         count += same & _equally_bright(surface.inverse_depth, source_view, same)
         able += sees
     return count, able
@@ -140,8 +141,8 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
     """Remove islands of fewer than `smallest` pixels from a mask; jumps of depth separate islands."""
     if not good.any():
         return good
-    top = float(inverse_depth[good].max())
-    scaled = np.where(good, 1 + inverse_depth / top * 16000, 0).clip(0, 20000).astype(np.int16)
+    fraction = inverse_depth / float(inverse_depth[good].max())
+    scaled = np.where(good, 1 + fraction * 16000, 0).clip(0, 20000).astype(np.int16)
     cv2.filterSpeckles(scaled, 0, smallest, 400)
     return np.asarray(scaled > 0)
 

@@ -142,8 +142,8 @@ def adopt_proposals(
     new = proposed > 0
     level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
     planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
-    begun = Surface._make((*planes, surface.cost))
-    swept = _refine_surface(begun, reference, sources, step, (Refinement(0.25, 3),), options)
+    refinements = (Refinement(0.25, 3),)
+    swept = _refine_surface(Surface(*planes, surface.cost), reference, sources, step, refinements, options)
     # A moving object is at another place in this image than the one that others confirmed.
     highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
     choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
@@ -165,7 +165,7 @@ def sweep_planes(
     place, cost = options.engine.find_cheapest(volume, reference.grey, *PENALTIES)
     found = (levels[0] + place * step).astype(np.float32)
     planes = options.engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
-    return Surface._make((*planes, cost / WORST_COST))
+    return Surface(*planes, cost / WORST_COST)
 
 
 def _refine_surface(
@@ -183,14 +183,14 @@ def _refine_surface(
         planes = np.stack(surface[:3])
         if edges_fraction:
             # The reference may be a crop of its image.
-            edges_px = max(1, round(edges_fraction * sources[0].view.width))
-            planes = move_edges(planes, source_views, edges_px, engine)
+            off_px = max(1, round(edges_fraction * sources[0].view.width))
+            planes = move_edges(planes, source_views, off_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
         volume = engine.cost_volume(source_views, planes[0], offsets)
         place, cost = engine.find_cheapest(volume, reference.grey, *FINE_PENALTIES)
         found = planes[0] + (place - steps) * np.float32(step * step_fraction)
         planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
-        surface = Surface._make((*planes, cost / WORST_COST))
+        surface = Surface(*planes, cost / WORST_COST)
     return surface
 
 

@@ -52,8 +52,8 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
 
     def sweep(name: str) -> Surface:
         source_views = [SourceView(small[name], small[other]) for other in neighbours[name]]
-        spans = [overlaps[name][other].span for other in neighbours[name]]
-        return sweep_planes(small[name], source_views, _levels(source_views, spans), SweepOptions())
+        levels = _levels(source_views, [overlaps[name][other].span for other in neighbours[name]])
+        return sweep_planes(small[name], source_views, levels, SweepOptions())
 
     with worker_pool() as pool:
         names = [name for name in images if neighbours[name]]
@@ -104,9 +104,8 @@ def _confirmed_points(
 def _shared_points(
     name: str, views: Mapping[str, View], points: Mapping[str, Array], neighbours: Sequence[str]
 ) -> Array:
-    theirs = [points[other] for other in neighbours if other in points]
-    inside = [part[seen_points(views[name], views[name], part)[0]] for part in theirs]
-    return np.concatenate([points[name], *inside])
+    theirs = (points[other] for other in neighbours if other in points)
+    return np.concatenate([points[name], *(p[seen_points(views[name], views[name], p)[0]] for p in theirs)])
 
 
 def _depth_range(view: View, points: Array) -> tuple[float, float]:

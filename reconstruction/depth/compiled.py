@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.compiling import LIBRARY, source_checksum
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, Agreement, SweepEngine, pad_planes
@@ -24,6 +24,22 @@ class _Source(ctypes.Structure):
         ("height", ctypes.c_int),
         ("to", ctypes.c_float * 13),
     )
+
+
+class _Map(ctypes.Structure):
+    _fields_ = (
+        ("depth", ctypes.c_void_p),
+        ("normals", ctypes.c_void_p),
+        ("colours", ctypes.c_void_p),
+        ("taken", ctypes.c_void_p),
+        ("width", ctypes.c_int),
+        ("height", ctypes.c_int),
+        ("matrices", ctypes.c_float * 33),
+    )
+
+
+PosedMap = tuple[View, Array, Array, Array]
+"""A view, its depth (float32, 0 = none), normals in its frame (float32) and picture (uint8 BGR)."""
 
 
 class CompiledEngine(SweepEngine):
@@ -131,6 +147,31 @@ class CompiledEngine(SweepEngine):
             *(_floats(pair), same, able),
         )
         return same, able
+
+    def fuse(
+        self, maps: Sequence[PosedMap], required: int, error: float, cosine: float
+    ) -> tuple[Array, Array]:
+        """Return places, normals and colours of points (n, 9), and the maps (n, maps) that each is from."""
+        given, arrays = (_Map * len(maps))(), []
+        for one, (view, depth, normals, picture) in zip(given, maps, strict=True):
+            onto, turn = view.matrix @ view.rotation, view.rotation
+            back = np.linalg.inv(view.matrix).T @ turn
+            shift = view.matrix @ view.translation
+            numbers = np.concatenate([part.ravel() for part in (onto, shift, back, view.centre, turn)])
+            arrays += [
+                _floats(depth),
+                _floats(normals),
+                np.ascontiguousarray(picture),
+                np.zeros(depth.shape, bool),
+            ]
+            one.depth, one.normals, one.colours, one.taken = (array.ctypes.data for array in arrays[-4:])
+            one.width, one.height, one.matrices = view.width, view.height, tuple(numbers)
+        most = sum(depth.size for _, depth, _, _ in maps) // required + 1
+        points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
+        found = ctypes.c_int64()
+        limits = ctypes.c_float(error), ctypes.c_float(cosine)
+        self._call("fuse", len(maps), given, required, *limits, points, seen, ctypes.byref(found))
+        return points[: found.value], seen[: found.value]
 
     def _call(self, name: str, *args: object) -> None:
         """Call a kernel; arrays are passed by pointer and must be contiguous."""

@@ -1,12 +1,13 @@
 """Cloud fused from all depth maps, and the test of its points against what other views measured."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.compiled import CPU, CompiledEngine, PosedMap
 from reconstruction.depth.sweep_matcher import ViewDepth
 
 MIN_VIEWS = 3
@@ -42,32 +43,13 @@ def fuse_maps(
     `pictures` (uint8 BGR) give the colours. `group`: size of the smallest group of cameras with a common
     view.
     """
-    maps = [(number, name) for number, name in enumerate(views) if name in depth_views]
-    free = {name: depth_views[name].depth.ravel() > 0 for _, name in maps}
-    measured = {name: _measurements(views[name], depth_views[name], pictures[name]) for _, name in maps}
-    parts, required = [], min(MIN_VIEWS, group)
-    # A later map cannot be in enough others.
-    for place, (number, name) in enumerate(maps[: max(1, len(maps) + 1 - required)]):
-        first = measured[name][free[name]]
-        total, seen = first.copy(), np.zeros((len(first), len(views)), bool)
-        seen[:, number] = True
-        for later, other in maps[place + 1 :]:
-            at, z, inside = project_points(views[other], first[:, :3])
-            depth = depth_views[other].depth.take(at)
-            same = inside & free[other].take(at) & (np.abs(z - depth) <= MAX_DEPTH_ERROR * depth)
-            points = np.flatnonzero(same)
-            cosine = np.einsum("ij,ij->i", measured[other][at[points], 3:6], first[points, 3:6])
-            points = points[cosine >= MIN_NORMAL_COSINE]
-            # Of several points that show a pixel the first gets it.
-            owner = np.empty(len(free[other]), np.intp)
-            owner[at[points[::-1]]] = points[::-1]
-            points = points[owner[at[points]] == points]
-            total[points] += measured[other][at[points]]
-            seen[points, later], free[other][at[points]] = True, False
-        count = seen.sum(1)
-        enough = count >= required
-        parts.append((total[enough] / count[enough, None].astype(np.float32), seen[enough]))
-    fused, seen = (np.concatenate(part) for part in zip(*parts, strict=True))
+    having = [name in depth_views for name in views]
+    found = [(view, depth_views[c], pictures[c]) for c, view in views.items() if c in depth_views]
+    maps = [(view, one.depth, one.normals, picture) for view, one, picture in found]
+    limits = max(1, min(MIN_VIEWS, group)), MAX_DEPTH_ERROR, MIN_NORMAL_COSINE
+    fused, shown = (CPU.fuse if isinstance(CPU, CompiledEngine) else fuse_arrays)(maps, *limits)
+    seen = np.zeros((len(fused), len(views)), bool)
+    seen[:, having] = shown
     points, normals, colours = np.split(fused, 3, axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     accepted = ~find_denied(points, normals, views, depth_views)
@@ -76,12 +58,41 @@ def fuse_maps(
     )
 
 
-def _measurements(view: View, found: ViewDepth, picture: Array) -> Array:
+def fuse_arrays(maps: Sequence[PosedMap], required: int, error: float, cosine: float) -> tuple[Array, Array]:
+    """Fuse as `CompiledEngine.fuse`, except for rounding, where no library was built."""
+    free = [depth.ravel() > 0 for _, depth, _, _ in maps]
+    measured = [_measurements(*one) for one in maps]
+    parts = []
+    # A later map cannot be in enough others.
+    for place in range(max(1, len(maps) + 1 - required)):
+        first = measured[place][free[place]]
+        total, seen = first.copy(), np.zeros((len(first), len(maps)), bool)
+        seen[:, place] = True
+        for later in range(place + 1, len(maps)):
+            at, z, inside = project_points(maps[later][0], first[:, :3])
+            depth = maps[later][1].take(at)
+            points = np.flatnonzero(inside & free[later].take(at) & (np.abs(z - depth) <= error * depth))
+            alike = np.einsum("ij,ij->i", measured[later][at[points], 3:6], first[points, 3:6]) >= cosine
+            points = points[alike]
+            # Of several points that show a pixel the first gets it.
+            owner = np.empty(len(free[later]), np.intp)
+            owner[at[points[::-1]]] = points[::-1]
+            points = points[owner[at[points]] == points]
+            total[points] += measured[later][at[points]]
+            seen[points, later], free[later][at[points]] = True, False
+        count = seen.sum(1)
+        enough = count >= required
+        parts.append((total[enough] / count[enough, None].astype(np.float32), seen[enough]))
+    points, seen = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return points, seen
+
+
+def _measurements(view: View, depth: Array, normals: Array, picture: Array) -> Array:
     """Return place, normal and colour (n, 9), float32, that a map has at each pixel."""
-    rows, columns = np.divmod(np.arange(found.depth.size), view.width)
-    points = surface_points(view, rows, columns, found.depth.ravel())
-    normals = found.normals.reshape(-1, 3) @ view.rotation.astype(np.float32)
-    return np.hstack([points, normals, picture.reshape(-1, 3)[:, ::-1]])
+    rows, columns = np.divmod(np.arange(depth.size), view.width)
+    points = surface_points(view, rows, columns, depth.ravel())
+    facing = normals.reshape(-1, 3) @ view.rotation.astype(np.float32)
+    return np.hstack([points, facing, picture.reshape(-1, 3)[:, ::-1]])
 
 
 def surface_points(view: View, rows: Array, columns: Array, depth: Array) -> Array:

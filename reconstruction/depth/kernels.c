@@ -487,3 +487,68 @@ FOR_ALL int votes(int height, int width, const float *restrict surface, int othe
   }
   return 0;
 }
+
+/* ---- Fusion of depth maps into points, see `fusion.py` ---- */
+
+typedef struct {
+  const float *depth, *normals;     /* height x width, the normals x 3 */
+  const uint8_t *colours;           /* height x width x 3, blue first */
+  uint8_t *taken;                   /* pixels that have joined a point */
+  int width, height;
+  float onto[12];                   /* 3x3 from the rig to homogeneous pixels, then what is added */
+  float back[9], centre[3], turn[9]; /* 3x3 from pixels to rays of the rig, their start, and the rotation */
+} Map;
+
+/* Place, normal and colour that a map has at a pixel. */
+PART void measure(const Map *map, size_t at, float *out) {
+  const float x = at % map->width, y = at / map->width, depth = map->depth[at], *n = map->normals + 3 * at;
+  const float *back = map->back, *turn = map->turn;
+  for (int i = 0; i < 3; i++) {
+    out[i] = (x * back[i] + y * back[3 + i] + back[6 + i]) * depth + map->centre[i];
+    out[3 + i] = n[0] * turn[i] + n[1] * turn[3 + i] + n[2] * turn[6 + i];
+    out[6 + i] = map->colours[3 * at + 2 - i];
+  }
+}
+
+/* Starts points at the free pixels of each map in turn. The first point that a later map shows at a pixel, with about
+ * the same depth and normal, takes that pixel. Points of at least `required` maps are means of their pixels. */
+int fuse(int count, const Map *maps, int required, float error, float cosine, float *points, uint8_t *seen,
+         int64_t *found) {
+  int64_t n = 0;
+  for (int place = 0; place < MIN(count, MAX(1, count + 1 - required)); place++) {
+    const Map *own = maps + place;
+    const size_t size = (size_t)own->width * own->height;
+    for (size_t start = 0; start < size; start++) {
+      if (!(own->depth[start] > 0.f) || own->taken[start]) continue;
+      float first[9], *total = points + 9 * n;
+      uint8_t *showing = seen + n * count;
+      int together = 1;
+      measure(own, start, first);
+      memcpy(total, first, sizeof first);
+      memset(showing, 0, count);
+      showing[place] = 1;
+      for (int later = place + 1; later < count; later++) {
+        const Map *other = maps + later;
+        const float *m = other->onto, *p = first;
+        const float z = m[6] * p[0] + m[7] * p[1] + m[8] * p[2] + m[11], far = 1.f / z;
+        const float u = rintf((m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[9]) * far);
+        const float v = rintf((m[3] * p[0] + m[4] * p[1] + m[5] * p[2] + m[10]) * far);
+        if (!(z > 1e-6f && u >= 0.f && u < other->width && v >= 0.f && v < other->height)) continue;
+        const size_t at = (size_t)v * other->width + (size_t)u;
+        const float depth = other->depth[at];
+        if (!(depth > 0.f) || other->taken[at] || fabsf(z - depth) > error * depth) continue;
+        float theirs[9];
+        measure(other, at, theirs);
+        if (theirs[3] * first[3] + theirs[4] * first[4] + theirs[5] * first[5] < cosine) continue;
+        for (int i = 0; i < 9; i++) total[i] += theirs[i];
+        other->taken[at] = showing[later] = 1;
+        together++;
+      }
+      if (together < required) continue;
+      for (int i = 0; i < 9; i++) total[i] /= together;
+      n++;
+    }
+  }
+  *found = n;
+  return 0;
+}

@@ -17,6 +17,7 @@ from reconstruction.depth import compiling, gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
 from reconstruction.depth.compiling import LIBRARY, SOURCE, compile_kernels
+from reconstruction.depth.fusion import fuse_arrays
 from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import find_rough_scene
@@ -296,6 +297,39 @@ def test_what_is_seen_through_a_surface_is_that_of_the_array_version(compiled: C
     inside = (found >= 0) & (expected >= 0)
     # OpenCV rounds places to a 32nd of a pixel.
     assert np.abs(found - expected)[inside].mean() < 0.5
+
+
+def test_splatted_depth_is_that_of_the_array_version(compiled: CompiledEngine) -> None:
+    for view in source_views(3, 5):
+        depth = photo_of(view.reference.view)[1].astype(np.float32)
+        depth[20:40, 30:60] *= 0.7
+        depth[50:60, 50:60] = 0
+        found, expected = (np.zeros(view.source.grey.shape, np.float32) for _ in range(2))
+        compiled.splat(view, depth, found)
+        NUMPY.splat(view, depth, expected)
+        assert np.array_equal(found, expected)
+        assert 0.5 < np.mean(found > 0) < 1
+
+
+@pytest.mark.parametrize("required", [1, 3])
+def test_fused_points_are_those_of_the_array_version(required: int, compiled: CompiledEngine) -> None:
+    rng = np.random.default_rng(5)
+    maps = []
+    for k in range(4):
+        view = view_at(0.08 * k, 0.03 * (k % 2))
+        depth = photo_of(view)[1] * rng.normal(1, 0.006, (view.height, view.width))
+        depth[rng.random(depth.shape) < 0.2] = 0
+        normals = np.dstack([rng.normal(0, 0.3, (*depth.shape, 2)), -np.ones(depth.shape)])
+        picture = rng.integers(0, 255, (*depth.shape, 3)).astype(np.uint8)
+        maps.append((view, depth.astype(np.float32), normals.astype(np.float32), picture))
+    (found, seen), (expected, shown) = (
+        fuse(maps, required, 0.01, 0.9) for fuse in (compiled.fuse, fuse_arrays)
+    )
+    # Places that round to another pixel make a few others.
+    assert len(found) == pytest.approx(len(expected), rel=2e-3)
+    assert seen.sum(0) == pytest.approx(shown.sum(0), rel=5e-3)
+    points, others = ({tuple(row) for row in np.round(one[:, :8], 2).tolist()} for one in (found, expected))
+    assert len(points & others) > 0.9 * len(others) > 2000
 
 
 def test_without_a_library_numpy_sweeps_and_the_note_says_so(tmp_path: Path) -> None:

@@ -99,13 +99,12 @@ def _gains(gain: Array, grey: Array, pixels: tuple[Array, ...]) -> Array:
     """Return the pixels (n,) that gain, together with those around that are as bright."""
     margin = NEIGHBOURHOOD[-1]
     wide_gain, wide_grey = (np.pad(part, margin) for part in (gain, grey))
-    rows, columns = pixels[0] + margin, pixels[1] + margin
-    own = grey[pixels]
+    width, own = wide_grey.shape[1], grey[pixels]
     total, size, weight = (np.full(len(own), 1e-9, np.float32) for _ in range(3))
     for dy, dx in product(NEIGHBOURHOOD, repeat=2):
-        at = rows + dy, columns + dx
-        theirs = wide_gain[at]
-        alike = np.exp(-np.abs(wide_grey[at] - own) / SIMILAR_GREY - math.hypot(dx, dy) / SIMILAR_PX)
+        at = (pixels[0] + (margin + dy)) * width + (pixels[1] + (margin + dx))
+        theirs = wide_gain.take(at)
+        alike = np.exp(-np.abs(wide_grey.take(at) - own) / SIMILAR_GREY - math.hypot(dx, dy) / SIMILAR_PX)
         alike *= theirs != 0
         total += alike * theirs
         size += alike * np.abs(theirs)

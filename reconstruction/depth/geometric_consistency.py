@@ -1,6 +1,7 @@
 """Consistency check: depth is valid where other, independently matched views found the same surface."""
 
 from collections.abc import Iterable
+from itertools import product
 
 import cv2
 import numpy as np
@@ -112,14 +113,13 @@ def _valid_fraction(valid: Array, surface: Surface, pixels: tuple[Array, ...]) -
     around = cv2.copyMakeBorder(
         surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
-    beyond = np.pad(valid, radius)
+    beyond, wide = np.pad(valid, radius), around.shape[1]
     places, there = (np.zeros(len(rows), np.float32) for _ in range(2))
-    for dy in range(-radius, radius + 1, 2):
-        for dx in range(-radius, radius + 1, 2):
-            at = rows + (radius + dy), columns + (radius + dx)
-            near = np.abs(around[at] - level - slope_x * dx - slope_y * dy) < RELATIVE_DEPTH * level
-            places += near
-            there += near & beyond[at]
+    for dy, dx in product(range(-radius, radius + 1, 2), repeat=2):
+        at = (rows + (radius + dy)) * wide + (columns + (radius + dx))
+        near = np.abs(around.take(at) - level - slope_x * dx - slope_y * dy) < RELATIVE_DEPTH * level
+        places += near
+        there += near & beyond.take(at)
     return np.asarray(there / np.maximum(places, SUPPORT_PLACES))
 
 

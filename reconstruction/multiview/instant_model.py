@@ -105,22 +105,6 @@ class MultiviewOptions:
     """Corrections added to the times of the named cameras."""
 
 
-@dataclass(frozen=True, eq=False)
-class MatchedInstant:
-    """An instant's images with depth, by camera, and the cameras that each was matched with."""
-
-    images: dict[str, InputImage]
-    sources: Mapping[str, Sequence[str]]
-    scene: RoughScene
-    depth: dict[str, ViewDepth]
-    left_out: dict[str, str]
-    """Cameras without depth, with the reasons."""
-    calibration: str
-    unit: str
-    marks: dict[str, float]
-    """Times (s) at which the stages ended, for the duration of each."""
-
-
 def model_instant(
     dataset: Dataset,
     matcher: ChosenMatcher,
@@ -140,10 +124,15 @@ def model_instant(
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
     motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
-    found = _match_instant(dataset, matcher, options, part, progress, motion, still or StillScene(), early)
-    views, pictures, marks = image_views(found.images), image_colours(found.images), found.marks
+    marks = {"begin": time.perf_counter()}
+    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
+    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
+    images, sources, scene, maps = _match_instant(
+        images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
+    )
+    views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
-    cloud = fuse_maps(views, found.depth, pictures, smallest_group(found.sources))
+    cloud = fuse_maps(views, maps, pictures, smallest_group(sources))
     if not len(cloud.points):
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
@@ -153,24 +142,19 @@ def model_instant(
     write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
-    scored = tuple(
-        write_view(dataset, found.images[c], depth, found.sources[c], part)
-        for c, depth in found.depth.items()
-    )
+    scored = tuple(write_view(dataset, images[c], found, sources[c], part) for c, found in maps.items())
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    moving_score = (
-        None if options.quick else score_moving(dataset, found.images, found.unit, options.instant, cloud)
-    )
+    moving_score = None if options.quick else score_moving(dataset, images, unit, options.instant, cloud)
     marks["judging"] = time.perf_counter()
     points, triangles = len(cloud.points), 0
     files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(cloud, part, views, found.depth, pictures, mesh=options.mesh)
+        points, triangles, files = build_mesh(cloud, part, views, maps, pictures, mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
-    reference = choose_reference_view(views, found.scene.points)
-    image, depth = found.images[reference], found.depth[reference].depth
-    ranges = [found.scene.depth_ranges[camera] for camera in found.images]
+    reference = choose_reference_view(views, scene.points)
+    image, depth = images[reference], maps[reference].depth
+    ranges = [scene.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
         instant=options.instant,
@@ -178,8 +162,8 @@ def model_instant(
         time_shifts_ms=dict(options.time_shifts_ms),
         matcher=matcher.name,
         matcher_note=matcher.note,
-        calibration=found.calibration,
-        unit=found.unit,
+        calibration=calibration,
+        unit=unit,
         reference=reference,
         **_figures(next(view for view in scored if view.camera == reference)),
         movers_1cm=moving_score,
@@ -187,7 +171,7 @@ def model_instant(
         nearest=min(nearest for nearest, _ in ranges),
         farthest=max(farthest for _, farthest in ranges),
         views=scored,
-        left_out=found.left_out,
+        left_out=left_out,
         fused_points=len(cloud.points),
         cloud_points=points,
         mesh_triangles=triangles,
@@ -211,23 +195,24 @@ def model_instant(
 
 
 def _match_instant(
-    dataset: Dataset,
+    images: dict[str, InputImage],
+    left_out: dict[str, str],
     matcher: ChosenMatcher,
     options: MultiviewOptions,
     part: Path,
     progress: Progress,
-    motion: SceneMotion,
     still: StillScene,
     early: OutputFolder | None,
-) -> MatchedInstant:
+    marks: dict[str, float],
+) -> tuple[dict[str, InputImage], Mapping[str, Sequence[str]], RoughScene, dict[str, ViewDepth]]:
     """Find the scene and every camera's depth, and write COLMAP's workspace into `part`.
 
+    Returns the images that have depth, the cameras that each was matched with, the scene, and the depth. Adds
+    the other cameras to `left_out` with the reasons, and the times (s) at which the stages ended to `marks`.
+
     Raises:
-        BadInputError: the instant or the offsets cannot be used, or no two cameras can measure depth.
+        BadInputError: no two cameras can measure depth.
     """
-    marks = {"begin": time.perf_counter()}
-    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
-    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     later_steps = 3 if options.mesh or options.cloud else 2
     progress.total = len(images) + later_steps
     progress.step("the scene's range of depth")
@@ -238,7 +223,7 @@ def _match_instant(
     sources = choose_source_views(views, scene.points)
     if not any(sources.values()):
         raise refuse_views(views, scene.points)
-    left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
+    left_out.update({c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)})
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
     marks["range"] = time.perf_counter()
@@ -251,7 +236,7 @@ def _match_instant(
     if options.workspace and matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), depth)
     marks["matching"] = time.perf_counter()
-    return MatchedInstant(images, sources, scene, depth, left_out, calibration, unit, marks)
+    return images, sources, scene, depth
 
 
 def _show_pair(

@@ -248,8 +248,7 @@ def own_surfaces(number: Array, advantage: Array, nearer: Array) -> Array:
     relative to the surface's.
     """
     found = np.zeros(number.shape, bool)
-    for mine, patches, _, means in _patches(number, 1, advantage, nearer, nearer**2):
-        better, mean, square = means
+    for mine, patches, _, (better, mean, square) in _patches(number, 1, advantage, nearer, nearer**2):
         in_front = (mean > 3 * TOLERANCE) & (square - mean**2 < MIN_SCATTER**2)
         found |= mine & ((better < MIN_ADVANTAGE) & in_front)[patches]
     return found
@@ -365,11 +364,10 @@ def fit_blank_walls(
         planes = find_scene_planes(samples, min_points)
 
     def choose_surface(name: str) -> Surface:
-        part = parts[name]
-        found = _shrunk(surfaces[name].inverse_depth, part.image)
+        found = _shrunk(surfaces[name].inverse_depth, parts[name].image)
         others = [parts[other].image for other in sources[name]]
-        choice = choose_planes(part, others, found, planes, depth_ranges[name])
-        return lay_planes(surfaces[name], images[name], part.mask, choice)
+        choice = choose_planes(parts[name], others, found, planes, depth_ranges[name])
+        return lay_planes(surfaces[name], images[name], parts[name].mask, choice)
 
     return dict(zip(names, pool.map(choose_surface, names), strict=True)), planes
 

@@ -70,8 +70,8 @@ class CalibratedImage:
     def blank(self) -> Array:
         """Pixels whose window contains only noise, and is black or burnt out (bool)."""
         # `noise` is (3 sigma)^2 and part of `deviation`^2: a quarter of it is (1.5 sigma)^2.
-        empty = (self.mean < BLACK) | (self.mean > WHITE)
-        return np.asarray(empty & (self.deviation**2 < NOISY * self.noise))
+        plain = self.deviation**2 < NOISY * self.noise
+        return np.asarray(plain & ((self.mean < BLACK) | (self.mean > WHITE)))
 
     @property
     def flat(self) -> Array:
@@ -147,9 +147,8 @@ class SourceView:
         rotation = self.rotation.T.astype(np.float32)
         direction = [rotation[i, 0] * ray[0] + rotation[i, 1] * ray[1] + rotation[i, 2] for i in range(3)]
         far = np.maximum(np.abs(direction[2]), 1e-3)
-        right = back[0] - direction[0] / far * back[2]
-        down = back[1] - direction[1] / far * back[2]
-        return np.asarray(self.reference.view.focal * np.hypot(right, down) / far, np.float32)
+        moved = [back[i] - direction[i] / far * back[2] for i in range(2)]
+        return np.asarray(self.reference.view.focal * np.hypot(*moved) / far, np.float32)
 
     def cosine(self, inverse_depth: Array) -> Array:
         """Return the cosine of the angle between both views' rays at the reference's inverse depths."""

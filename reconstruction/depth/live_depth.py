@@ -86,8 +86,7 @@ class LiveDepth:
                 f"no camera beside {camera} gives a picture", hint="see their states: capture-app status"
             )
         scene = self._look(calibrated)
-        known = [name for name in self._sources.get(camera, ()) if name in calibrated]
-        sources = [calibrated[name] for name in known[:MAX_SOURCES]]
+        sources = [calibrated[o] for o in self._sources.get(camera, ()) if o in calibrated][:MAX_SOURCES]
         if not sources:
             raise NotApplicableError(f"no other camera sees what {camera} sees", hint="choose another camera")
         reference = calibrated[camera]

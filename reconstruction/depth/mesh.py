@@ -108,8 +108,8 @@ def join_maps(
         triangles = corners[..., [0, 1, 2, 2, 1, 3]].reshape(-1, 3)
         triangles = triangles[(triangles >= 0).all(1)]
         z = depth[pixels][triangles.T]
-        whole = np.ptp(z, axis=0) < MAX_JUMP * z.min(0)
-        parts.append((points, picture[pixels][:, ::-1], triangles[whole] + count))
+        triangles = triangles[np.ptp(z, axis=0) < MAX_JUMP * z.min(0)]
+        parts.append((points, picture[pixels][:, ::-1], triangles + count))
         count += len(points)
     points, colours, triangles = (np.concatenate(part) for part in zip(*parts, strict=True))
     used = np.zeros(count, bool)
@@ -121,9 +121,9 @@ def _reduce(view: View, found: ViewDepth, picture: Array) -> tuple[View, ViewDep
     """Return every second or n-th pixel of a map wider than `MAX_WIDTH_PX`, with its view and picture."""
     step = max(1, round(view.width / MAX_WIDTH_PX))
     depth, normals, colours = (part[::step, ::step] for part in (found.depth, found.normals, picture))
-    matrix = np.diag([1 / step, 1 / step, 1]) @ view.matrix
-    size = {"width": depth.shape[1], "height": depth.shape[0]}
-    return replace(view, matrix=matrix, **size), ViewDepth(depth, normals), colours
+    height, width = depth.shape
+    small = replace(view, width=width, height=height, matrix=np.diag([1 / step, 1 / step, 1]) @ view.matrix)
+    return small, ViewDepth(depth, normals), colours
 
 
 def _compare(points: Array, view: View, found: ViewDepth) -> tuple[Array, Array]:
@@ -193,8 +193,8 @@ def _drop_outliers(o3d: Any, fused: FusedCloud) -> Any:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(fused.points))
     cloud.normals = o3d.utility.Vector3dVector(fused.normals)
     cloud.colors = o3d.utility.Vector3dVector(fused.colours / 255)
-    few = len(fused.points) <= NEIGHBOURS
-    return cloud if few else cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
+    enough = len(fused.points) > NEIGHBOURS
+    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0] if enough else cloud
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -161,11 +161,10 @@ def sweep_planes(
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-    volume = options.engine.cost_volume(source_views, None, levels)
-    place, cost = options.engine.find_cheapest(volume, reference.grey, *PENALTIES)
+    engine, grey = options.engine, reference.grey
+    place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
     found = (levels[0] + place * step).astype(np.float32)
-    planes = options.engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
-    return Surface(*planes, cost / WORST_COST)
+    return Surface(*engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3), cost / WORST_COST)
 
 
 def _refine_surface(
@@ -186,8 +185,8 @@ def _refine_surface(
             off_px = max(1, round(edges_fraction * sources[0].view.width))
             planes = move_edges(planes, source_views, off_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
-        volume = engine.cost_volume(source_views, planes[0], offsets)
-        place, cost = engine.find_cheapest(volume, reference.grey, *FINE_PENALTIES)
+        costs = engine.cost_volume(source_views, planes[0], offsets)
+        place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
         found = planes[0] + (place - steps) * np.float32(step * step_fraction)
         planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
         surface = Surface(*planes, cost / WORST_COST)

@@ -212,8 +212,7 @@ class SweepEngine:
         seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
         expected = inverse_depth / np.maximum(z, 1e-6)
         off = np.abs(seen - expected)
-        small_angle = source_view.cosine(inverse_depth) > agreement.cosine
-        inside = (seen > 0) & (z > 1e-6) & small_angle
+        inside = (seen > 0) & (z > 1e-6) & (source_view.cosine(inverse_depth) > agreement.cosine)
         near = off * source_view.pixels_per_inverse_depth(x, y) < agreement.pixels
         same = (off < agreement.relative * seen) & ((off < agreement.sure * seen) | near)
         return inside & same, inside & (seen <= expected * (1 + agreement.relative))

@@ -117,15 +117,18 @@ def match_all_views(
         sure = from_others(confirmed)
         proposed = sure
         if name in paired:
-            # No other camera can confirm that camera's depths, unless this one finds them too.
-            matched = {o: _matched_depth(surfaces[o], confirmed[o]) for o in sources[name]}
+            # No other camera can confirm what that camera's own windows match, unless this one finds it too.
+            matched = {
+                o: surfaces[o].depth_where((confirmed[o] <= 0) & (surfaces[o].cost < MAX_PROPOSED_COST))
+                for o in sources[name]
+            }
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposed = np.where(confirmed[name] > 0, 0, proposed)
         found = surfaces[name]
         for box, mine in boxes_around(new[name]):
             before = Surface(*(np.ascontiguousarray(part[box]) for part in surfaces[name]))
-            image, given = images[name].cropped(box), (proposed[box], sure[box] > 0)
-            swept = adopt_proposals(before, *given, image, others, depth_ranges[name], options)
+            given = before, proposed[box], sure[box] > 0, images[name].cropped(box)
+            swept = adopt_proposals(*given, others, depth_ranges[name], options)
             found = renewed(found, swept, box, mine)
         return found
 
@@ -151,11 +154,6 @@ def match_all_views(
             )
             for name, normals in zip(names, facing, strict=True)
         }
-
-
-def _matched_depth(surface: Surface, confirmed: Array) -> Array:
-    """Return depth where a view's own windows match and other views did not confirm it; elsewhere 0."""
-    return surface.depth_where((confirmed <= 0) & (surface.cost < MAX_PROPOSED_COST))
 
 
 def _confirmed_depths(
@@ -190,6 +188,6 @@ def _nearest_views(
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Return normals, fitted over a wider neighbourhood than depth: slopes are more sensitive to noise."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
-    slopes = np.stack(surface[1:3])
-    _, right, down = CPU.fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)
-    return image.surface_normals(surface.inverse_depth, right, down)
+    level, *slopes, _ = surface
+    _, right, down = CPU.fit_planes(level, tolerance, slopes=np.stack(slopes), radius=3, stride=3)
+    return image.surface_normals(level, right, down)

@@ -110,8 +110,9 @@ def load_input_images(
             left_out[camera] = f"it has no image of instant {instant}"
         else:
             try:
-                picture = dataset.image(camera, instant)
-                images[camera] = undistort_image(camera, instant, picture, views[camera])
+                images[camera] = undistort_image(
+                    camera, instant, dataset.image(camera, instant), views[camera]
+                )
             except BadInputError as error:
                 left_out[camera] = error.what
     if len(images) < 2:
@@ -134,7 +135,12 @@ class UndistortedSession:
         self.dataset = dataset
         self.motion = motion
         self.full_views = views
-        self.views = {name: _small(view, width_px) for name, view in views.items()}
+        self.views = {
+            name: resize_view(view, width_px, round(view.height * (width_px / view.width)))
+            if view.width > width_px
+            else view
+            for name, view in views.items()
+        }
         self._image = lru_cache(maxsize=CACHED_IMAGES)(self._load)
         self._distorted = {name: _distorted_pixels(view) for name, view in self.views.items()}
 
@@ -189,8 +195,3 @@ class UndistortedSession:
             return found
         moving = self.undistort_mask(camera, self.motion.widened_moving(camera, instant))
         return replace(found, calibrated=replace(found.calibrated, moving=moving))
-
-
-def _small(view: View, width_px: int) -> View:
-    scale = width_px / view.width
-    return view if scale >= 1 else resize_view(view, width_px, round(view.height * scale))

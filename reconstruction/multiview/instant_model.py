@@ -259,8 +259,7 @@ def _figures(view: ViewResult) -> dict[str, Any]:
 
 def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
     """Return the duration of each stage, from the times (s) at which the stages ended."""
-    ends = list(marks.items())
-    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(ends)}
+    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
 
 
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene) -> str:
@@ -322,10 +321,12 @@ def multiview(
     dataset = Dataset.open(session, options.time_shifts_ms)
     choose_calibration(dataset)
     if options.calibrated and dataset.calibration() is None:
-        what = "no valid calibration of this rig is known"
-        raise NotApplicableError(what, hint="run reconstruct calibrate first; docs/calibration.md shows how")
+        raise NotApplicableError(
+            "no valid calibration of this rig is known",
+            hint="run reconstruct calibrate first; docs/calibration.md shows how",
+        )
+    early = output if options.page else None
     with output:
-        early = output if options.page else None
         return model_instant(dataset, matcher, options, output.folder, progress, early=early)
 
 

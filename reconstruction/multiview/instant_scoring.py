@@ -242,8 +242,9 @@ class InstantScorer:
         return self._true_depth(instant, ~self.undistorted.moving(self.reference, instant))
 
     def _still_control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
-        changing = self.undistorted.motion.changing(self.reference, instant)
-        here = dilate(self.undistorted.undistort_mask(self.reference, changing), CONTROL_MARGIN_PX)
+        session = self.undistorted
+        changing = session.undistort_mask(self.reference, session.motion.changing(self.reference, instant))
+        here = dilate(changing, CONTROL_MARGIN_PX)
         if not (self._still > 0).any():
             return ~here
         view = self.undistorted.views[self.reference]

@@ -92,8 +92,9 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
         for name in self.__struct_fields__:
             was, now = getattr(earlier, name), getattr(self, name)
             if was != now:
-                of = f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
-                return f"made {'with' if was else 'without'} --{name}" if isinstance(was, bool) else of
+                if isinstance(was, bool):
+                    return f"made {'with' if was else 'without'} --{name}"
+                return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
         return ""
 
 
@@ -107,8 +108,9 @@ class SequenceFolder:
         if earlier is None and (out / PLAN).exists():
             raise BadInputError(f"{out / PLAN} is broken", hint="choose a new folder for --out")
         if earlier is not None and self._has_clouds() and (other := plan.difference(earlier)):
-            hint = "use the same options, or choose a new folder for --out"
-            raise BadInputError(f"{out} holds clouds {other}", hint=hint)
+            raise BadInputError(
+                f"{out} holds clouds {other}", hint="use the same options, or choose a new folder for --out"
+            )
         shutil.rmtree(out / _WORK, ignore_errors=True)
         for part in list(out.rglob(f"*{PART}")):
             part.unlink()
@@ -253,8 +255,9 @@ def model_sequence(
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            known = StillScene() if options.whole else still
-            every.append(earlier.get(instant) or _make(motion, known, matcher, options, instant, folder))
+            if options.whole:
+                still = StillScene()
+            every.append(earlier.get(instant) or _make(motion, still, matcher, options, instant, folder))
         if not any(one.cloud for one in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
@@ -262,12 +265,11 @@ def model_sequence(
             )
         if options.recording:
             progress.step("the recording")
-            made = folder.empty_work() / RECORDING
-            write_recording(made, out, dataset, calibration, [one for one in every if one.cloud])
+            clouds = [one for one in every if one.cloud]
+            write_recording(folder.empty_work() / RECORDING, out, dataset, calibration, clouds)
             folder.take_over(RECORDING)
-        result = _summary(dataset, plan, calibration, every)
         result = msgspec.structs.replace(
-            result,
+            _summary(dataset, plan, calibration, every),
             kept=len(earlier),
             masks=masks,
             files=folder.files,

@@ -142,8 +142,8 @@ def adopt_proposals(
     new = proposed > 0
     level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
     planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
-    refinements = (Refinement(0.25, 3),)
-    swept = _refine_surface(Surface(*planes, surface.cost), reference, sources, step, refinements, options)
+    begun = Surface._make((*planes, surface.cost))
+    swept = _refine_surface(begun, reference, sources, step, (Refinement(0.25, 3),), options)
     # A moving object is at another place in this image than the one that others confirmed.
     highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
     choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
@@ -164,7 +164,8 @@ def sweep_planes(
     engine, grey = options.engine, reference.grey
     place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
     found = (levels[0] + place * step).astype(np.float32)
-    return Surface(*engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3), cost / WORST_COST)
+    planes = engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
+    return Surface._make((*planes, cost / WORST_COST))
 
 
 def _refine_surface(
@@ -189,7 +190,7 @@ def _refine_surface(
         place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
         found = planes[0] + (place - steps) * np.float32(step * step_fraction)
         planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
-        surface = Surface(*planes, cost / WORST_COST)
+        surface = Surface._make((*planes, cost / WORST_COST))
     return surface
 
 

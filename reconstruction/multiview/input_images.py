@@ -1,6 +1,5 @@
 """Images prepared for matching: undistorted, grey, with their noise level."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -43,7 +42,7 @@ def undistort_nearest(view: View, image: Array) -> Array:
     return np.asarray(cv2.remap(image, *_distorted_pixels(view), cv2.INTER_NEAREST))
 
 
-def _distorted_pixels(view: View) -> Sequence[Array]:
+def _distorted_pixels(view: View) -> tuple[Array, Array]:
     """Return x and y (float32) in a view's distorted image of each undistorted pixel."""
     size = view.width, view.height
     return cv2.initUndistortRectifyMap(view.matrix, view.distortion, None, view.matrix, size, cv2.CV_32FC1)

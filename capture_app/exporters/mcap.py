@@ -95,28 +95,11 @@ def _foxglove_messages(
     if calibration is not None:
         camera = calibration.cameras[image.camera]
         lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
-        yield (
-            f"/{image.camera}/calibration",
-            "CameraCalibration",
-            {
-                **own,
-                "width": camera.width,
-                "height": camera.height,
-                "distortion_model": "plumb_bob",
-                **lens,
-            },
-        )
+        own_lens = {"width": camera.width, "height": camera.height, "distortion_model": "plumb_bob", **lens}
+        yield f"/{image.camera}/calibration", "CameraCalibration", own | own_lens
         place, rotation = _pose(camera, calibration)
-        yield (
-            "/tf",
-            "FrameTransform",
-            {
-                "parent_frame_id": "rig",
-                "child_frame_id": image.camera,
-                "translation": place,
-                "rotation": rotation,
-            },
-        )
+        frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
+        yield "/tf", "FrameTransform", {"translation": place, "rotation": rotation, **frames}
     data, kind = jpeg_or_png(burst, image)
     yield f"/{image.camera}/image", "CompressedImage", {**own, "data": data, "format": kind}
 
@@ -159,32 +142,18 @@ def _bag_messages(
         topic, own = topics[image.camera], {"header": header(image.leader_ns, image.camera)}
         if calibration is not None:
             camera = calibration.cameras[image.camera]
-            yield (
-                image.leader_ns,
-                f"{topic}/camera_info",
-                _INFO,
-                {
-                    **own,
-                    "height": camera.height,
-                    "width": camera.width,
-                    "distortion_model": "plumb_bob",
-                    **_lens(camera),
-                    "binning_x": 0,
-                    "binning_y": 0,
-                    "roi": _ros("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),  # the whole image
-                },
-            )
+            about = {
+                "height": camera.height,
+                "width": camera.width,
+                "distortion_model": "plumb_bob",
+                "binning_x": 0,
+                "binning_y": 0,
+                "roi": _ros("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),  # the whole image
+            }
+            yield image.leader_ns, f"{topic}/camera_info", _INFO, {**own, **about, **_lens(camera)}
         data, kind = jpeg_or_png(burst, image)
-        yield (
-            image.leader_ns,
-            f"{topic}/image_raw/compressed",
-            _IMAGE,
-            {
-                **own,
-                "format": kind,
-                "data": np.frombuffer(data, np.uint8),
-            },
-        )
+        compressed = {"format": kind, "data": np.frombuffer(data, np.uint8)}
+        yield image.leader_ns, f"{topic}/image_raw/compressed", _IMAGE, {**own, **compressed}
         burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
 
 

@@ -36,7 +36,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read intri.yml and extri.yml, given their folder or one of them. Raises BadInputError."""
-    path, files = paths[0][1], (EXTRINSICS, INTRINSICS)
+    files = (EXTRINSICS, INTRINSICS)
+    path = paths[0][1]
     folder = path if path.is_dir() else path.parent
     missing = [name for name in files if not (folder / name).is_file()]
     if len(missing) == len(files) or not (path.is_dir() or path.name in files):

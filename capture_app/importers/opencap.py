@@ -96,7 +96,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     Raises BadInputError, with the file, if it is malformed or not calibrated yet.
     """
     first = paths[0][1]
-    if not (any(first.glob(f"*/{_PARAMETERS}")) if first.is_dir() else first.suffix in (".pickle", ".pkl")):
+    is_own = any(first.glob(f"*/{_PARAMETERS}")) if first.is_dir() else first.suffix in (".pickle", ".pkl")
+    if not is_own:
         return None
     files: dict[str, Path] = {}
     for name, path in paths:

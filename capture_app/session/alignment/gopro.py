@@ -133,10 +133,10 @@ def _items(data: bytes) -> Iterator[_Item]:
 
 def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
     """Yield the items of each STRM, at any nesting of its devices."""
-    for item in (item for item in _items(data) if item.kind == "\0" and depth):
-        if item.key == "STRM":
+    for item in _items(data) if depth else ():
+        if item.kind == "\0" and item.key == "STRM":
             yield list(_items(item.data))
-        else:
+        elif item.kind == "\0":
             yield from _streams(item.data, depth - 1)
 
 

@@ -103,6 +103,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     for at in _loud_windows(samples, size):
         centre_s = start_s + (at + size / 2) / RATE_HZ
         expected = round((centre_s + rough_s - reference_start_s) * RATE_HZ - size / 2)
+        # A window beyond either end of the reference is too short.
         window = reference_samples[max(0, expected) : max(0, expected + size)]
         if len(window) == size and (lag := _lag(window, samples[at : at + size])) is not None:
             found.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))

@@ -56,10 +56,10 @@ def export_session(
             exporter.write(burst, output.folder, *([chosen] if exporter.options is not ExportOptions else []))
             write_frames(burst, output.folder)
             calibration = session.calibration()
-            if calibration is not None:
-                calibration = replace(calibration, cameras=calibration.cameras | burst.drawn)
             record = ExportRecord(
-                format=name, manifest=with_images_listed(session.manifest), calibration=calibration
+                format=name,
+                manifest=with_images_listed(session.manifest),
+                calibration=calibration and replace(calibration, cameras=calibration.cameras | burst.drawn),
             )
             (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
     except OSError as error:

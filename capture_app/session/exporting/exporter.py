@@ -96,8 +96,11 @@ def load_exporters() -> dict[str, Exporter]:
 
 def own_options(exporter: Exporter) -> dict[str, tuple[type[Any], Option]]:
     """Return an exporter's options beyond the common ones, by name, each with its value type."""
-    hints = get_type_hints(exporter.options, include_extras=True).items()
-    annotated = {name: get_args(hint) for name, hint in hints if hasattr(hint, "__metadata__")}
+    annotated = {
+        name: get_args(hint)
+        for name, hint in get_type_hints(exporter.options, include_extras=True).items()
+        if hasattr(hint, "__metadata__")
+    }
     return {name: ((get_args(kind) or (kind,))[0], option) for name, (kind, option) in annotated.items()}
 
 

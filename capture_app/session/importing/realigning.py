@@ -88,9 +88,8 @@ def _timeline(session: Session) -> Timeline:
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
         frame = TimedFrame(place, own_ns, own_ns, {name: getattr(image, name) for name in _PRESERVED})
         cameras.setdefault(image.camera, []).append(frame)
-    for frames in cameras.values():
-        frames.sort(key=lambda frame: frame.leader_ns)
-    return timeline_by_times(session.manifest.name, cameras)
+    in_order = {name: sorted(of, key=lambda frame: frame.leader_ns) for name, of in cameras.items()}
+    return timeline_by_times(session.manifest.name, in_order)
 
 
 def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -> None:

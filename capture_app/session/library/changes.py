@@ -224,8 +224,10 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
     """
     found = [one for one in trashed_sessions(root) if not which or which in (one.id, one.name)]
     if not found:
-        what = f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty"
-        raise BadInputError(what, hint=f"capture-app sessions list --trash {root}")
+        raise BadInputError(
+            f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty",
+            hint=f"capture-app sessions list --trash {root}",
+        )
     chosen = next((one for one in found if one.id == which), found[-1])
     entry = root / TRASH / chosen.id
     target = root / (check_name(name, "session") if name else Path(chosen.name).name)

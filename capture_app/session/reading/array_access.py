@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -226,14 +227,13 @@ class OpenSession(Session):
         """All instants, in order."""
         records = {(image.camera, image.instant): image for image in self.manifest.images}
         reasons = {(one.camera, one.instant): one.reason for one in self.manifest.missing}
-
-        def frame(camera: str, instant: int) -> Frame:
-            record = records.get((camera, instant))
-            missing = "" if record is not None else reasons.get((camera, instant), "nothing says why")
-            return Frame(camera, instant, missing, record, self)
-
+        reasons |= dict.fromkeys(records, "")
+        frames = {
+            place: Frame(*place, reasons.get(place, "nothing says why"), records.get(place), self)
+            for place in product(self._cameras, range(len(self.manifest.burst.instants_ns)))
+        }
         return tuple(
-            InstantFrames(k, leader_ns, {camera: frame(camera, k) for camera in self._cameras})
+            InstantFrames(k, leader_ns, {camera: frames[camera, k] for camera in self._cameras})
             for k, leader_ns in enumerate(self.manifest.burst.instants_ns)
         )
 

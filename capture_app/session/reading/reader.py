@@ -84,14 +84,14 @@ class Session:
     def manifest(self) -> Manifest:
         """The manifest, with the frames of videos as images. Raises BadInputError if they are malformed."""
         stored, instants_ns = self.stored_manifest, self.stored_manifest.burst.instants_ns
-        frames = [
+        frames = (
             frame_of_line(video, frame, instants_ns[frame.instant])
             for video in stored.videos
             for frame in self.video_frames(video)
             if 0 <= frame.instant < len(instants_ns)
-        ]
-        frames.sort(key=lambda record: (record.instant, record.camera))
-        return msgspec.structs.replace(stored, images=(*stored.images, *frames)) if frames else stored
+        )
+        in_order = sorted(frames, key=lambda record: (record.instant, record.camera))
+        return msgspec.structs.replace(stored, images=(*stored.images, *in_order)) if in_order else stored
 
     @property
     def name(self) -> str:

@@ -116,8 +116,9 @@ class ImageStore:
             self.true_times.pop(key, None)
         if refused:
             self._journal.close()
-            lines = (msgspec.json.encode(record) + b"\n" for record in self.records.values())
-            write_atomic(self._folder / JOURNAL, b"".join(lines))
+            write_atomic(
+                self._folder / JOURNAL, msgspec.json.Encoder().encode_lines(list(self.records.values()))
+            )
             self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
     def close(self) -> None:

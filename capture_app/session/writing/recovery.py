@@ -56,7 +56,7 @@ def recover_images(folder: Path) -> tuple[dict[Key, ImageRecord], tuple[Key, ...
     safe = {key: record for key, record in records.items() if is_intact(folder, record)}
     (folder / RESERVE).unlink(missing_ok=True)
     _set_aside_all_but(folder, {record.path for record in safe.values()})
-    journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe.values())
+    journal = msgspec.json.Encoder().encode_lines(list(safe.values()))
     if journal != data:
         write_atomic(folder / JOURNAL, journal)
     return safe, tuple(key for key in records if key not in safe)
@@ -95,7 +95,7 @@ def recover_true_times(folder: Path, images: Container[Key]) -> dict[Key, TrueTi
         and _truth_is_intact(folder, true)
     }
     if len(intact) != len(lines):
-        write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in intact.values()))
+        write_atomic(path, msgspec.json.Encoder().encode_lines(list(intact.values())))
     return intact
 
 

@@ -286,9 +286,8 @@ class SessionWriter:
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.
                 write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
-            truth = self.images.write_truth()
-            checksums = write_checksums(self.folder, data)
-            for error in sync_all((*truth, self.folder / EVENTS, checksums, self.folder)).values():
+            changed = (*self.images.write_truth(), self.folder / EVENTS, write_checksums(self.folder, data))
+            for error in sync_all((*changed, self.folder)).values():
                 raise error
             write_atomic(self.folder / MANIFEST, data)
             self._close()

@@ -51,7 +51,7 @@ USABLE_FORMATS = (
 """Pixel formats that can be saved, best first; values of more than 8 bits take 16 bits each."""
 PACKAGE = "gir1.2-aravis-0.8"
 PURPOSE = "a GigE Vision or USB3 Vision camera"
-_ERRORS = {
+_ERRORS: dict[int | None, tuple[str, str]] = {
     5: ("{} does not answer any more", "check its power and cable, then start it again"),
     6: (
         "there is no machine-vision camera {}",
@@ -60,8 +60,11 @@ _ERRORS = {
     10: ("{} is in use by another program", "close it: only one can control a camera"),
 }
 """Message and hint by the error code of the library's device errors."""
-_WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
-"""Names of a value in the library's methods, and of the switch that makes it automatic."""
+_CONTROLS = {
+    Control.EXPOSURE: ("exposure_time", "is_exposure_auto_available"),
+    Control.GAIN: ("gain", "is_gain_auto_available"),
+}
+"""A control's name in the library's methods, and the method that says whether it can be automatic."""
 KIND = "aravis"
 _RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
@@ -136,73 +139,9 @@ def camera_errors(device: str) -> Iterator[None]:
     try:
         yield
     except library_error as error:
-        unknown = "{} failed: {}", "another program, such as arv-viewer, may say more"
-        is_known = error.domain == "arv-device-error-quark"
-        what, hint = _ERRORS.get(error.code, unknown) if is_known else unknown
+        code = error.code if error.domain == "arv-device-error-quark" else None
+        what, hint = _ERRORS.get(code, ("{} failed: {}", "another program, such as arv-viewer, may say more"))
         raise CameraError(what.format(device, error.message), hint=hint) from error
-
-
-class DeviceControl:
-    """Exposure or gain of a camera; calls the library's methods by the control's name."""
-
-    def __init__(self, camera: Any, auto: Any, control: Control) -> None:
-        """Create the control; `auto` is the library's enum of modes. Raises CameraError if it is missing."""
-        self._camera, self._auto = camera, auto
-        self.control = control
-        self._value, self._choice = _WORDS.get(control, ("", ""))
-        if not self._value or not self._call(f"is_{self._value}_available"):
-            raise CameraError(
-                f"this camera has no control of its {control}",
-                hint="capture-app cameras controls shows what each camera can set",
-            )
-        self.can_be_automatic = bool(self._call(f"is_{self._choice}_auto_available"))
-
-    def _call(self, method: str, *values: Any) -> Any:
-        return getattr(self._camera, method)(*values)
-
-    @property
-    def value(self) -> float:
-        """Current value: microseconds, or the camera's own steps of gain."""
-        return float(self._call(f"get_{self._value}"))
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Min and max of the control's value."""
-        lowest, highest = self._call(f"get_{self._value}_bounds")
-        return lowest, highest
-
-    @property
-    def is_automatic(self) -> bool:
-        """Whether the camera chooses the value, frame by frame."""
-        return self.can_be_automatic and self._call(f"get_{self._value}_auto") != self._auto.OFF
-
-    def set(self, value: float | None) -> None:
-        """Set the control to a fixed value; None lets the camera choose. Raises CameraError if it cannot."""
-        if value is None and not self.can_be_automatic:
-            raise CameraError(
-                f"this camera does not choose its {self.control} itself",
-                hint=f"give a value: capture-app cameras set {self.control}=VALUE",
-            )
-        if self.can_be_automatic:
-            self._call(f"set_{self._value}_auto", self._auto.CONTINUOUS if value is None else self._auto.OFF)
-        if value is not None:
-            self._call(f"set_{self._value}", value)
-
-    def state(self, facts: CameraFacts) -> ControlState:
-        """Return the control in the form that all cameras share."""
-        lowest, highest = self.bounds
-        exposes = self.control is Control.EXPOSURE
-        return ControlState(
-            control=self.control,
-            value=self.value,
-            # Gain is in decibels on most cameras, in steps of the chip on some.
-            unit=MICROSECONDS if exposes else steps_of(facts.model),
-            automatic=self.is_automatic,
-            can_be_automatic=self.can_be_automatic,
-            minimum=lowest,
-            # A longer exposure would delay frames.
-            maximum=min(highest, facts.period_ns / 1000) if exposes else highest,
-        )
 
 
 class AravisDevice:
@@ -223,8 +162,9 @@ class AravisDevice:
         """Return host time before, counter, host time after, in ns; None without a readable counter."""
         camera = self._camera
         with camera_errors(self.address):
-            has = camera.is_feature_available
-            latch, value = next((pair for pair in _LATCHES if all(map(has, pair))), ("", ""))
+            latch, value = next(
+                (pair for pair in _LATCHES if all(map(camera.is_feature_available, pair))), ("", "")
+            )
             if not latch and not camera.is_gv_device():
                 return None
             sent_ns = time.monotonic_ns()
@@ -233,24 +173,27 @@ class AravisDevice:
             else:
                 self._device.write_register(_CONTROL, _LATCH)
             answered_ns = time.monotonic_ns()
-            if latch:
-                counter_ns = camera.get_integer(value)
-            else:
-                counter_ns = self._device.read_register(_HIGH) << 32 | self._device.read_register(_LOW)
-            if latch != _LATCHES[0][0]:
-                frequency = self._device.get_timestamp_tick_frequency() or 1_000_000_000
-                counter_ns = counter_ns * 1_000_000_000 // frequency
-        return sent_ns, counter_ns, answered_ns
+            read = self._device.read_register
+            ticks = camera.get_integer(value) if latch else read(_HIGH) << 32 | read(_LOW)
+            is_in_ns = latch == _LATCHES[0][0]
+            frequency = 0 if is_in_ns else self._device.get_timestamp_tick_frequency()
+        return sent_ns, ticks * 1_000_000_000 // (frequency or 1_000_000_000), answered_ns
 
     def controls(self) -> tuple[ControlState, ...]:
         """Return the current exposure and gain. Raises CameraError."""
         with camera_errors(self.address):
-            return tuple(one.state(self.facts) for control in _WORDS if (one := self._control(control)))
+            states = [state for control in _CONTROLS if (state := self._state(control))]
+        # A longer exposure than a period would delay frames.
+        period_us = self.facts.period_ns / 1000
+        return tuple(
+            replace(one, maximum=one.clamped(period_us)) if one.control is Control.EXPOSURE else one
+            for one in states
+        )
 
     def set_control(self, control: Control, value: float | None) -> None:
         """Set a control to a fixed value; None lets the camera choose. Updates the exposure in `facts`."""
         with camera_errors(self.address):
-            DeviceControl(self._camera, self._aravis.Auto, control).set(value)
+            self._set(control, value)
             self.facts = replace(self.facts, **self._exposure())
 
     def set_period(self, period_ns: int) -> None:
@@ -343,34 +286,63 @@ class AravisDevice:
     def _set_exposure(self, exposure_us: float | None) -> None:
         if exposure_us is None:
             return
-        exposure = self._control(Control.EXPOSURE)
-        if exposure is None:
+        state = self._state(Control.EXPOSURE)
+        if state is None:
             raise CameraError(f"{self.address} has no control of its exposure", hint="leave out exposure_us")
-        min_us, max_us = exposure.bounds
-        if not min_us <= exposure_us <= max_us:
+        if state.clamped(exposure_us) != exposure_us:
             raise CameraError(
                 f"{self.address} cannot expose for {exposure_us:g} us",
-                hint=f"give exposure_us= from {min_us:g} to {max_us:g}",
+                hint=f"give exposure_us= from {state.minimum:g} to {state.maximum:g}",
             )
-        exposure.set(exposure_us)
+        self._set(Control.EXPOSURE, exposure_us)
 
     def _exposure(self) -> dict[str, int | None]:
         """Return the facts of the exposure in ns; the exposure itself is None if the camera chooses it."""
-        exposure = self._control(Control.EXPOSURE)
-        if exposure is None:
+        state = self._state(Control.EXPOSURE)
+        if state is None:
             return {}
-        min_us, max_us = exposure.bounds
-        return {
-            "exposure_ns": None if exposure.is_automatic else round(exposure.value * 1000),
-            "min_exposure_ns": round(min_us * 1000),
-            "max_exposure_ns": round(max_us * 1000),
-        }
+        exposure_us = None if state.automatic else state.value
+        facts_us = {"exposure": exposure_us, "min_exposure": state.minimum, "max_exposure": state.maximum}
+        return {f"{name}_ns": None if us is None else round(us * 1000) for name, us in facts_us.items()}
 
-    def _control(self, control: Control) -> DeviceControl | None:
-        try:
-            return DeviceControl(self._camera, self._aravis.Auto, control)
-        except CameraError:
+    def _state(self, control: Control) -> ControlState | None:
+        """Return a control in the form that all cameras share; None if this one does not have it."""
+        name, has_switch = _CONTROLS.get(control, ("", ""))
+        if not name or not self._call(f"is_{name}_available"):
             return None
+        can_be_automatic = bool(self._call(has_switch))
+        lowest, highest = self._call(f"get_{name}_bounds")
+        return ControlState(
+            control=control,
+            value=float(self._call(f"get_{name}")),
+            # Gain is in decibels on most cameras, in steps of the chip on some.
+            unit=MICROSECONDS if control is Control.EXPOSURE else steps_of(self.facts.model),
+            automatic=can_be_automatic and self._call(f"get_{name}_auto") != self._aravis.Auto.OFF,
+            can_be_automatic=can_be_automatic,
+            minimum=lowest,
+            maximum=highest,
+        )
+
+    def _set(self, control: Control, value: float | None) -> None:
+        state = self._state(control)
+        if state is None:
+            raise CameraError(
+                f"this camera has no control of its {control}",
+                hint="capture-app cameras controls shows what each camera can set",
+            )
+        if value is None and not state.can_be_automatic:
+            raise CameraError(
+                f"this camera does not choose its {control} itself",
+                hint=f"give a value: capture-app cameras set {control}=VALUE",
+            )
+        name, auto = _CONTROLS[control][0], self._aravis.Auto
+        if state.can_be_automatic:
+            self._call(f"set_{name}_auto", auto.CONTINUOUS if value is None else auto.OFF)
+        if value is not None:
+            self._call(f"set_{name}", value)
+
+    def _call(self, method: str, *values: Any) -> Any:
+        return getattr(self._camera, method)(*values)
 
     def _set_rate(self, fps: float | None) -> tuple[int, int, int]:
         """Set the frame rate; return the frame period and its min and max, in ns."""

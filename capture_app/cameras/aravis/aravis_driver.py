@@ -96,8 +96,7 @@ def frames_between(last: int, number: int) -> int:
 
     In GigE Vision 1, numbers have 16 bits and leave out 0.
     """
-    wraps = last <= 65_535 and number - last < -32_768
-    return number - last + 65_535 * wraps
+    return number - last + 65_535 * (last <= 65_535 and number - last < -32_768)
 
 
 _log = logging.getLogger(__name__)
@@ -328,8 +327,8 @@ def list_cameras() -> list[CameraListing]:
     for index in range(library.get_n_devices()):
         protocol, address = library.get_device_protocol(index), library.get_device_address(index)
         name = address if protocol == "GigEVision" and address else library.get_device_id(index)
-        serial = library.get_device_serial_nbr(index)
-        detail = f"{protocol.replace('Vision', ' Vision')}, serial number {serial}"
         model = f"{library.get_device_vendor(index)} {library.get_device_model(index)}"
+        serial = f"serial number {library.get_device_serial_nbr(index)}"
+        detail = f"{protocol.replace('Vision', ' Vision')}, {serial}"
         listed.append(CameraListing(f"{KIND}:{name}", KIND, model, detail))
     return listed

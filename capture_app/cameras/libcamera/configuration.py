@@ -37,25 +37,8 @@ READOUT_UNCERTAINTY_ROWS, READOUT_UNCERTAINTY_NS = 16, 100_000
 _TYPICAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
-class KnownControls:
-    """Controls that a camera accepts in requests; libraries differ in which they have."""
-
-    def __init__(self, camera: Any) -> None:
-        self._known = {control.name: (control, limits) for control, limits in camera.controls.items()}
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._known
-
-    def limits(self, name: str) -> tuple[Any, Any] | None:
-        """Return min and max of a control; None if the camera does not have it."""
-        if name not in self._known:
-            return None
-        limits = self._known[name][1]
-        return limits.min, limits.max
-
-    def of(self, values: Mapping[str, Any]) -> dict[Any, Any]:
-        """Return the values for which the camera has a control, keyed as the library requires."""
-        return {self._known[name][0]: value for name, value in values.items() if name in self._known}
+KnownControls = Mapping[str, tuple[Any, Any]]
+"""Controls that a camera accepts in requests, with their limits, by name; libraries differ in which."""
 
 
 def first_exposure(controls: KnownControls, wishes: CameraRequest) -> dict[str, Any]:
@@ -94,20 +77,19 @@ def read_states(
     """Return the controls' state from the settings and the last frame; the period limits the exposure."""
     states: list[ControlState] = []
     for control, of in _CONTROLS.items():
-        if (limits := known.limits(of.value)) is None:
-            continue
-        value = metadata.get(of.value, settings.get(of.value))
-        states.append(
-            ControlState(
+        if of.value in known:
+            _, limits = known[of.value]
+            value = metadata.get(of.value, settings.get(of.value))
+            state = ControlState(
                 control=control,
                 value=None if value is None else float(value),
                 unit=of.unit or "",
                 automatic=of.switch in known and settings.get(of.switch, of.automatic[0]) in of.automatic,
                 can_be_automatic=of.switch in known,
-                minimum=float(limits[0]),
-                maximum=float(min(limits[1], period_us) if control is Control.EXPOSURE else limits[1]),
+                minimum=float(limits.min),
+                maximum=float(min(limits.max, period_us) if control is Control.EXPOSURE else limits.max),
             )
-        )
+            states.append(state)
     return tuple(states)
 
 
@@ -183,8 +165,8 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
             hint="leave out width and height",
         )
     camera.configure(configuration)
-    layout = (FOURCC[str(stream.pixel_format)], width, height, stream.stride, stream.frame_size)
-    return stream, PixelFormat(*layout)
+    fourcc = FOURCC[str(stream.pixel_format)]
+    return stream, PixelFormat(fourcc, width, height, stream.stride, stream.frame_size)
 
 
 def _text(size: tuple[int, int]) -> str:
@@ -202,8 +184,8 @@ def origin_of(camera: Any) -> Origin:
         return "raspberry-pi"
     devices = properties_of(camera).get("SystemDevices", ())
     nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
-    drivers = {(node / "device" / "driver").resolve().name for node in nodes}
-    return "webcam" if "uvcvideo" in drivers else "other"
+    is_webcam = any((node / "device" / "driver").resolve().name == "uvcvideo" for node in nodes)
+    return "webcam" if is_webcam else "other"
 
 
 def properties_of(camera: Any) -> dict[str, Any]:
@@ -226,14 +208,6 @@ def facts_as_configured(
         phase_control=PhaseControl.RESET,
         min_frame_duration_ns=None if limits_us is None else limits_us[0] * 1000,
         max_frame_duration_ns=None if limits_us is None else limits_us[1] * 1000,
-    )
-
-
-def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
-    """Return the facts of a camera with a known row time, whose frames last `rows` rows."""
-    row_ns = round(row_us * 1000)
-    return replace(
-        facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=PhaseControl.FRAME_DURATION
     )
 
 

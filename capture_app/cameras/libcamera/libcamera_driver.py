@@ -23,7 +23,6 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import (
     FOURCC,
     KIND,
-    KnownControls,
     configure,
     facts_as_configured,
     first_exposure,
@@ -35,7 +34,6 @@ from capture_app.cameras.libcamera.configuration import (
     read_states,
     typical_period_ns,
     with_exposure,
-    with_rows,
 )
 from capture_app.cameras.libcamera.libcamera_stream import (
     PACKAGE,
@@ -153,8 +151,9 @@ class LibcameraCamera(ThreadedCamera):
 
     def _configure(self, camera: Any) -> None:
         stream, layout = configure(self._library.module, camera, self._wishes)
-        controls = KnownControls(camera)
-        period_us, limits_us = self._wishes.period_us, controls.limits("FrameDurationLimits")
+        controls = {control.name: (control, limits) for control, limits in camera.controls.items()}
+        period_us, (_, limits) = self._wishes.period_us, controls.get("FrameDurationLimits", (None, None))
+        limits_us = None if limits is None else (limits.min, limits.max)
         if limits_us is None and self._wishes.fps is not None:
             raise CameraError(f"libcamera cannot set the frame rate of {self.id}", hint="leave out fps")
         if limits_us is not None and not limits_us[0] <= period_us <= limits_us[1]:
@@ -213,7 +212,7 @@ class LibcameraCamera(ThreadedCamera):
                 raise CameraError(f"{self.id} does not stream")
             self._stream.running = False
             try:
-                await self._in_worker(self._stream.stop)
+                await self._in_worker(self._stream.camera.stop)
                 self._library.dispatch()
                 again = (asked_ns + command.delay_ns, self.facts.period_ns, self._closing)
                 await self._in_worker(self._stream.start_again_at, *again)
@@ -237,7 +236,7 @@ class LibcameraCamera(ThreadedCamera):
     async def _let_go(self) -> None:
         self._stream.running = False
         with suppress(RuntimeError):
-            await self._in_worker(self._stream.stop)
+            await self._in_worker(self._stream.camera.stop)
         self._library.dispatch()
         await self._in_worker(self._stream.release)
         self._library.hush()
@@ -248,16 +247,18 @@ class LibcameraCamera(ThreadedCamera):
         """Measure the row time, choose the number of rows nearest to the period, and fix the exposure."""
         period_us = self._wishes.period_us
         self._stream.asked_us.extend(durations_to_ask_us(period_us, max_us))
-        in_effect = self._stream.queued + IN_EFFECT_FRAMES
+        in_effect = len(self._stream.requests) + IN_EFFECT_FRAMES
         seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
-        settled = (frame.metadata for frame in seen[UNSETTLED_FRAMES:])
-        durations_us = [metadata["FrameDuration"] for metadata in settled if "FrameDuration" in metadata]
-        row_us = await self._in_worker(find_row_time_us, durations_us)
+        durations_us = (frame.metadata.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:])
+        row_us = await self._in_worker(find_row_time_us, [us for us in durations_us if us is not None])
         if row_us is not None:
             rows = round(period_us / row_us)
             rows += rows * row_us < min_us
-            period_us = round((rows + INSIDE_ROW) * row_us)
-            self._facts = with_rows(self.facts, rows, row_us)
+            period_us, row_ns = round((rows + INSIDE_ROW) * row_us), round(row_us * 1000)
+            moved = PhaseControl.FRAME_DURATION
+            self._facts = structs.replace(
+                self.facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=moved
+            )
         self._stream.period_us = period_us
         self._stream.keep(held_exposure(seen[-1].metadata, self._wishes))
         *_, last = await self._next_frames(in_effect)
@@ -323,8 +324,8 @@ class LibcameraCamera(ThreadedCamera):
         """Detect a stream without frames: the library does not report a disconnected camera."""
         if self._closing.is_set():
             return
-        silent_ns = self._clock.now_ns() - self._last_frame_ns
-        if silent_ns > max(SILENT_S * 1e9, SILENT_PERIODS * self.facts.period_ns):
+        max_ns = max(SILENT_S * 1e9, SILENT_PERIODS * self.facts.period_ns)
+        if self._clock.now_ns() - self._last_frame_ns > max_ns:
             what = f"{self.id} delivers no frames any more"
             self._fail(CameraError(what, hint="check its cable, then start it again"))
         asyncio.get_running_loop().call_later(1.0, self._watch)
@@ -367,6 +368,9 @@ def listings(library: Library) -> Iterator[CameraListing]:
             size = properties.get("PixelArraySize")
             sensor = f"sensor of {size.width}x{size.height}, " if size is not None else ""
             moved = any(control.name == "FrameDurationLimits" for control in camera.controls)
-            detail = f"{sensor}moved by {'frame durations' if moved else 'restarts'}"
-            model = str(properties.get("Model", camera.id))
-            yield CameraListing(f"{KIND}:{camera.id}", KIND, model, detail)
+            yield CameraListing(
+                spec=f"{KIND}:{camera.id}",
+                kind=KIND,
+                model=str(properties.get("Model", camera.id)),
+                detail=f"{sensor}moved by {'frame durations' if moved else 'restarts'}",
+            )

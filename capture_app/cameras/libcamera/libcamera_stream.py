@@ -14,6 +14,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -36,8 +37,6 @@ PACKAGE = "python3-libcamera"
 MIN_VERSION = (0, 4)
 """The oldest version that was tested."""
 
-OnRequest = Callable[[Any], None]
-
 
 class Library:
     """libcamera's Python module with its camera manager, of which a process has one."""
@@ -53,8 +52,10 @@ class Library:
                 f"libcamera {version} is too old: {'.'.join(map(str, MIN_VERSION))} or newer is needed",
                 hint="install Debian 13 or an up-to-date Raspberry Pi OS",
             )
-        self._handlers: dict[int, OnRequest] = {}
-        self._cookies = count()
+        self.handlers: dict[int, Callable[[Any], None]] = {}
+        """Functions that are called with each request that finishes, by its cookie."""
+        self.cookies = count()
+        """Cookies for new requests."""
 
     @property
     def cameras(self) -> list[Any]:
@@ -67,21 +68,10 @@ class Library:
         for number, camera in enumerate(cameras):
             if device in (camera.id, str(number)):
                 return camera
-        known = f"it knows {', '.join(camera.id for camera in cameras)}" if cameras else "it knows none"
+        known = ", ".join(camera.id for camera in cameras) or "none"
         raise CameraError(
-            f"libcamera knows no camera {device}", hint=f"{known}; `capture-app cameras` lists them"
+            f"libcamera knows no camera {device}", hint=f"it knows {known}; `capture-app cameras` lists them"
         )
-
-    def new_request(self, camera: Any, on_finish: OnRequest) -> Any:
-        """Create a request of a camera; `on_finish` is called with it each time it finishes."""
-        cookie = next(self._cookies)
-        self._handlers[cookie] = on_finish
-        return camera.create_request(cookie)
-
-    def forget(self, requests: list[Any]) -> None:
-        """Remove the handlers of these requests."""
-        for request in requests:
-            self._handlers.pop(request.cookie, None)
 
     def listen(self) -> None:
         """Dispatch finished requests on the running event loop, until `hush` finds no handler left."""
@@ -89,13 +79,13 @@ class Library:
 
     def hush(self) -> None:
         """Stop dispatching once no handler is left."""
-        if not self._handlers:
+        if not self.handlers:
             asyncio.get_running_loop().remove_reader(self._manager.event_fd)
 
     def dispatch(self) -> None:
         """Call the handlers of all finished requests."""
         for request in self._manager.get_ready_requests():
-            if handler := self._handlers.get(request.cookie):
+            if handler := self.handlers.get(request.cookie):
                 handler(request)
 
 
@@ -149,7 +139,7 @@ class FinishedFrame:
 
 
 class RequestStream:
-    """Requests of a configured camera. `start`, `start_again_at`, `stop` and `release` block."""
+    """Requests of a configured camera. `start`, `start_again_at` and `release` block."""
 
     def __init__(
         self,
@@ -169,20 +159,20 @@ class RequestStream:
 
         Raises RuntimeError from the library, OSError.
         """
-        self._library, self._camera, self._clock, self._on_event = library, camera, clock, on_event
-        self._controls, self._layout = controls, layout
+        self._library, self._clock, self._on_event = library, clock, on_event
+        self._controls, self._layout, self.camera = controls, layout, camera
         self._allocator = library.module.FrameBufferAllocator(camera)
         self._allocator.allocate(stream)
-        self._requests: list[Any] = []
-        self._buffer_of: dict[int, Any] = {}
+        self.requests: list[Any] = []
+        """All requests; those that are queued already cannot be affected by new settings."""
         lengths: dict[int, int] = {}
         for buffer in self._allocator.buffers(stream):
             for plane in buffer.planes:
                 lengths[plane.fd] = max(lengths.get(plane.fd, 0), plane.offset + plane.length)
-            request = library.new_request(camera, self._finish)
+            request = camera.create_request(next(library.cookies))
             request.add_buffer(stream, buffer)
-            self._requests.append(request)
-            self._buffer_of[request.cookie] = buffer
+            library.handlers[request.cookie] = partial(self._finish, buffer)
+            self.requests.append(request)
         self._memory = {
             fd: mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ) for fd, length in lengths.items()
         }
@@ -196,11 +186,6 @@ class RequestStream:
         self.running = False
         """Whether frames are passed on."""
 
-    @property
-    def queued(self) -> int:
-        """Number of frames already queued, which new settings cannot affect."""
-        return len(self._requests)
-
     def keep(self, settings: dict[str, Any], *, forget: tuple[str, ...] = ()) -> None:
         """Apply settings from the next request on, and after restarts; drop those in `forget`."""
         for pending in (self.settings, self._new_settings):
@@ -212,62 +197,55 @@ class RequestStream:
         """Start the stream. Raises RuntimeError from the library."""
         self.asked_us.clear()
         self._new_settings = {}
-        self._camera.start(self._controls.of(self.settings | self._duration()))
-        for request in self._requests:
-            self._camera.queue_request(request)
+        self.camera.start(self._next_settings(self.settings))
+        for request in self.requests:
+            self.camera.queue_request(request)
 
     def start_again_at(self, start_ns: int, period_ns: int, closing: threading.Event) -> None:
         """Start at `start_ns` (monotonic clock), or whole periods later; do nothing once `closing` is set."""
-        for request in self._requests:
+        for request in self.requests:
             request.reuse()
         if wait_for_start(start_ns - self._clock.now_ns(), period_ns, closing):
             self.start()
 
-    def stop(self) -> None:
-        """Stop the stream and discard unfinished requests. Raises RuntimeError from the library."""
-        self._camera.stop()
-
     def release(self) -> None:
         """Release the buffers and the camera, which must be stopped."""
-        self._library.forget(self._requests)
-        self._requests, self._buffer_of, self._allocator = [], {}, None
+        for request in self.requests:
+            self._library.handlers.pop(request.cookie, None)
+        self.requests, self._allocator = [], None
         for memory in self._memory.values():
             memory.close()
-        self._camera.release()
+        self.camera.release()
 
-    def _duration(self) -> dict[str, Any]:
+    def _next_settings(self, settings: dict[str, Any]) -> dict[Any, Any]:
+        """Return the settings that the camera knows and its next duration, keyed as the library requires."""
         duration_us = self.asked_us.popleft() if self.asked_us else self.period_us
-        return {"FrameDurationLimits": (duration_us, duration_us)}
+        settings = {**settings, "FrameDurationLimits": (duration_us, duration_us)}
+        return {self._controls[name][0]: settings[name] for name in settings if name in self._controls}
 
-    def _finish(self, request: Any) -> None:
+    def _finish(self, buffer: Any, request: Any) -> None:
         if not self.running or request.status != self._library.module.Request.Status.Complete:
             return
-        buffer = self._buffer_of[request.cookie]
         metadata = {
             control.name: value for control, value in request.metadata.items() if control.name in _METADATA
         }
-        sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
-        frame = FinishedFrame(
+        is_sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
+        planes = zip(buffer.planes, buffer.metadata.planes, strict=True) if is_sound else ()
+        data = b"".join(
+            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in planes
+        )
+        event: FinishedFrame | RuntimeError = FinishedFrame(
             sequence=buffer.metadata.sequence,
             stamp_ns=self._clock.monotonic_of(metadata.get("SensorTimestamp", buffer.metadata.timestamp)),
             metadata=metadata,
-            picture=self._picture(buffer) if sound else None,
+            picture=picture_from_buffer(data, self._layout),
         )
         request.reuse()
         settings, self._new_settings = self._new_settings, {}
-        for control, value in self._controls.of(settings | self._duration()).items():
+        for control, value in self._next_settings(settings).items():
             request.set_control(control, value)
-        event: FinishedFrame | RuntimeError = frame
         try:
-            self._camera.queue_request(request)
+            self.camera.queue_request(request)
         except RuntimeError as error:
             event = error
         self._on_event(event)
-
-    def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
-        """Return the image in a finished buffer; None if it is damaged."""
-        data = b"".join(
-            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used]
-            for plane, used in zip(buffer.planes, buffer.metadata.planes, strict=True)
-        )
-        return picture_from_buffer(data, self._layout)

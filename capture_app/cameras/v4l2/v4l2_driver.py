@@ -102,16 +102,17 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
     for control, of in _CONTROLS.items():
         if (limits := device.control_range(of.value)) is not None:
             switch, value = device.control(of.switch), device.control(of.value)
-            state = ControlState(
-                control=control,
-                value=None if value is None else value * of.scale,
-                unit=of.unit or steps_of(model),
-                automatic=switch not in (None, of.manual),
-                can_be_automatic=switch is not None,
-                minimum=limits[0] * of.scale,
-                maximum=limits[1] * of.scale,
+            states.append(
+                ControlState(
+                    control=control,
+                    value=None if value is None else value * of.scale,
+                    unit=of.unit or steps_of(model),
+                    automatic=switch not in (None, of.manual),
+                    can_be_automatic=switch is not None,
+                    minimum=limits[0] * of.scale,
+                    maximum=limits[1] * of.scale,
+                )
             )
-            states.append(state)
     return tuple(states)
 
 
@@ -285,8 +286,9 @@ class V4L2Camera(ThreadedCamera):
         self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
-        early_ns = 0 if start_ns is None else start_ns - time.monotonic_ns()
-        if wait_for_start(early_ns, self.facts.period_ns, self._closing):
+        if start_ns is None or wait_for_start(
+            start_ns - time.monotonic_ns(), self.facts.period_ns, self._closing
+        ):
             self._device.stream_on()
 
     def _listen(self) -> None:

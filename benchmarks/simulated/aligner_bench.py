@@ -74,7 +74,8 @@ class Bench:
 
     def start(self, at_ns: int) -> None:
         """Start or restart the stream."""
-        self.sensor.restart(at_ns)
+        self.sensor.stop()
+        self.sensor.start(at_ns)
         self.aligner.note_stream_start(at_ns)
         self._next = self.sensor.next_frame()
 

@@ -221,7 +221,8 @@ class VirtualRig:
     def _start_stream(self, node: VirtualNode) -> None:
         if not node.alive:
             return
-        node.sensor.restart(self.now_true_ns)
+        node.sensor.stop()
+        node.sensor.start(self.now_true_ns)
         node.client.stream_started(self._local(node))
         self._expect_frame(node)
 

@@ -80,11 +80,6 @@ class Sensor:
         """End the stream and discard pending commands. Calling it twice is harmless."""
         self.streaming = False
 
-    def restart(self, true_ns: int) -> None:
-        """Stop, and start a new stream at `true_ns`, with sequence numbers from 0."""
-        self.stop()
-        self.start(true_ns)
-
     def set_exposure(self, exposure_ns: int) -> None:
         """Set the exposure (ns) of later frames. Raises BadInputError if it does not fit a frame."""
         self.profile = replace(self.profile, exposure_ns=exposure_ns)

@@ -168,7 +168,8 @@ def test_restart_is_a_new_stream_at_a_new_phase_and_forgets_commands() -> None:
     made = sensor(PROFILES["perfect"])
     frames(made, 7)
     made.inject(60_000_000, START_NS)
-    made.restart(START_NS + 10**9)
+    made.stop()
+    made.start(START_NS + 10**9)
     seen = frames(made, 10)
     assert (seen[0].stream, seen[0].sequence, seen[0].start_true_ns) == (1, 0, START_NS + 10**9)
     assert {f.exposure_ns for f in seen} == {seen[0].exposure_ns}
@@ -179,7 +180,8 @@ def test_webcam_starts_within_250_to_300_ms_and_cannot_inject() -> None:
     made = sensor(PROFILES["webcam"])
     latencies = []
     for k in range(200):
-        made.restart(START_NS + k * 10**9)
+        made.stop()
+        made.start(START_NS + k * 10**9)
         latencies.append((made.next_frame().start_true_ns - START_NS - k * 10**9) / 1e6)
     assert min(latencies) >= 250
     assert max(latencies) <= 300

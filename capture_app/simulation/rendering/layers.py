@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.rendering import lighting
-from capture_app.simulation.rendering.lighting import OpenSky
 from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
 from capture_app.simulation.scenes.moving_bodies import Poses
 from capture_app.simulation.scenes.stages import Floats
@@ -234,7 +233,7 @@ def find_visible(
 
 
 def light_changes(
-    view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, sky: OpenSky, to_sun: Floats
+    view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, to_sun: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Return the pixels (flat indices, N) that the parts change in a layer, and the light changes (N, 3)."""
     changed, change = [], []
@@ -248,7 +247,7 @@ def light_changes(
         colour, normals = seen.part.body.surface_at(seen.hits, seen.rays[:, 3:], footprint)
         normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
         displacement = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
-        light = _shade(view.centre + displacement, normals, rows, parts, room, sky, to_sun)
+        light = _shade(view.centre + displacement, normals, rows, parts, room, to_sun)
         changed.append(seen.pixels)
         change.append(colour * light - from_sky[seen.pixels] - from_sun[seen.pixels])
         covered[seen.pixels] = True
@@ -266,10 +265,9 @@ def _shade(
     rows: NDArray[np.intp],
     parts: Sequence[MovingPart],
     room: Body,
-    sky: OpenSky,
     to_sun: Floats,
 ) -> Floats:
-    light = sky.irradiance(normals) * 0.9
+    light = lighting.sky_irradiance(normals) * 0.9
     facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_fraction(points)
     lit = np.flatnonzero(facing > 0)
     start = points[lit] + normals[lit] * 0.004

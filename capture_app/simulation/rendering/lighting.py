@@ -3,6 +3,8 @@
 Directions point from a surface to the light; colours are linear BGR.
 """
 
+import functools
+
 import numpy as np
 
 from capture_app.simulation.scenes.stages import Floats
@@ -24,6 +26,8 @@ WINDOW = (-3.40, -0.70, -0.40, 2.20)
 """Lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
 BARS = (3, 3)
 """Number of panes across and along, with bars between them."""
+_SKY_STEPS = 24
+"""Steps of each axis of the normals for which the sky's light is known."""
 
 
 def sky_radiance(directions: Floats) -> Floats:
@@ -65,25 +69,24 @@ def cosine_directions(count: int) -> Floats:
     )
 
 
-class OpenSky:
-    """Light from the sky on an unshadowed surface, looked up by its normal."""
+@functools.cache
+def _open_sky() -> Floats:
+    """Return the light from the sky on unshadowed surfaces (n, n, n, 3), by the axes of their normals."""
+    axis = np.linspace(-1, 1, _SKY_STEPS, dtype=np.float32)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    normals = grid / np.maximum(np.linalg.norm(grid, axis=1, keepdims=True), 1e-6)
+    total = np.zeros_like(normals)
+    tangent, bitangent = tangents(normals)
+    local = cosine_directions(64)
+    for x, y, z in local:
+        total += sky_radiance(x * tangent + y * bitangent + z * normals)
+    return (total / len(local)).reshape(_SKY_STEPS, _SKY_STEPS, _SKY_STEPS, 3)
 
-    def __init__(self, resolution: int = 24) -> None:
-        axis = np.linspace(-1, 1, resolution, dtype=np.float32)
-        grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-        normals = grid / np.maximum(np.linalg.norm(grid, axis=1, keepdims=True), 1e-6)
-        total = np.zeros_like(normals)
-        tangent, bitangent = tangents(normals)
-        local = cosine_directions(64)
-        for x, y, z in local:
-            total += sky_radiance(x * tangent + y * bitangent + z * normals)
-        self._table = (total / len(local)).reshape(resolution, resolution, resolution, 3)
-        self._scale = (resolution - 1) / 2
 
-    def irradiance(self, normals: Floats) -> Floats:
-        """Return the cosine-weighted mean radiance (N, 3) over the hemisphere of unit normals (N, 3)."""
-        index = np.rint((normals + 1) * self._scale).astype(np.int32)
-        return np.asarray(self._table[index[:, 0], index[:, 1], index[:, 2]], np.float32)
+def sky_irradiance(normals: Floats) -> Floats:
+    """Return the cosine-weighted mean radiance (N, 3) of the open sky over the hemisphere of unit normals."""
+    index = np.rint((normals + 1) * ((_SKY_STEPS - 1) / 2)).astype(np.int32)
+    return np.asarray(_open_sky()[index[:, 0], index[:, 1], index[:, 2]], np.float32)
 
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:

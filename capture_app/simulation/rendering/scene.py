@@ -21,7 +21,7 @@ from capture_app.simulation.rendering.layers import (
     moving_part,
     still_layer,
 )
-from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
+from capture_app.simulation.rendering.lighting import sun_direction
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.scenes import moving_bodies
 from capture_app.simulation.scenes.stages import DEFINITIONS, Floats, SceneDefinition
@@ -53,28 +53,18 @@ class Scene:
         self._room = Body([m for m, _ in meshes], textures, [thing for _, thing in meshes])
         self._bodies = {name: Body(part.meshes, textures) for name, part in stage.parts.items()}
         self._thing_of = {name: self.things.index(part.thing) for name, part in stage.parts.items()}
-        self._sky = OpenSky()
         self._still: dict[str, tuple[list[StillLayer], Floats]] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
         self._samples = samples
         """Number of samples per pixel, repeated for long exposures."""
-        self._drafts: dict[float, Scene] = {}
 
     def draft(self, scale: float) -> "Scene":
         """Return this scene with images of `scale` times the size and one sample per pixel: fast to render.
 
         It shares the static parts, and is cached for each scale, rounded to a percent.
         """
-        scale = max(0.05, round(scale, 2))
-        with self._lock:
-            if scale not in self._drafts:
-                draft = copy.copy(self)
-                draft.views = draft._views(self._scale * scale)
-                draft._still, draft._still_depth, draft._drafts = {}, {}, {}
-                draft._lock, draft._samples = threading.Lock(), 1
-                self._drafts[scale] = draft
-            return self._drafts[scale]
+        return _draft(self, max(0.05, round(scale, 2)))
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
@@ -96,7 +86,7 @@ class Scene:
             offset_ns = exposure_ns * (2 * number + 1) // (2 * count)
             parts = list(self._parts(camera, start_ns + offset_ns, row_time_ns).values())
             to_sun = sun_direction(number, count)
-            pixels, change = light_changes(camera, layer, parts, self._room, self._sky, to_sun)
+            pixels, change = light_changes(camera, layer, parts, self._room, to_sun)
             flat[pixels] += change
         rng = np.random.default_rng([seed % 2**64, start_ns % 2**64, list(self.views).index(view)])
         light /= count
@@ -169,6 +159,15 @@ def load(name: str, *, scale: float = 1.0, samples: int = len(SUBPIXELS)) -> Sce
     if name not in SCENES:
         raise BadInputError(f"there is no scene named {name!r}", hint=f"one of {', '.join(SCENES)}")
     return _built(name, scale, samples)
+
+
+@functools.cache
+def _draft(scene: Scene, scale: float) -> Scene:
+    draft = copy.copy(scene)
+    draft.views = draft._views(scene._scale * scale)
+    draft._still, draft._still_depth = {}, {}
+    draft._lock, draft._samples = threading.Lock(), 1
+    return draft
 
 
 @functools.cache

@@ -4,11 +4,11 @@ import asyncio
 import contextlib
 import sys
 from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.shared_options import run_until_stopped
+from capture_app.commands.shared_options import run_until_stopped, together
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.common.pairing_codes import Role, parse_code, parse_pin, show_code
@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from capture_app.protocol.orders import PhoneInvited
     from capture_app.protocol.pairing_messages import FoundLeader
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
 CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
 code_option = click.option(
     "--code",
@@ -29,17 +26,17 @@ code_option = click.option(
     show_default="asked for at the terminal if needed",
     help="One-time pairing code; on the leader's machine, capture-app trust invite shows one.",
 )
-_pin_option = click.option(
-    "--pin",
-    type=PIN,
-    metavar="PIN",
-    help="Pin of the leader's machine; no other leader is followed. capture-app trust list shows it there.",
+pairing_options = together(
+    code_option,
+    click.option(
+        "--pin",
+        type=PIN,
+        metavar="PIN",
+        help="Pin of the leader's machine; no other leader is followed."
+        " capture-app trust list shows it there.",
+    ),
 )
-
-
-def pairing_options(command: F) -> F:
-    """Give a command that joins a leader the options --pin and --code."""
-    return code_option(_pin_option(command))
+"""The options --code and --pin of a command that joins a leader."""
 
 
 def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) -> None:

@@ -32,6 +32,11 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 ADDRESS = ParsedType("host:port", parse_address)
 
 
+def together(*options: Callable[[Any], Any]) -> Callable[[F], F]:
+    """Combine options into one decorator; the help lists them in this order."""
+    return lambda command: functools.reduce(lambda made, option: option(made), reversed(options), command)
+
+
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
         from capture_app.rig.membership import accept_any_machine
@@ -56,21 +61,18 @@ def _default_leader() -> str:
     return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))
 
 
-_leader_option = click.option(
-    "--leader",
-    type=ADDRESS,
-    default=_default_leader,
-    show_default=f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
-    metavar="HOST:PORT",
-    help="Address of the leader or a relay.",
+leader_option = together(
+    click.option(
+        "--leader",
+        type=ADDRESS,
+        default=_default_leader,
+        show_default=f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
+        metavar="HOST:PORT",
+        help="Address of the leader or a relay.",
+    ),
+    open_option,
 )
-
-
-def leader_option(command: F) -> F:
-    """Give a command the options --leader and --open."""
-    return _leader_option(open_option(command))
-
-
+"""The options --leader and --open."""
 leaders_option = click.option(
     "--leader",
     "leaders",
@@ -144,46 +146,46 @@ clock_option = click.option(
 
 def page_options(default_port: int) -> Callable[[F], F]:
     """Make the options --host, --port and --certificate of a page for phones."""
-    host = click.option(
-        "--host",
-        default="0.0.0.0",  # noqa: S104 - phones are other machines
-        help="Address that the page listens on.",
+    return together(
+        click.option(
+            "--host",
+            default="0.0.0.0",  # noqa: S104 - phones are other machines
+            help="Address that the page listens on.",
+        ),
+        click.option(
+            "--port",
+            type=click.IntRange(0, 65535),
+            show_default=f"{default_port}, or a free one",
+            metavar="PORT",
+            help="TCP port of the page; 0 chooses a free one.",
+        ),
+        click.option(
+            "--certificate",
+            type=click.Path(path_type=Path, dir_okay=False, exists=True),
+            metavar="FILE",
+            show_default="a self-signed one, about which browsers warn once",
+            help="PEM file with a certificate for this machine's name, and its key.",
+        ),
     )
-    port = click.option(
-        "--port",
-        type=click.IntRange(0, 65535),
-        show_default=f"{default_port}, or a free one",
-        metavar="PORT",
-        help="TCP port of the page; 0 chooses a free one.",
-    )
-    certificate = click.option(
-        "--certificate",
-        type=click.Path(path_type=Path, dir_okay=False, exists=True),
-        metavar="FILE",
-        show_default="a self-signed one, about which browsers warn once",
-        help="PEM file with a certificate for this machine's name, and its key.",
-    )
-    return lambda command: host(port(certificate(command)))
 
 
-def rpicam_options(command: F) -> F:
-    """Give a command the options --rpicam-sync and --rpicam-shutter-us."""
-    shutter = click.option(
-        "--rpicam-shutter-us",
-        type=click.FloatRange(0.0, 1e6),
-        default=0.0,
-        metavar="US",
-        help="With --rpicam-sync: --shutter of those Pis, which stamp frames at its end.",
-    )
-    hosts = click.option(
+rpicam_options = together(
+    click.option(
         "--rpicam-sync",
         "rpicam_hosts",
         multiple=True,
         metavar="HOST|all",
         help="Let rpicam-apps with --sync client follow the rig: on HOST, or on all hosts here. They use"
         " this machine's wall clock and trust any sender. Repeatable.",
-    )
-    return hosts(shutter(command))
+    ),
+    click.option(
+        "--rpicam-shutter-us",
+        type=click.FloatRange(0.0, 1e6),
+        default=0.0,
+        metavar="US",
+        help="With --rpicam-sync: --shutter of those Pis, which stamp frames at its end.",
+    ),
+)
 
 
 def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamSync]":

@@ -4,14 +4,14 @@ import asyncio
 import re
 import signal
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import aclosing
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec.structs import asdict
 
-from capture_app.commands.shared_options import leader_option
+from capture_app.commands.shared_options import leader_option, together
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NoCameraHereError
 from capture_app.common.tasks import end
@@ -26,26 +26,28 @@ if TYPE_CHECKING:
 
     TakeEnd = Progress | Saved | Failed
 
-F = TypeVar("F", bound=Callable[..., Any])
 MAX_FRAMES = 100_000
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
-_wait_option = click.option(
-    "--wait-s",
-    "wait_ready_s",
-    type=FiniteRange(0.0, 3600.0),
-    default=0.0,
-    metavar="S",
-    help="Wait up to this long until all nodes are ready.",
+ready_options = together(
+    click.option(
+        "--wait-s",
+        "wait_ready_s",
+        type=FiniteRange(0.0, 3600.0),
+        default=0.0,
+        metavar="S",
+        help="Wait up to this long until all nodes are ready.",
+    ),
+    click.option(
+        "--min-nodes",
+        "nodes",
+        type=click.IntRange(1),
+        metavar="N",
+        default=1,
+        help="With --wait-s: wait until at least this many nodes are ready.",
+    ),
 )
-_nodes_option = click.option(
-    "--min-nodes",
-    "nodes",
-    type=click.IntRange(1),
-    metavar="N",
-    default=1,
-    help="With --wait-s: wait until at least this many nodes are ready.",
-)
+"""The options --wait-s and --min-nodes of a command that takes a burst."""
 _countdown_option = click.option(
     "--countdown-s",
     type=FiniteRange(0.0, 3600.0),
@@ -53,11 +55,6 @@ _countdown_option = click.option(
     metavar="S",
     help="Count down this long before the first frame.",
 )
-
-
-def ready_options(command: F) -> F:
-    """Add the options --wait-s and --min-nodes to a command that takes a burst."""
-    return _wait_option(_nodes_option(command))
 
 
 async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEvent, None]":

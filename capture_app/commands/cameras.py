@@ -224,9 +224,11 @@ def add(
         raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
     if spec is None and name is not None:
         raise click.UsageError("--name is for one camera, not with --simulated")
-    order: Order = AddSimulated(cameras=simulated or 1, scene=scene)
-    if spec is not None:
-        order = AddCamera(spec=reveal_password(spec), name=name)
+    order: Order = (
+        AddSimulated(cameras=simulated or 1, scene=scene)
+        if spec is None
+        else AddCamera(spec=reveal_password(spec), name=name)
+    )
     names = asyncio.run(give_order(leader, order))
     answer(as_json, {"added": names}, names)
 

@@ -12,6 +12,7 @@ from capture_app.commands.shared_options import run_until_stopped, together
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.common.pairing_codes import Role, parse_code, parse_pin, show_code
+from capture_app.common.tasks import end
 from capture_app.console.terminal import ParsedType, log_line, print_json_line, talk
 
 if TYPE_CHECKING:
@@ -121,9 +122,7 @@ async def inviting_phones(
     try:
         yield
     finally:
-        showing.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await showing
+        await end(showing)
 
 
 def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:

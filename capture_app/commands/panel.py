@@ -136,8 +136,10 @@ def _verdict(errors: "RigErrors") -> str:
         return "No instant has two readable pictures, so no cameras can be compared."
     largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
     bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
-    result = f"{duration(every.total.mean_abs_ns)} apart{largest}"
-    return f"{result}; the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
+    return (
+        f"{duration(every.total.mean_abs_ns)} apart{largest}; "
+        f"the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
+    )
 
 
 def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:

@@ -270,11 +270,14 @@ def burst(
     A burst of more than two seconds is saved while it is taken, without replacing dropped frames. With
     --repeat each path is printed when its burst is saved; with --json all at the end.
     """
-    from capture_app.rig.rig_link import RigLink
+    from capture_app.protocol.orders import CancelBurst
+    from capture_app.rig.rig_link import RigLink, give_order
     from capture_app.rig.taking import TakePlan
 
     if cancel is not None:
-        _cancel(leader, cancel, as_json)
+        asyncio.run(give_order(leader, CancelBurst(burst=cancel)))
+        said = f"burst {cancel} is cancelled; images received so far are saved"
+        answer(as_json, {"cancelled": cancel}, said=said)
         return
     if consecutive and chosen["spare"]:
         raise click.UsageError("--consecutive and --spare exclude each other")
@@ -288,15 +291,6 @@ def burst(
             print_json(records[0] if plan.repeat == 1 else {"bursts": records})
     for one in ended:
         require_whole(one)
-
-
-def _cancel(leader: Address, number: int, as_json: bool) -> None:
-    from capture_app.protocol.orders import CancelBurst
-    from capture_app.rig.rig_link import give_order
-
-    asyncio.run(give_order(leader, CancelBurst(burst=number)))
-    result = f"burst {number} is cancelled; images received so far are saved"
-    answer(as_json, {"cancelled": number}, said=result)
 
 
 @click.command(
@@ -359,11 +353,13 @@ def record(
 
     Frames are saved as they arrive, each with its own time; dropped frames are counted.
     """
-    from capture_app.rig.rig_link import RigLink
+    from capture_app.protocol.orders import EndBurst
+    from capture_app.rig.rig_link import RigLink, give_order
     from capture_app.rig.taking import Progress, TakePlan
 
     if stop:
-        _stop(leader, as_json)
+        asyncio.run(give_order(leader, EndBurst()))
+        answer(as_json, {"stopped": True}, said="the recording ends")
         return
     if fps is not None and every_s is not None:
         raise click.UsageError("give --fps or --every-s, not both")
@@ -376,11 +372,3 @@ def record(
         answer(as_json, records[0], said=goes_on if begun else "")
     if not begun:
         require_whole(ended[0], max_missing_pct)
-
-
-def _stop(leader: Address, as_json: bool) -> None:
-    from capture_app.protocol.orders import EndBurst
-    from capture_app.rig.rig_link import give_order
-
-    asyncio.run(give_order(leader, EndBurst()))
-    answer(as_json, {"stopped": True}, said="the recording ends")

@@ -117,8 +117,9 @@ class LinkClient:
         keeper, time_map = self.timekeeper, self.timekeeper.time_map
         enough = len(self.samples) >= self._messages and keeper.synced
         if enough and time_map is not None and self.result is None:
-            seconds = now_s - self._joined_s
-            self.result = Synchronization(list(self.samples), time_map, seconds, keeper.requests)
+            self.result = Synchronization(
+                list(self.samples), time_map, seconds=now_s - self._joined_s, requests=keeper.requests
+            )
             self.done.set()
 
 
@@ -177,8 +178,9 @@ async def measure(
         10.0 + 5.0 * messages * (POLL_INTERVAL_NS if poll_interval_ns is None else poll_interval_ns) / 1e9
     )
     for _ in range(trials):
-        link = LinkClient(rng, messages, poll_interval_ns)
-        yield await synchronize(address, clock, link, timeout_s=timeout_s)
+        yield await synchronize(
+            address, clock, LinkClient(rng, messages, poll_interval_ns), timeout_s=timeout_s
+        )
         # A link may be slower at first, so it idles between two trials.
         await asyncio.sleep(0.25)
 

@@ -393,8 +393,11 @@ def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
     if rig.burst is not None and rig.burst.name == lost.name:
         return rig.burst
     path = next((path for path in rig.sessions if PurePath(path).name == lost.name), None)
-    message = "saved after its leader was lost"
-    return None if path is None else replace(lost, done=True, session=path, message=message)
+    return (
+        None
+        if path is None
+        else replace(lost, done=True, session=path, message="saved after its leader was lost")
+    )
 
 
 async def _judge(number: int, status: BurstStatus) -> Saved | Failed:

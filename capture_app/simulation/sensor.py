@@ -94,8 +94,6 @@ class Sensor:
             raise CameraError(
                 f"a simulated {self.profile.name} cannot inject frames", hint="restart its stream"
             )
-        if not self.streaming:
-            raise CameraError("the simulated sensor does not stream")
         obeying = self._obeying(true_ns)
         self._exposure_rows[obeying] = self.profile.whole_rows(exposure_ns)
         typical_rows = self.profile.frame_length_rows
@@ -115,14 +113,17 @@ class Sensor:
         min_ns, max_ns = self.profile.frame_durations_ns
         if min_ns is None or max_ns is None:
             raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
-        if not self.streaming:
-            raise CameraError("the simulated sensor does not stream")
         rows = min(max(duration_ns, min_ns), max_ns) // self.profile.row_time_ns
         exposed = self.profile.exposure_ns // self.profile.row_time_ns + self.profile.margin_rows
         self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
 
     def _obeying(self, true_ns: int) -> int:
-        """Return the sequence number of the first frame that a command can change, arriving at `true_ns`."""
+        """Return the sequence number of the first frame that a command can change, arriving at `true_ns`.
+
+        Raises CameraError if the sensor does not stream.
+        """
+        if not self.streaming:
+            raise CameraError("the simulated sensor does not stream")
         latency = self._command_rng.randint(*self.profile.command_latency_frames)
         after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
         exposed = self._sequence + (true_ns - self._start_of(self._rows)) // self.profile.period_ns

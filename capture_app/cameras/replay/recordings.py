@@ -68,11 +68,11 @@ class Playback:
         self._base_ns, timing = 0, self._timing
         if self._anchored:
             self._next = (at_ns - timing.at_ns[0]) // timing.loop_ns * len(timing.at_ns)
-            while self._start_ns() < at_ns:
+            while self._due()[2] < at_ns:
                 self._next += 1
         else:
-            self._base_ns = at_ns - self._start_ns()
-        self._first_slot = self._slot()
+            self._base_ns = at_ns - self._due()[2]
+        _, self._first_slot, _ = self._due()
 
     def lengthen_frame(self, duration_ns: int) -> None:
         """Set the duration (ns) of the next frame instead of a period, which shifts all later frames."""
@@ -83,18 +83,15 @@ class Playback:
 
         The start is in ns of the host's monotonic clock.
         """
-        index = self._next % len(self._slots)
-        frame = index, self._slot() - self._first_slot, self._stream, self._start_ns()
+        index, slot, start_ns = self._due()
         self._next += 1
-        return frame
+        return index, slot - self._first_slot, self._stream, start_ns
 
-    def _start_ns(self) -> int:
+    def _due(self) -> tuple[int, int, int]:
+        """Return the next frame's index in the recording, its number since the first loop, and its start."""
         loop, index = divmod(self._next, len(self._slots))
-        return self._base_ns + loop * self._timing.loop_ns + self._timing.at_ns[index]
-
-    def _slot(self) -> int:
-        loop, index = divmod(self._next, len(self._slots))
-        return loop * self._loop_slots + self._slots[index]
+        start_ns = self._base_ns + loop * self._timing.loop_ns + self._timing.at_ns[index]
+        return index, loop * self._loop_slots + self._slots[index], start_ns
 
 
 def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:

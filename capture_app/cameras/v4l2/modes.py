@@ -120,13 +120,11 @@ def configure(device: VideoDevice, request: CameraRequest) -> tuple[PixelFormat,
     if (taken.fourcc, taken.width, taken.height) != (mode.fourcc, mode.width, mode.height):
         raise no_such_mode(device.path, request, modes)
     actual = device.set_period(period)
-    if actual is None:
-        if request.period_s is not None:
-            raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
-        return taken, period
-    if request.period_s is not None and not same_period(actual, request.period_s):
+    if request.period_s is not None and actual is None:
+        raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
+    if request.period_s is not None and not same_period(actual or period, request.period_s):
         raise no_such_mode(device.path, request, modes)
-    return taken, actual
+    return taken, actual or period
 
 
 def same_period(one: Fraction, other: Fraction) -> bool:

@@ -122,33 +122,27 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
     Raises CameraError if the device has no such control, OSError from the driver.
     """
     of = _CONTROLS[control]
-    if value is None:
-        _set_automatic(device, control, of)
-    elif device.control_range(of.value) is None:
-        raise CameraError(
-            f"{device.path} has no control of its {control}",
-            hint="capture-app cameras controls shows what each camera can set",
-        )
-    else:
-        if device.control(of.switch) not in (None, of.manual):
-            device.set_control(of.switch, of.manual)
-        device.set_control(of.value, round(value / of.scale))
-
-
-def _set_automatic(device: VideoDevice, control: Control, of: SwitchedControl) -> None:
     switch = device.control(of.switch)
-    if switch is None:
+    if value is None and switch is None:
         raise CameraError(
             f"{device.path} does not choose its {control} itself",
             hint=f"give a value: capture-app cameras set {control}=VALUE",
         )
-    if switch in of.automatic:
-        return
-    for choice in of.automatic[:-1]:
-        with suppress(OSError):
-            device.set_control(of.switch, choice)
-            return
-    device.set_control(of.switch, of.automatic[-1])
+    if value is not None and device.control_range(of.value) is None:
+        raise CameraError(
+            f"{device.path} has no control of its {control}",
+            hint="capture-app cameras controls shows what each camera can set",
+        )
+    *preferred, last = of.automatic if value is None else (of.manual,)
+    if switch not in (None, *preferred, last):
+        for choice in preferred:
+            with suppress(OSError):
+                device.set_control(of.switch, choice)
+                break
+        else:
+            device.set_control(of.switch, last)
+    if value is not None:
+        device.set_control(of.value, round(value / of.scale))
 
 
 _log = logging.getLogger(__name__)

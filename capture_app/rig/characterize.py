@@ -120,7 +120,6 @@ class StreamWatch:
         self._arrived = asyncio.Event()
         self._failure: Exception | None = None
         self._stream = -1
-        self._first_stamp_ns = 0
         self._stamps: deque[tuple[int, int]] = deque(maxlen=PLACE_FRAMES)
         """Numbers and timestamps of the newest frames."""
 

@@ -101,7 +101,6 @@ class LinkClient:
         self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, samples=self.samples)
         self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
         self._messages = messages
-        self._joined_s = 0.0
 
     def note_events(self, now_s: float) -> None:
         """Process the client's events; call it after each step, with `now_s` of any steady clock."""

@@ -55,14 +55,6 @@ class Sensor:
         """Whether the sensor is streaming."""
         self.stream = -1
         """Number of the current or last stream; -1 before the first."""
-        self._stream_start_true_ns = 0
-        self._rows = 0
-        self._late_ns = 0
-        """Total shift of the stream by injections beyond whole rows."""
-        self._sequence = 0
-        self._delay_ns: dict[int, int] = {}
-        self._exposure_rows: dict[int, int] = {}
-        self._length_rows: dict[int, int] = {}
 
     def start(self, true_ns: int) -> None:
         """Start a stream; its first frame comes after the start latency. Raises CameraError if one runs."""
@@ -72,9 +64,12 @@ class Sensor:
         self._stream_start_true_ns = true_ns + max(0, round(self._start_rng.gauss(mean_ns, sd_ns)))
         self.stream += 1
         self.streaming = True
-        self._rows = self._sequence = self._late_ns = 0
-        for changes in (self._delay_ns, self._exposure_rows, self._length_rows):
-            changes.clear()
+        self._rows = self._sequence = 0
+        self._late_ns = 0
+        """Total shift of the stream by injections beyond whole rows."""
+        self._delay_ns: dict[int, int] = {}
+        self._exposure_rows: dict[int, int] = {}
+        self._length_rows: dict[int, int] = {}
 
     def stop(self) -> None:
         """End the stream and discard pending commands. Calling it twice is harmless."""

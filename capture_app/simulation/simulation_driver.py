@@ -224,7 +224,6 @@ class SimulatedCamera(Camera):
         self._sensor, self._source, self._calibrated = sensor, source, calibrated
         self._clock, self._seed, self._delivery_rng = clock, seed, random.Random(seed)
         self._fail_after_ns = fail_after_ns
-        self._fail_at_true_ns: int | None = None
         self._started = False
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None

@@ -128,7 +128,6 @@ class LibcameraCamera(ThreadedCamera):
         self.id: str = camera.id
         self._command_lock = asyncio.Lock()
         self._streams = 0
-        self._last_frame_ns = 0
         self._metadata: dict[str, Any] = {}
         self._first_frames: list[FinishedFrame] = []
         self._first_frames_requested: tuple[int, asyncio.Future[None]] | None = None

@@ -59,7 +59,6 @@ class Playback:
         self._anchored = anchored
         self._next = 0
         """Number of the next frame, counted over all loops."""
-        self._base_ns = self._first_slot = 0
         self._stream = -1
 
     def start(self, at_ns: int) -> None:

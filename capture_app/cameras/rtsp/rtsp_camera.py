@@ -79,7 +79,6 @@ class SenderClock:
         """Create the clock; `round_trips_ns` grows by each round trip of a request to the camera."""
         self._ticks_per_s, self._round_trips_ns = ticks_per_s, round_trips_ns
         self._first: int | None = None
-        self._newest = 0
         self._by_frames, self._by_reports = ArrivalClock(), ArrivalClock()
         self._last_frame_ticks: int | None = None
         self.reports = 0
@@ -187,7 +186,6 @@ class RtspCamera(ThreadedCamera):
         """Media times of the first frames, which are not delivered."""
         self._last_ns = self._sequence = 0
         self._is_damaged = True
-        self._begun_s = 0.0
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError if it is missing, refuses or sends no frames."""

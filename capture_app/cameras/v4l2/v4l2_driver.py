@@ -158,7 +158,6 @@ class V4L2Camera(ThreadedCamera):
         self._command_lock = asyncio.Lock()
         self._streaming = False
         self._stream = 0
-        self._clock_checked = False
         wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=24, max_bytes=64 << 20)
         buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]

@@ -103,8 +103,7 @@ class PixelPicture:
         import numpy as np
 
         picture = self.pixels(width)
-        is_grey = picture.ndim == 2
-        return np.asarray(cv2.merge([picture] * 3), np.uint8) if is_grey else picture
+        return np.asarray(cv2.merge([picture] * 3), np.uint8) if picture.ndim == 2 else picture
 
 
 def step_to(full: int, width: int | None) -> int:

@@ -98,8 +98,7 @@ class WebcamCamera(ThreadedCamera):
         asked_ns = time.monotonic_ns()
         if not isinstance(command, RestartStream):
             raise CameraError("a webcam cannot change single frames", hint="restart its stream instead")
-        is_alive = self._thread is not None and self._thread.is_alive()
-        if not is_alive or self._closing.is_set() or self._has_failed:
+        if self._thread is None or not self._thread.is_alive() or self._closing.is_set() or self._has_failed:
             raise CameraError("the webcam does not stream")
         self._restarted = self._loop.create_future()
         self._restart_ns = asked_ns + command.delay_ns
@@ -121,8 +120,9 @@ class WebcamCamera(ThreadedCamera):
             while not self._closing.is_set():
                 if self._restart_ns is not None:
                     webcam.close()
-                    early_ns = self._restart_ns - time.monotonic_ns()
-                    wait_for_start(early_ns, self.facts.period_ns, self._closing)
+                    wait_for_start(
+                        self._restart_ns - time.monotonic_ns(), self.facts.period_ns, self._closing
+                    )
                     webcam = self._open_webcam()
                     self._restart_ns = None
                     self._call_in_loop(_complete, self._restarted)

@@ -192,8 +192,14 @@ async def _run_leader(
                 talk(warning)
                 node.log.add(warning, level="warning")
             if as_json:
-                address = {"leader": str(node.address), "port": node.address.port}
-                print_json_line({"event": "listening", **address, "sessions": str(sessions)})
+                print_json_line(
+                    {
+                        "event": "listening",
+                        "leader": str(node.address),
+                        "port": node.address.port,
+                        "sessions": str(sessions),
+                    }
+                )
             for spec in cameras:
                 await node.service.carry_out(AddCamera(spec=spec))
             record.enter_context(recorded_rig(node.own_address, sessions, log))

@@ -128,8 +128,14 @@ async def inviting_phones(
 def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
     """Print the address of the page for the next phone; at a terminal also its QR code."""
     if as_json:
-        result = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
-        print_json_line({"event": "invitation", **result})
+        print_json_line(
+            {
+                "event": "invitation",
+                "url": invited.url,
+                "fingerprint": invited.fingerprint,
+                "good_for_s": invited.good_for_s,
+            }
+        )
         return
     if sys.stderr.isatty():
         import segno

@@ -83,6 +83,12 @@ async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
         if node.also:
             talk(f"or at {', '.join(map(str, node.also))}, whichever the nodes can reach")
         if as_json:
-            address = {"relay": str(node.address), "port": node.address.port}
-            print_json_line({"event": "listening", "name": options.name, **address})
+            print_json_line(
+                {
+                    "event": "listening",
+                    "name": options.name,
+                    "relay": str(node.address),
+                    "port": node.address.port,
+                }
+            )
         await asyncio.Event().wait()

@@ -179,8 +179,11 @@ def import_command(
         }
         for session in made
     ]
-    lines = chain.from_iterable(map(session_lines, made))
-    answer(as_json, result[0] if len(result) == 1 else {"sessions": result}, lines)
+    answer(
+        as_json,
+        result[0] if len(result) == 1 else {"sessions": result},
+        chain.from_iterable(map(session_lines, made)),
+    )
     for session in made:
         _say_next(session)
 

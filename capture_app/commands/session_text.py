@@ -99,8 +99,9 @@ def _describe_scatter(session: Session) -> Iterator[str]:
         verdict.stamps,
     )
     if true_ns := _true_differences_ns(session):
-        cost = pixels(max(true_ns), PX_PER_S)
-        yield f"by the ground truth they are {_describe_differences(true_ns)}: {cost}"
+        yield (
+            f"by the ground truth they are {_describe_differences(true_ns)}: {pixels(max(true_ns), PX_PER_S)}"
+        )
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         yield (
             "rolling shutter: rows of the same number are up to "

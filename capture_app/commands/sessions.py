@@ -49,16 +49,15 @@ for command in (export, import_command, repair, rename, note, trash, restore, em
 @json_option
 def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
     """List the sessions in the folder ROOT (default: ./sessions)."""
-    nothing_yet = root is None and not DEFAULT_ROOT.exists()
-    root = root or DEFAULT_ROOT
+    folder = root or DEFAULT_ROOT
     if trashed:
-        list_trash(root, as_json)
+        list_trash(folder, as_json)
         return
-    found = [] if nothing_yet else list_sessions(root)
-    result = {"root": str(root), "sessions": [list_entry(card) for card in found]}
-    answer(as_json, result, list_lines(found), said="" if found else f"no sessions in {root}")
-    for path in unfinished_outputs(root):
-        talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {root}")
+    found = [] if root is None and not folder.exists() else list_sessions(folder)
+    result = {"root": str(folder), "sessions": [list_entry(card) for card in found]}
+    answer(as_json, result, list_lines(found), said="" if found else f"no sessions in {folder}")
+    for path in unfinished_outputs(folder):
+        talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {folder}")
 
 
 @sessions.command(epilog=examples("capture-app sessions show sessions/burst-001"))
@@ -97,10 +96,9 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
                 hint=f"copy it again, or try capture-app sessions repair {path}",
             )
         if not as_json:
-            for problem in problems:
-                print_line(f"{path}: {problem}")
-            if not problems:
-                print_line(f"{path}: all {len(opened.manifest.images)} images are intact")
+            intact = f"all {len(opened.manifest.images)} images are intact"
+            for line in map(str, problems or [intact]):
+                print_line(f"{path}: {line}")
     if as_json:
         print_json({"ok": failure is None, "sessions": results})
     if failure is not None:

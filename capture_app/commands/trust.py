@@ -88,8 +88,11 @@ def add(pin: str, role: Role, name: str, as_json: bool) -> None:
 def remove(machine: str, as_json: bool) -> None:
     """Remove MACHINE, by its name or the start of its pin; its open connections are closed."""
     removed = own_machine().known.remove(machine)
-    result = {"removed": removed.name, "pin": removed.pin}
-    answer(as_json, result, said=f"{removed.name} is no longer trusted")
+    answer(
+        as_json,
+        {"removed": removed.name, "pin": removed.pin},
+        said=f"{removed.name} is no longer trusted",
+    )
 
 
 @trust.command(epilog=examples("capture-app trust invite", "capture-app trust invite --as operator"))

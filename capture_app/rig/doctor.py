@@ -134,11 +134,10 @@ def usb(found: list[tuple[str, int, int]]) -> Iterator[Finding]:
             slow[bus].append((node, speed_mbit_s))
     crowded = [sharing for _, sharing in sorted(slow.items()) if len(sharing) > 1]
     for sharing in crowded:
-        nodes = " and ".join(node for node, _ in sharing)
         yield Finding(
             "usb",
             "warning",
-            f"{nodes} share one USB 2 bus of {sharing[0][1]} Mbit/s",
+            f"{' and '.join(node for node, _ in sharing)} share one USB 2 bus of {sharing[0][1]} Mbit/s",
             "add format=MJPG to their specs, or plug one into another controller's port",
         )
     if found and not crowded:
@@ -180,8 +179,9 @@ async def own_rig(address: Address) -> Finding:
             f"a rig with {nodes} runs here; only this machine can reach it, at {status.leader}",
             "start it without --host 127.0.0.1 for cameras of other machines",
         )
-    hosts = announced_hosts("") or [status.leader.rpartition(":")[0]]
-    where = " or ".join(str(Address(host, address.port)) for host in hosts)
+    where = " or ".join(
+        str(Address(host, address.port)) for host in announced_hosts("") or [status.leader.rpartition(":")[0]]
+    )
     return Finding("rig", "good", f"a rig with {nodes} runs here; others join it at {where}")
 
 
@@ -278,8 +278,7 @@ async def examine(
     `leaders` are those to reach, `own_rigs` run here and save to their folders; `spool` is where its nodes
     store their images.
     """
-    folders = dict.fromkeys(folder for _, folder in own_rigs)
-    disks = [(spool, "the spool", "--spool"), *((folder, "sessions", "--sessions") for folder in folders)]
+    sessions = dict.fromkeys((folder, "sessions", "--sessions") for _, folder in own_rigs)
     clock_finding, announced, rigs, paths = await asyncio.gather(
         clock(HostRate()),
         announced_leaders(),
@@ -287,7 +286,9 @@ async def examine(
         asyncio.gather(*map(leader, leaders)),
     )
     # After the clock check, whose readings a busy disk would delay.
-    written = await asyncio.gather(*(asyncio.to_thread(disk, *one) for one in disks))
+    written = await asyncio.gather(
+        *(asyncio.to_thread(disk, *one) for one in ((spool, "the spool", "--spool"), *sessions))
+    )
     return [
         version(),
         trust(Trust.of_user()),

@@ -139,8 +139,10 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
         return {}
     exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
     if exposure and gain and exposure.value is not None and gain.value is not None and gain.unit == TIMES:
-        iso = round(gain.value * 100)
-        await give_order(leader, ExposeAppPhones(exposure_ns=round(exposure.value * 1000), iso=iso))
+        await give_order(
+            leader,
+            ExposeAppPhones(exposure_ns=round(exposure.value * 1000), iso=round(gain.value * 100)),
+        )
         problem = "the value was sent; the phone does not confirm it"
         problems = {Control.EXPOSURE: problem, Control.GAIN: problem}
     else:
@@ -163,8 +165,10 @@ def start_again(rig: RigStatus) -> str:
     if rig.relay is not None:
         return "is its relay still there?"
     port, folder = parse_address(rig.leader).port, shlex.quote(rig.sessions_folder or "sessions")
-    line = f"capture-app rig start --port {port} --sessions {folder}"
-    return f"if it has ended, start it again on its machine: {line}"
+    return (
+        "if it has ended, start it again on its machine:"
+        f" capture-app rig start --port {port} --sessions {folder}"
+    )
 
 
 class RigLink:

@@ -410,7 +410,7 @@ async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
         return Failed(number, error, status)
     with suppress(SimulshotError):
         if (session := await asyncio.to_thread(local_session, status)) is not None:
+            manifest = session.manifest
             # The session of a lost take may have received more images since.
-            whole = replace(status, received=len(session.manifest.images))
-            return Saved(number, whole, judge(session.manifest))
+            return Saved(number, replace(status, received=len(manifest.images)), judge(manifest))
     return Saved(number, status)

@@ -116,26 +116,27 @@ class SimulatedControls:
 
     def states(self) -> tuple[ControlState, ...]:
         """Return all controls with their current values."""
-        exposure = ControlState(
-            control=Control.EXPOSURE,
-            value=self.exposure_ns / 1000,
-            unit=MICROSECONDS,
-            automatic=self.automatic,
-            can_be_automatic=True,
-            minimum=self._whole(0) / 1000,
-            maximum=self._whole(self._profile.period_ns) / 1000,
+        return (
+            ControlState(
+                control=Control.EXPOSURE,
+                value=self.exposure_ns / 1000,
+                unit=MICROSECONDS,
+                automatic=self.automatic,
+                can_be_automatic=True,
+                minimum=self._whole(0) / 1000,
+                maximum=self._whole(self._profile.period_ns) / 1000,
+            ),
+            ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=MAX_GAIN),
+            ControlState(
+                control=Control.WHITE_BALANCE,
+                value=self._white_balance_k or CHOSEN_KELVIN,
+                unit=KELVIN,
+                automatic=self._white_balance_k is None,
+                can_be_automatic=True,
+                minimum=2000.0,
+                maximum=10_000.0,
+            ),
         )
-        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=MAX_GAIN)
-        white_balance = ControlState(
-            control=Control.WHITE_BALANCE,
-            value=self._white_balance_k or CHOSEN_KELVIN,
-            unit=KELVIN,
-            automatic=self._white_balance_k is None,
-            can_be_automatic=True,
-            minimum=2000.0,
-            maximum=10_000.0,
-        )
-        return exposure, gain, white_balance
 
     def set(self, control: Control, value: float | None) -> None:
         """Set a control; None lets the camera choose. Raises CameraError if it cannot be set."""
@@ -306,8 +307,9 @@ class SimulatedCamera(Camera):
         now_true_ns = self._true_now_ns()
         if self._fail_at_true_ns is not None and now_true_ns >= self._fail_at_true_ns:
             self._halt()
-            error = CameraError(f"the {self.facts.model} went away", hint="as its option fail_after_s asks")
-            self._on_failure(error)
+            self._on_failure(
+                CameraError(f"the {self.facts.model} went away", hint="as its option fail_after_s asks")
+            )
             return
         # Set the next timer first, because the callback may stop the camera.
         self._await_next()

@@ -52,12 +52,14 @@ def first_exposure(controls: KnownControls, wishes: CameraRequest) -> dict[str, 
 
 def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[str, Any]:
     """Return settings that fix exposure, gain and white balance at a frame's values or at requested ones."""
-    exposure_us = wishes.exposure_us or metadata.get("ExposureTime")
-    gain = wishes.gain or metadata.get("AnalogueGain")
     colours = metadata.get("ColourGains")
-    held: dict[str, Any] = {"AeEnable": False, "ExposureTime": exposure_us, "AnalogueGain": gain}
-    if colours:
-        held |= {"AwbEnable": False, "ColourGains": tuple(colours)}
+    held = {
+        "AeEnable": False,
+        "ExposureTime": wishes.exposure_us or metadata.get("ExposureTime"),
+        "AnalogueGain": wishes.gain or metadata.get("AnalogueGain"),
+        "AwbEnable": False if colours else None,
+        "ColourGains": tuple(colours) if colours else None,
+    }
     return {name: value for name, value in held.items() if value is not None}
 
 
@@ -119,10 +121,8 @@ def new_settings(
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
     """Read width, height, fps, format, exposure-us and gain. Raises BadInputError naming the wrong one."""
     asked = read_request(options, "a camera of libcamera")
-    if asked.format is None:
-        return asked
-    fourcc = FOURCC.get(asked.format.upper(), asked.format.upper())
-    if fourcc not in FOURCC.values():
+    fourcc = asked.format and FOURCC.get(asked.format.upper(), asked.format.upper())
+    if fourcc not in (None, *FOURCC.values()):
         raise BadInputError(
             f"format={asked.format} cannot be saved", hint=f"there are {', '.join(FOURCC.values())}"
         )
@@ -242,6 +242,8 @@ def typical_period_ns(measured_ns: float) -> int:
     rate = 1e9 / measured_ns
     whole = max(1, round(rate))
     standard_rate = min((whole, whole / 1.001), key=lambda one: abs(one - rate))
-    if abs(standard_rate / rate - 1.0) < _TYPICAL_RATE:
-        return round(1e9 / standard_rate)
-    return round(measured_ns / _ROUND_NS) * _ROUND_NS
+    return (
+        round(1e9 / standard_rate)
+        if abs(standard_rate / rate - 1.0) < _TYPICAL_RATE
+        else round(measured_ns / _ROUND_NS) * _ROUND_NS
+    )

@@ -213,11 +213,16 @@ class LibcameraCamera(ThreadedCamera):
             try:
                 await self._in_worker(self._stream.camera.stop)
                 self._library.dispatch()
-                again = (asked_ns + command.delay_ns, self.facts.period_ns, self._closing)
-                await self._in_worker(self._stream.start_again_at, *again)
+                start_ns = asked_ns + command.delay_ns
+                await self._in_worker(
+                    self._stream.start_again_at, start_ns, self.facts.period_ns, self._closing
+                )
             except RuntimeError as error:
-                what = f"{self.id} does not start again: {error}"
-                self._on_failure(CameraError(what, hint="it is tried again; check its cable"))
+                self._on_failure(
+                    CameraError(
+                        f"{self.id} does not start again: {error}", hint="it is tried again; check its cable"
+                    )
+                )
             else:
                 if not self._closing.is_set():
                     self._run()
@@ -287,13 +292,20 @@ class LibcameraCamera(ThreadedCamera):
 
     def _receive(self, frame: FinishedFrame | RuntimeError) -> None:
         if isinstance(frame, RuntimeError):
-            what, hint = f"{self.id} does not answer any more: {frame}", "it is tried again; check its cable"
-            self._fail(CameraError(what, hint=hint))
+            self._fail(
+                CameraError(
+                    f"{self.id} does not answer any more: {frame}", hint="it is tried again; check its cable"
+                )
+            )
             return
         self._last_frame_ns, self._metadata = self._clock.now_ns(), frame.metadata
         if frame.stamp_ns is None:
-            what = f"the timestamps of {self.id} come from no clock of this machine"
-            self._fail(CameraError(what, hint="use another camera: this one cannot be synchronized"))
+            self._fail(
+                CameraError(
+                    f"the timestamps of {self.id} come from no clock of this machine",
+                    hint="use another camera: this one cannot be synchronized",
+                )
+            )
         elif self._first_frames_requested is not None:
             count, arrived = self._first_frames_requested
             self._first_frames.append(frame)
@@ -325,8 +337,11 @@ class LibcameraCamera(ThreadedCamera):
             return
         max_ns = max(SILENT_S * 1e9, SILENT_PERIODS * self.facts.period_ns)
         if self._clock.now_ns() - self._last_frame_ns > max_ns:
-            what = f"{self.id} delivers no frames any more"
-            self._fail(CameraError(what, hint="check its cable, then start it again"))
+            self._fail(
+                CameraError(
+                    f"{self.id} delivers no frames any more", hint="check its cable, then start it again"
+                )
+            )
         asyncio.get_running_loop().call_later(1.0, self._watch)
 
     def _fail(self, error: CameraError) -> None:

@@ -144,9 +144,11 @@ class SenderClock:
     def _frames_take_ns(self) -> int | None:
         newest_ns = 0 if self._first is None else self.media_ns(self._newest)
         by_frames_ns, by_reports_ns = self._by_frames.host_ns(newest_ns), self._by_reports.host_ns(newest_ns)
-        if by_frames_ns is None or by_reports_ns is None:
-            return None
-        return by_frames_ns - by_reports_ns + self._half_round_trip_ns
+        return (
+            None
+            if by_frames_ns is None or by_reports_ns is None
+            else by_frames_ns - by_reports_ns + self._half_round_trip_ns
+        )
 
 
 def _pixels(frame: Any, width: int | None) -> "NDArray[np.uint8]":
@@ -220,11 +222,10 @@ class RtspCamera(ThreadedCamera):
         try:
             await work
         except (*DISCONNECTED, CameraError) as error:
-            what, hint = f"is gone: {error or 'it hung up'}", ""
-            if isinstance(error, CameraError):
-                what, hint = error.what, error.hint
-            hint = hint or "it is tried again; check its power and cable"
-            self._fail(CameraError(f"{self._connection.host} {what}", hint=hint))
+            gone = CameraError(f"is gone: {error or 'it hung up'}")
+            known = error if isinstance(error, CameraError) else gone
+            hint = known.hint or "it is tried again; check its power and cable"
+            self._fail(CameraError(f"{self._connection.host} {known.what}", hint=hint))
 
     async def _ask(self) -> None:
         for number in itertools.count():
@@ -293,13 +294,15 @@ class RtspCamera(ThreadedCamera):
         if len(self._begun_with) <= RATE_FRAMES or more_reports:
             return
         follows, period_ns = self._clock.follow_reports(), round(1e9 / self._rate())
-        # A measured stamp accuracy holds for one timing method, so the model's name says which.
-        timed_by = "sender reports" if follows else "arrival"
         half_ns = (2 * period_ns + DELIVERY_NS) // 2
         by_arrival = StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
         self._facts = CameraFacts(
             kind=KIND,
-            model=f"{self._connection.server or 'IP camera'}, timed by {timed_by}"[:200],
+            # A measured stamp accuracy holds for one timing method, so the model's name says which.
+            model=(
+                f"{self._connection.server or 'IP camera'},"
+                f" timed by {'sender reports' if follows else 'arrival'}"
+            )[:200],
             width=picture.width,
             height=picture.height,
             pixel_format=self._connection.stream.codec.upper().replace("HEVC", "H265"),

@@ -201,8 +201,9 @@ class VideoDevice:
     def control_range(self, control: str) -> tuple[int, int] | None:
         """Return min and max of a control, in the control's unit; None if it does not exist."""
         with suppress(OSError):
-            asked = CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
-            _id, _type, _name, low, high, _step, _default, flags = self._exchange("QUERYCTRL", *asked)
+            _id, _type, _name, low, high, _step, _default, flags = self._exchange(
+                "QUERYCTRL", CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
+            )
             return None if flags & CTRL_FLAG_DISABLED else (low, high)
         return None
 
@@ -273,8 +274,9 @@ class VideoDevice:
     def _exchange_buffer(self, ioctl: str, index: int) -> Buffer:
         answer = self._exchange(ioctl, index, BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, MEMORY_MMAP, 0, 0)
         index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, *where = answer
-        timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
-        return Buffer(index, bytes_used, flags, timestamp_ns, sequence, *where)
+        return Buffer(
+            index, bytes_used, flags, seconds * 1_000_000_000 + microseconds * 1_000, sequence, *where
+        )
 
 
 def _steps(low: int, high: int, step: int = 1) -> range:

@@ -390,9 +390,8 @@ def open_video_node(path: str) -> VideoDevice:
 
 def list_cameras(folder: Path = Path("/dev")) -> list[CameraListing]:
     """Return the V4L2 cameras of this machine in the order of their numbers, including unusable ones."""
-    nodes = [node for node in folder.glob("video*") if node.name[5:].isdecimal()]
-    nodes.sort(key=lambda node: int(node.name[5:]))
-    return [listing for node in nodes for listing in _listings(node)]
+    nodes = {int(node.name[5:]): node for node in folder.glob("video*") if node.name[5:].isdecimal()}
+    return [listing for _, node in sorted(nodes.items()) for listing in _listings(node)]
 
 
 def _listings(node: Path) -> Iterator[CameraListing]:

@@ -108,8 +108,7 @@ def still_layer(view: View, room: Body, number: int) -> StillLayer:
     directions = view.directions(*SUBPIXELS[number])
     rays = bundle_rays(view.centre, directions)
     hits = room.cast(rays)
-    footprint = hits.distance / (2 * view.focal_px)
-    colour, normals = room.surface_at(hits, rays[:, 3:], footprint)
+    colour, normals = room.surface_at(hits, rays[:, 3:], footprint=hits.distance / (2 * view.focal_px))
     points = rays[:, :3] + rays[:, 3:] * hits.distance[:, None] + normals * 0.002
     shape = directions.shape
     from_sun = colour * _sun_light(room, points, normals, number)
@@ -133,9 +132,8 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     total = facing.sum(axis=0)
     for direction, weights in zip(directions, facing, strict=True):
         lit = np.flatnonzero(weights > 0.02)
-        rays = bundle_rays(points[lit], direction)
         # At most this distance in m, because the room is open to the light.
-        weights[lit[room.occludes(rays, near=0.0, far=1.7)]] = 0
+        weights[lit[room.occludes(bundle_rays(points[lit], direction), near=0.0, far=1.7)]] = 0
     # Radiance of the open directions, and the bounce from all others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
@@ -243,8 +241,9 @@ def light_changes(
         if not len(seen.pixels):
             continue
         rows = seen.pixels // view.width
-        footprint = seen.hits.distance / (2 * view.focal_px)
-        colour, normals = seen.part.body.surface_at(seen.hits, seen.rays[:, 3:], footprint)
+        colour, normals = seen.part.body.surface_at(
+            seen.hits, seen.rays[:, 3:], footprint=seen.hits.distance / (2 * view.focal_px)
+        )
         normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
         displacement = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
         light = _shade(view.centre + displacement, normals, rows, parts, room, to_sun)
@@ -288,6 +287,5 @@ def in_shadow(
         if len(chosen):
             rotation, translation = part.rotation[rows[chosen]], part.translation[rows[chosen]]
             start = np.matmul((points[chosen] - translation)[:, None], rotation)[:, 0]
-            rays = bundle_rays(start, to_sun @ rotation)
-            hidden[chosen] |= part.body.occludes(rays, near=0.008, far=20.0)
+            hidden[chosen] |= part.body.occludes(bundle_rays(start, to_sun @ rotation), near=0.008, far=20.0)
     return hidden

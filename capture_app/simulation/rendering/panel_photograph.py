@@ -185,9 +185,9 @@ class Photograph:
         self, start_ns: float, lamps: NDArray[np.int64], rows: NDArray[np.int64], rng: np.random.Generator
     ) -> Floats:
         """Return the fraction (n,) of its exposure in which each lamp is lit, as seen from its row."""
-        of = self.panel.lamps
         start, lit, period = (
-            np.array([getattr(lamp, name) for lamp in of])[lamps, None] for name in ("start", "lit", "period")
+            np.array([getattr(lamp, name) for lamp in self.panel.lamps])[lamps, None]
+            for name in ("start", "lit", "period")
         )
         within = (np.arange(MOMENTS) + rng.random((len(lamps), MOMENTS))) / MOMENTS * self.exposure_ns
         moments = start_ns + rows[:, None] * self.row_time_ns + within

@@ -55,8 +55,7 @@ class Texture:
 
 def bundle_rays(origins: Floats, directions: Floats) -> Floats:
     """Return rays (N, 6) with one origin (3) or one each (N, 3), and one direction or one each."""
-    shape = np.broadcast_shapes(origins.shape, directions.shape)
-    rays = np.empty((*shape[:-1], 6), np.float32)
+    rays = np.empty((*np.broadcast_shapes(origins.shape, directions.shape)[:-1], 6), np.float32)
     rays[..., :3], rays[..., 3:] = origins, directions
     return rays.reshape(-1, 6)
 

@@ -85,8 +85,7 @@ class Scene:
             # Each at its own time, evenly distributed over the exposure.
             offset_ns = exposure_ns * (2 * number + 1) // (2 * count)
             parts = list(self._parts(camera, start_ns + offset_ns, row_time_ns).values())
-            to_sun = sun_direction(number, count)
-            pixels, change = light_changes(camera, layer, parts, self._room, to_sun)
+            pixels, change = light_changes(camera, layer, parts, self._room, sun_direction(number, count))
             flat[pixels] += change
         rng = np.random.default_rng([seed % 2**64, start_ns % 2**64, list(self.views).index(view)])
         light /= count

@@ -185,8 +185,10 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
 
     torso = rotation(1, -0.10 * np.sin(gait)) @ rotation(0, np.full_like(yaw, 0.09))
     head = rotation(0, 0.03 * np.cos(2 * gait) - 0.05)
-    parts = child_poses(hips, torso, head, limbs(-1.0), limbs(1.0))
-    return {prefix + name: poses for name, poses in parts.items()}
+    return {
+        prefix + name: poses
+        for name, poses in child_poses(hips, torso, head, limbs(-1.0), limbs(1.0)).items()
+    }
 
 
 def _height(swing: Series, knee: Series) -> Series:

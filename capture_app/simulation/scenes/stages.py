@@ -124,8 +124,7 @@ def _turned(number: int) -> tuple[Point, Point]:
 
 
 def _sheet() -> Picture:
-    square_px = round(1000 * DEFAULT_BOARD.square_m * TEXELS_PER_MM)
-    board = DEFAULT_BOARD.picture(square_px)
+    board = DEFAULT_BOARD.picture(round(1000 * DEFAULT_BOARD.square_m * TEXELS_PER_MM))
     width, height = (round(1000 * side * TEXELS_PER_MM) for side in PAGE_M)
     sheet = np.full((height, width), 245, np.uint8)
     top, left = (height - board.shape[0]) // 2, (width - board.shape[1]) // 2
@@ -137,8 +136,7 @@ def _held(time_s: Series) -> dict[str, Poses]:
     """Return poses of the sheet, slow enough for sharp images: at most 0.2 m/s."""
     wave = {name: np.sin(2 * np.pi * times * time_s / CYCLE_S) for name, times in TIMES_A_CYCLE.items()}
     place = np.stack([wave["right"], wave["down"], wave["away"]], axis=-1) * AMPLITUDE_M + CENTRE
-    tilts = (rotation(axis, TILT_RAD[axis] * wave[name]) for axis, name in enumerate("xyz"))
-    about_x, about_y, about_z = tilts
+    about_x, about_y, about_z = (rotation(axis, TILT_RAD[axis] * wave[at]) for axis, at in enumerate("xyz"))
     return {"sheet": Poses(about_y @ about_x @ about_z, place)}
 
 

@@ -8,15 +8,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from capture_app.session.reading.decoding import decode_image, encode_image
+from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-_JPEG_START = b"\xff\xd8"
-LOW_PRIORITY = 10
-"""Niceness of threads that encode images, so that the clock exchange runs first."""
 
 
 class FramePicture(Protocol):
@@ -155,7 +151,7 @@ def _raw_pixels(data: bytes, layout: PixelFormat, min_width: int | None) -> "NDA
 def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | PixelPicture | None:
     """Return the image in a buffer's bytes; None if the bytes cannot be an image of that format."""
     if layout.fourcc in ("MJPG", "JPEG"):
-        return JpegPicture(data) if data.startswith(_JPEG_START) else None
+        return JpegPicture(data) if data.startswith(JPEG_BEGIN) else None
     return raw_picture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
 
 
@@ -164,7 +160,7 @@ def _rows(layout: PixelFormat) -> int:
 
 
 def lower_priority() -> None:
-    """Lower the calling thread's priority below all other threads of this process."""
+    """Lower the calling thread's priority below all others of this process: the clock exchange runs first."""
     # Linux has a niceness per thread; on systems without one, all threads stay equal.
     with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW_PRIORITY)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 10)

@@ -99,8 +99,11 @@ def calibrate_time(
         }
         for name, time in found.cameras.items()
     }
-    result = {"session": str(folder), "reference": found.reference, "cameras": cameras}
-    answer(as_json, result, [table(("camera", "timestamp delay"), _rows_of(found, orders, saved))])
+    answer(
+        as_json,
+        {"session": str(folder), "reference": found.reference, "cameras": cameras},
+        [table(("camera", "timestamp delay"), _rows_of(found, orders, saved))],
+    )
     if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
         missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
         raise NotApplicableError(

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
     from capture_app.board.detector import Board
 
-FPS = 3.0
-
 
 @click.command(
     epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20")
@@ -86,7 +84,7 @@ async def _count(
         )
     count = PreviewCount(board, cameras)
     link = RigLink(leader)
-    await link.want_previews(cameras=None, width=width, fps=FPS)
+    await link.want_previews(cameras=None, width=width, fps=3.0)
     shown = CoverageCount(board, cameras).coverage()
     show(shown)
     lost = False

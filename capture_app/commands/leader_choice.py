@@ -109,8 +109,7 @@ async def inviting_phones(
     shown = await ask()
     _show_phone_code(shown, as_json)
 
-    async def keep_showing() -> None:
-        nonlocal shown
+    async def keep_showing(shown: "PhoneInvited") -> None:
         while True:
             await asyncio.sleep(0.5)
             with contextlib.suppress(SimulshotError):
@@ -118,7 +117,7 @@ async def inviting_phones(
                     shown = asked
                     _show_phone_code(shown, as_json)
 
-    showing = asyncio.create_task(keep_showing())
+    showing = asyncio.create_task(keep_showing(shown))
     try:
         yield
     finally:

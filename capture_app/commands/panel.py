@@ -321,9 +321,12 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     if panel.is_screen:
         raise BadInputError(f"{name} is a screen, not an LED panel", hint="capture-app panel show draws it")
     paths = [str(file) for file in write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)]
-    result = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
-    begin = f"start with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
-    answer(as_json, result, paths, said=begin)
+    answer(
+        as_json,
+        {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths},
+        paths,
+        said=f"start with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %",
+    )
 
 
 @click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))

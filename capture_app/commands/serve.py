@@ -64,8 +64,11 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
 
     with listen_tcp(host, port) as listening:
         server = PageServer(rig, listening, names)
-        result = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
-        answer(as_json, result, [server.public_url])
+        answer(
+            as_json,
+            {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)},
+            [server.public_url],
+        )
         who = "any user of this machine" if host in LOOPBACK_HOSTS else "anyone in the network"
         talk(f"the page shows the rig {rig.leader}; {who} can control it; Ctrl-C stops the page")
         await server.run()

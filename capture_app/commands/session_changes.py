@@ -38,8 +38,6 @@ from capture_app.session.reading.take_sheet import TakeSheet
 if TYPE_CHECKING:
     from capture_app.rig.repair import RepairResult
 
-_root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
-
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
 @click.argument("session", type=ANY_PATH)
@@ -107,7 +105,7 @@ def list_trash(root: Path, as_json: bool) -> None:
     "empty-trash",
     epilog=examples("capture-app sessions empty-trash sessions"),
 )
-@_root_argument
+@click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
 @click.option("--yes", is_flag=True, help="Delete without asking.")
 @json_option
 def empty(root: Path, yes: bool, as_json: bool) -> None:
@@ -152,9 +150,8 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))
-    result = {"ok": all(one.ok for one in repaired), "sessions": repaired}
-    answer(as_json, result, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]
+    answer(as_json, {"ok": not failed, "sessions": repaired}, map(_describe_result, repaired))
     if failed:
         raise BadInputError(
             f"{failed[0].session}: {failed[0].what}",
@@ -194,16 +191,19 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
     opened = TakeSheet.open(session)
     picture = contact_sheet(opened, width, show_count("images"))
     _write(out, encode_image(picture, suffix))
-    result = {
-        "session": str(session),
-        "sheet": str(out),
-        "cameras": opened.cameras,
-        "instants": opened.instants,
-        "width": picture.shape[1],
-        "height": picture.shape[0],
-        "verdict": opened.verdict,
-    }
-    answer(as_json, result, [str(out)])
+    answer(
+        as_json,
+        {
+            "session": str(session),
+            "sheet": str(out),
+            "cameras": opened.cameras,
+            "instants": opened.instants,
+            "width": picture.shape[1],
+            "height": picture.shape[0],
+            "verdict": opened.verdict,
+        },
+        [str(out)],
+    )
 
 
 @click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
@@ -235,8 +235,11 @@ def wiggle(
     shown = opened.instants // 2 if instant is None else instant
     frames, step_ms = wiggle_frames(opened, shown, width), round(1000 / fps)
     _write(out, encode_animation(frames, suffix, step_ms, step_ms))
-    result = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
-    answer(as_json, result, [str(out)])
+    answer(
+        as_json,
+        {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)},
+        [str(out)],
+    )
 
 
 def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:

@@ -324,7 +324,10 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
     restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
     burst = export_session(Session.open(session), name, out, show_count("images"), **given)
-    report = {"folder": str(out), "format": name, "images": len(burst.images), "notes": burst.notes}
-    answer(as_json, report, [str(out)])
+    answer(
+        as_json,
+        {"folder": str(out), "format": name, "images": len(burst.images), "notes": burst.notes},
+        [str(out)],
+    )
     for note in burst.notes:
         talk(note)

@@ -54,8 +54,12 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         list_trash(folder, as_json)
         return
     found = [] if root is None and not folder.exists() else list_sessions(folder)
-    result = {"root": str(folder), "sessions": [list_entry(card) for card in found]}
-    answer(as_json, result, list_lines(found), said="" if found else f"no sessions in {folder}")
+    answer(
+        as_json,
+        {"root": str(folder), "sessions": [list_entry(card) for card in found]},
+        list_lines(found),
+        said="" if found else f"no sessions in {folder}",
+    )
     for path in unfinished_outputs(folder):
         talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {folder}")
 
@@ -66,8 +70,11 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
 def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and their synchronization."""
     opened = Session.open(session)
-    result = {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)}
-    answer(as_json, result, session_lines(opened))
+    answer(
+        as_json,
+        {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)},
+        session_lines(opened),
+    )
 
 
 @sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
     TakeEnd = Progress | Saved | Failed
 
-MAX_FRAMES = 100_000
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 ready_options = together(
@@ -182,7 +181,7 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
 @leader_option
 @click.option(
     "--frames",
-    type=click.IntRange(1, MAX_FRAMES),
+    type=click.IntRange(1, 100_000),
     metavar="N",
     default=5,
     help="Number of frames from each camera.",

@@ -20,7 +20,6 @@ from capture_app.console.terminal import answer, json_option, table
 from capture_app.console.usage import examples
 from capture_app.rig.membership import own_machine
 
-EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
 role_option = click.option(
     "--as",
     "role",
@@ -70,7 +69,7 @@ def list_command(as_json: bool) -> None:
     )
 
 
-@trust.command(epilog=examples(f"capture-app trust add {EXAMPLE_PIN}"))
+@trust.command(epilog=examples("capture-app trust add abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"))
 @click.argument("pin", type=PIN)
 @role_option
 @click.option("--name", default="", metavar="NAME", show_default="generated", help="Name of the machine.")
@@ -78,8 +77,11 @@ def list_command(as_json: bool) -> None:
 def add(pin: str, role: Role, name: str, as_json: bool) -> None:
     """Trust the machine with this PIN, without a code. `capture-app trust list` there shows its pin."""
     machine = own_machine().known.add(pin, Role(role), name=name)
-    result = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
-    answer(as_json, result, said=f"{machine.name} is trusted as {' and '.join(machine.roles)}")
+    answer(
+        as_json,
+        {"pin": machine.pin, "name": machine.name, "roles": machine.roles},
+        said=f"{machine.name} is trusted as {' and '.join(machine.roles)}",
+    )
 
 
 @trust.command(epilog=examples("capture-app trust remove garage-pi"))
@@ -110,9 +112,12 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
         raise click.UsageError("a leader cannot be invited: run invite at the leader")
     invited = asyncio.run(ask_leader(leader, Invite(role=role), Invited))
     line = joining_command(asyncio.run(ask_status(leader)).leader, role, invited.code)
-    result = {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line}
-    there = f"pairs one machine within {invited.good_for_s // 60} minutes; type there: {line}"
-    answer(as_json, result, [show_code(invited.code)], said=there)
+    answer(
+        as_json,
+        {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line},
+        [show_code(invited.code)],
+        said=f"pairs one machine within {invited.good_for_s // 60} minutes; type there: {line}",
+    )
     if qr and not as_json:
         import segno
 

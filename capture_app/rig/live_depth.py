@@ -17,8 +17,6 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
 
 WIDTH_PX = 320
-MAX_FPS = 15.0
-NICENESS = 10
 MAX_LACKING = 20
 """Instants in a row without a picture of the chosen camera after which that is reported."""
 COMMAND = ("reconstruction.cli", "live", "--width", str(WIDTH_PX))
@@ -40,7 +38,7 @@ async def live_depth(
         newest.put_nowait(new)
 
     async def follow() -> None:
-        instants = instant_previews(link, cameras=None, width=WIDTH_PX, fps=MAX_FPS)
+        instants = instant_previews(link, cameras=None, width=WIDTH_PX, fps=15.0)
         try:
             async with aclosing(instants):
                 async for instant in instants:
@@ -48,7 +46,7 @@ async def live_depth(
         except SimulshotError as error:
             hand_over(error)
 
-    child = await Child.start("reconstruct live", COMMAND, niceness=NICENESS)
+    child = await Child.start("reconstruct live", COMMAND, niceness=10)
     task = asyncio.create_task(follow())
     try:
         cameras = {node.name: node.camera for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA}

@@ -43,11 +43,9 @@ async def find_leaders(report: Talk) -> list[FoundLeader]:
     If any of them is known, only known leaders are returned. `report` gets a sentence whenever something new
     prevents a connection.
     """
-
-    def own() -> tuple[Address, ...]:
-        return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
-
-    return await search_leaders(own, report)
+    return await search_leaders(
+        lambda: (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT)), report
+    )
 
 
 async def needs_pairing(leader: Address) -> bool:

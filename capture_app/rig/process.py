@@ -26,8 +26,6 @@ from capture_app.rig.rig_link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
-CHECK_EVERY_S = 0.1
-
 
 class RunningRig(Struct, frozen=True, kw_only=True):
     """Record of a leader's process, which exists while it runs."""
@@ -139,7 +137,7 @@ async def start_rig(
                         with contextlib.suppress(NetworkError):
                             await ask_status(rig.address)
                             return rig
-                await asyncio.sleep(CHECK_EVERY_S)
+                await asyncio.sleep(0.1)
             raise _failure(process.returncode, log)
     process.terminate()
     raise NetworkError(f"the rig did not answer within {RIG_START_TIMEOUT_S:g} s", hint=f"its log is {log}")

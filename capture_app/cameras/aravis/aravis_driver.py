@@ -49,7 +49,6 @@ SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
 FIRST_FRAME_NS, SILENCE_NS, MAX_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
 NEAR_NS = 2_000_000_000
 """If the readings map a stamp this far from its frame's arrival, the stamp is not of that counter."""
-MAX_TRIES = 3
 LATE_NS = 5_000_000
 """Delay after a frame is due, at which its end is assumed."""
 SPEC = f"{KIND}:ADDRESS[,key=value…]"
@@ -256,12 +255,10 @@ class AravisCamera(ThreadedCamera):
 
     def _stamp_ns(self, frame: DeviceFrame) -> int | None:
         """Return the host's time of a frame, by arrivals late by their minimum delay; None while unknown."""
-        if self._readings is not None:
-            return self._readings.host_ns(frame.counter_ns)
-        if self._arrivals is None:
-            return frame.arrival_ns
-        self._arrivals.add_arrival(frame.counter_ns, frame.arrival_ns)
-        return self._arrivals.host_ns(frame.counter_ns)
+        if self._arrivals is not None:
+            self._arrivals.add_arrival(frame.counter_ns, frame.arrival_ns)
+        clock = self._readings or self._arrivals
+        return frame.arrival_ns if clock is None else clock.host_ns(frame.counter_ns)
 
     def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
         """Set the requested duration when a frame has come, and restore the period when the next one has.
@@ -279,7 +276,7 @@ class AravisCamera(ThreadedCamera):
             self._say(self._set_period, period_ns)
 
     def _set_period(self, period_ns: int) -> None:
-        for _ in range(MAX_TRIES):
+        for _ in range(3):
             try:
                 self._device.set_period(period_ns)
                 return

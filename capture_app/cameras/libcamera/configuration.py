@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -75,14 +75,13 @@ _CONTROLS = {
 
 def read_states(
     known: KnownControls, settings: Mapping[str, Any], metadata: Mapping[str, Any], period_us: int
-) -> tuple[ControlState, ...]:
-    """Return the controls' state from the settings and the last frame; the period limits the exposure."""
-    states: list[ControlState] = []
+) -> Iterator[ControlState]:
+    """Yield the controls' state from the settings and the last frame; the period limits the exposure."""
     for control, of in _CONTROLS.items():
         if of.value in known:
             _, limits = known[of.value]
             value = metadata.get(of.value, settings.get(of.value))
-            state = ControlState(
+            yield ControlState(
                 control=control,
                 value=None if value is None else float(value),
                 unit=of.unit or "",
@@ -91,8 +90,6 @@ def read_states(
                 minimum=float(limits.min),
                 maximum=float(min(limits.max, period_us) if control is Control.EXPOSURE else limits.max),
             )
-            states.append(state)
-    return tuple(states)
 
 
 def new_settings(

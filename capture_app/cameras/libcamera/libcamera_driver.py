@@ -229,7 +229,9 @@ class LibcameraCamera(ThreadedCamera):
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the controls that the camera has, with their values in its last frame."""
-        return read_states(self._controls, self._stream.settings, self._metadata, self._stream.period_us)
+        return tuple(
+            read_states(self._controls, self._stream.settings, self._metadata, self._stream.period_us)
+        )
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""

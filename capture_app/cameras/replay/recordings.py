@@ -33,19 +33,6 @@ class RecordedTiming:
     loop_ns: int
     at_ns: tuple[int, ...]
 
-    @property
-    def slots(self) -> tuple[int, ...]:
-        """Camera frame number of each frame, from 0; a gap is a dropped frame."""
-        steps = (max(1, round((after - before) / self.period_ns)) for before, after in pairwise(self.at_ns))
-        return tuple(accumulate(steps, initial=0))
-
-    @property
-    def loop_slots(self) -> int:
-        """Count of frame numbers from the first frame to its repetition in the next loop."""
-        return self.slots[-1] + max(
-            1, round((self.loop_ns - self.at_ns[-1] + self.at_ns[0]) / self.period_ns)
-        )
-
 
 class Playback:
     """Schedules frames at the intervals they were recorded with, in a loop."""
@@ -55,8 +42,11 @@ class Playback:
 
         That keeps several cameras of one recording together. Otherwise a stream begins when it is started.
         """
-        self._timing, self._slots, self._loop_slots = timing, timing.slots, timing.loop_slots
-        self._anchored = anchored
+        self._timing, self._anchored = timing, anchored
+        times_ns = (*timing.at_ns, timing.at_ns[0] + timing.loop_ns)
+        steps = (max(1, round((after - before) / timing.period_ns)) for before, after in pairwise(times_ns))
+        # The camera's number of each frame, from 0, and of the first one in the next loop; gaps are drops.
+        *self._slots, self._loop_slots = accumulate(steps, initial=0)
         self._next = 0
         """Number of the next frame, counted over all loops."""
         self._stream = -1

@@ -75,8 +75,11 @@ async def _count(
     from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
     from capture_app.session.reading.decoding import decode_preview
 
-    rig = await ask_status(leader)
-    cameras = {node.name: (node.camera.width, node.camera.height) for node in rig.nodes if node.camera.width}
+    cameras = {
+        node.name: (node.camera.width, node.camera.height)
+        for node in (await ask_status(leader)).nodes
+        if node.camera.width
+    }
     if not cameras:
         raise IncompleteError(
             f"no camera has joined {leader}",

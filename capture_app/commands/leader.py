@@ -31,11 +31,6 @@ from capture_app.console.usage import examples
 if TYPE_CHECKING:
     from capture_app.node.leader.leader_node import LeaderNode
 
-APP_NOTE = (
-    "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
-    " this machine. There is no pairing: anyone in that WiFi can control those phones"
-)
-
 
 @click.command(
     epilog=examples(
@@ -162,7 +157,10 @@ def leader(
             "--camera cannot be used with --leader: run the camera with capture-app node and all --leader"
         )
     if android_app:
-        talk(APP_NOTE)
+        talk(
+            "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose"
+            " hotspot is this machine. There is no pairing: anyone in that WiFi can control those phones"
+        )
     run = functools.partial(
         _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json
     )

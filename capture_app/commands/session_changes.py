@@ -97,8 +97,12 @@ def list_trash(root: Path, as_json: bool) -> None:
     found = trashed_sessions(root)
     rows = [(one.id, one.name, format_date(one.trashed)) for one in found]
     lines = [table(("id", "name", "trashed (UTC)"), rows)] if rows else []
-    said = "" if found else f"the trash of {root} is empty"
-    answer(as_json, {"root": str(root), "trash": found}, lines, said=said)
+    answer(
+        as_json,
+        {"root": str(root), "trash": found},
+        lines,
+        said="" if found else f"the trash of {root} is empty",
+    )
 
 
 @click.command(

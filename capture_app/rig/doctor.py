@@ -161,8 +161,11 @@ async def leader(address: Address) -> Finding:
     began_s = time.monotonic()
     if (found := await find_obstacle(address)) is not None:
         return Finding("leader", "problem", found.what, found.remedy)
-    took_ms = (time.monotonic() - began_s) * 1e3
-    return Finding("leader", "good", f"the leader at {address} answers within {took_ms:.0f} ms")
+    return Finding(
+        "leader",
+        "good",
+        f"the leader at {address} answers within {(time.monotonic() - began_s) * 1e3:.0f} ms",
+    )
 
 
 async def own_rig(address: Address) -> Finding:

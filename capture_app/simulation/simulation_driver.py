@@ -213,18 +213,18 @@ class SimulatedCamera(Camera):
         clock: NodeClock,
         *,
         seed: int,
-        fail_after_ns: int | None = None,
+        fail_after_s: float | None = None,
         calibrated: bool = True,
         automatic: bool = False,
     ) -> None:
-        """Create a camera with its own `seed`; the device disconnects `fail_after_ns` after its start.
+        """Create a camera with its own `seed`; the device disconnects `fail_after_s` after its start.
 
         `automatic`: it chooses its exposure itself, until that is set.
         `calibrated`: it reports the view's true calibration, as no real camera does.
         """
         self._sensor, self._source, self._calibrated = sensor, source, calibrated
         self._clock, self._seed, self._delivery_rng = clock, seed, random.Random(seed)
-        self._fail_after_ns = fail_after_ns
+        self._fail_after_s = fail_after_s
         self._started = False
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None
@@ -245,7 +245,9 @@ class SimulatedCamera(Camera):
         self._started = True
         self.listen(on_frame, on_failure)
         true_ns = self._true_now_ns()
-        self._fail_at_true_ns = None if self._fail_after_ns is None else true_ns + self._fail_after_ns
+        self._fail_at_true_ns = (
+            None if self._fail_after_s is None else true_ns + round(self._fail_after_s * 1e9)
+        )
         self._start_stream(true_ns)
 
     async def apply(self, command: CameraCommand) -> None:
@@ -371,7 +373,6 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     this machine cannot render scenes.
     """
     model = _adjusted(find_profile(profile), options)
-    scale = read_number(options, "scale", _CAMERA, low=0.1, high=1)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")
     source: PictureSource
     if "replay" in options:
@@ -388,7 +389,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
             width=model.image_width,
             height=model.image_rows,
             row_time_ns=model.row_time_ns,
-            scale=1.0 if scale is None else scale,
+            scale=read_number(options, "scale", _CAMERA, low=0.1, high=1) or 1.0,
             samples=int(read_number(options, "samples", _CAMERA, low=1, high=4) or 4),
         )
     sensor = Sensor(
@@ -396,14 +397,12 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
         random.Random(camera_seed),
         period_error_ppm=read_number(options, "ppm", _CAMERA, low=-1000, high=1000),
     )
-    fail_after_s = read_number(options, "fail_after_s", _CAMERA, low=0, high=1e6)
-    fail_after_ns = None if fail_after_s is None else round(fail_after_s * 1e9)
     return SimulatedCamera(
         sensor,
         source,
         clock,
         seed=camera_seed,
-        fail_after_ns=fail_after_ns,
+        fail_after_s=read_number(options, "fail_after_s", _CAMERA, low=0, high=1e6),
         calibrated=not _says(options, "calibration", "none", otherwise="true"),
         automatic=_says(options, "auto", "exposure"),
     )

@@ -324,8 +324,13 @@ def list_cameras() -> list[CameraListing]:
     for index in range(library.get_n_devices()):
         protocol, address = library.get_device_protocol(index), library.get_device_address(index)
         name = address if protocol == "GigEVision" and address else library.get_device_id(index)
-        model = f"{library.get_device_vendor(index)} {library.get_device_model(index)}"
-        serial = f"serial number {library.get_device_serial_nbr(index)}"
-        detail = f"{protocol.replace('Vision', ' Vision')}, {serial}"
-        listed.append(CameraListing(f"{KIND}:{name}", KIND, model, detail))
+        listed.append(
+            CameraListing(
+                spec=f"{KIND}:{name}",
+                kind=KIND,
+                model=f"{library.get_device_vendor(index)} {library.get_device_model(index)}",
+                detail=f"{protocol.replace('Vision', ' Vision')},"
+                f" serial number {library.get_device_serial_nbr(index)}",
+            )
+        )
     return listed

@@ -179,8 +179,10 @@ def origin_of(camera: Any) -> Origin:
     # Only the Raspberry Pi's pipelines have controls of this vendor.
     if any(control.vendor == "rpi" for control in camera.controls):
         return "raspberry-pi"
-    devices = properties_of(camera).get("SystemDevices", ())
-    nodes = (CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}" for device in devices)
+    nodes = (
+        CHARACTER_DEVICES / f"{os.major(device)}:{os.minor(device)}"
+        for device in properties_of(camera).get("SystemDevices", ())
+    )
     is_webcam = any((node / "device" / "driver").resolve().name == "uvcvideo" for node in nodes)
     return "webcam" if is_webcam else "other"
 

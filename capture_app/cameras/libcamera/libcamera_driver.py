@@ -213,9 +213,11 @@ class LibcameraCamera(ThreadedCamera):
             try:
                 await self._in_worker(self._stream.camera.stop)
                 self._library.dispatch()
-                start_ns = asked_ns + command.delay_ns
                 await self._in_worker(
-                    self._stream.start_again_at, start_ns, self.facts.period_ns, self._closing
+                    self._stream.start_again_at,
+                    asked_ns + command.delay_ns,
+                    self.facts.period_ns,
+                    self._closing,
                 )
             except RuntimeError as error:
                 self._on_failure(
@@ -261,9 +263,11 @@ class LibcameraCamera(ThreadedCamera):
             rows = round(period_us / row_us)
             rows += rows * row_us < min_us
             period_us, row_ns = round((rows + INSIDE_ROW) * row_us), round(row_us * 1000)
-            moved = PhaseControl.FRAME_DURATION
             self._facts = structs.replace(
-                self.facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=moved
+                self.facts,
+                period_ns=rows * row_ns,
+                row_time_ns=row_ns,
+                phase_control=PhaseControl.FRAME_DURATION,
             )
         self._stream.period_us = period_us
         self._stream.keep(held_exposure(seen[-1].metadata, self._wishes))

@@ -68,9 +68,10 @@ class Library:
         for number, camera in enumerate(cameras):
             if device in (camera.id, str(number)):
                 return camera
-        known = ", ".join(camera.id for camera in cameras) or "none"
         raise CameraError(
-            f"libcamera knows no camera {device}", hint=f"it knows {known}; `capture-app cameras` lists them"
+            f"libcamera knows no camera {device}",
+            hint=f"it knows {', '.join(camera.id for camera in cameras) or 'none'};"
+            " `capture-app cameras` lists them",
         )
 
     def listen(self) -> None:

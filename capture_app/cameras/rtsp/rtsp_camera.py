@@ -196,8 +196,10 @@ class RtspCamera(ThreadedCamera):
         try:
             await self._connection.open()
             self._clock = SenderClock(self._connection.stream.ticks_per_s, self._connection.round_trips_ns)
-            works = (self._receive(), self._decode(), self._ask())
-            self._tasks = [asyncio.create_task(self._watched(work)) for work in works]
+            self._tasks = [
+                asyncio.create_task(self._watched(work))
+                for work in (self._receive(), self._decode(), self._ask())
+            ]
             async with asyncio.timeout(PICTURE_S):
                 await self._begun
         except TimeoutError as error:

@@ -52,7 +52,8 @@ def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns:
             return Attempt(moves, moves * LIB_WAIT_NS / S)
         later_ns = -error_ns % period_ns
         exposure_ns = max(period_ns + LIB_LEAST_NS, period_ns + later_ns / 2 - LIB_OVERHEAD_NS)
-        error_ns += profile.shift_ns(round(exposure_ns)) + drift * LIB_WAIT_NS
+        shift_ns = sum(profile.stretches_rows(round(exposure_ns))) * profile.row_time_ns
+        error_ns += shift_ns + drift * LIB_WAIT_NS
         error_ns = (error_ns + period_ns / 2) % period_ns - period_ns / 2
     return Attempt(LIB_MOST, None)
 

@@ -32,7 +32,6 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
 
 if TYPE_CHECKING:
-    from capture_app.protocol.status import Preview
     from capture_app.session.reading.array_access import OpenSession
 
 DAY_S = 86_400.0
@@ -296,7 +295,11 @@ class Taking:
             request = self.plan.request()
             if plan.on_motion is not None:
                 self._events.put_nowait(Waiting(number, "waiting for something to move"))
-                seen = await self._next_motion(plan.on_motion)
+                from capture_app.rig.motion_watch import MotionWatch, watch_motion  # heavy: it decodes images
+
+                watch = MotionWatch(plan.on_motion)
+                async with aclosing(watch_motion(self._link.another(), watch)) as moving:
+                    seen = await anext(moving)
                 self._events.put_nowait(Moved(number, seen.camera))
                 request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
             begun_s = now()
@@ -310,12 +313,6 @@ class Taking:
                 due_s = now() + plan.countdown_s
                 if plan.on_motion is not None:
                     due_s = max(now(), begun_s + (plan.every_s or 0.0))
-
-    async def _next_motion(self, region: tuple[float, float, float, float]) -> "Preview":
-        from capture_app.rig.motion_watch import MotionWatch, watch_motion  # heavy: it decodes images
-
-        async with aclosing(watch_motion(self._link.another(), MotionWatch(region))) as moving:
-            return await anext(moving)
 
     def _order(self, number: int, request: BurstRequest) -> None:
         self._orders[number] = (self._start(self._follow(number, request)), request)

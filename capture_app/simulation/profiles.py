@@ -101,25 +101,19 @@ class SensorProfile:
         """Longest exposure, in rows, that does not stretch a frame (c in the shift's formula)."""
         return self.frame_length_rows - self.margin_rows
 
-    @property
-    def readout_ns(self) -> int:
-        """Time to read out all rows."""
-        return self.image_rows * self.row_time_ns
-
     def whole_rows(self, exposure_ns: int) -> int:
         """Return how many whole row times fit in an exposure (ns), once limited to the sensor's range."""
         return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
 
     def stretches_rows(self, exposure_ns: int) -> tuple[int, ...]:
-        """Return the rows by which an injected exposure (ns) lengthens its frame and each later frame."""
+        """Return the rows by which an injected exposure E (ns) lengthens its frame and each later frame.
+
+        Together they are gain * (floor(E / row_time) - c) rows.
+        """
         stretch = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
         whole = floor(self.injection_gain)
         rows = (*([stretch] * whole), round((self.injection_gain - whole) * stretch))
         return tuple(row for row in rows if row)
-
-    def shift_ns(self, exposure_ns: int) -> int:
-        """Delay of all frames after one injected exposure E: gain * row_time * (floor(E / row_time) - c)."""
-        return sum(self.stretches_rows(exposure_ns)) * self.row_time_ns
 
     def stamp(self, true_ns: int) -> int:
         """Return the timestamp of an instant, in the steps of this model's timestamps."""

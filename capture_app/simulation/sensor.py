@@ -145,7 +145,7 @@ class Sensor:
             stream=self.stream,
             start_true_ns=start_true_ns,
             timestamp_true_ns=profile.stamp(start_true_ns + round(noise_ns + late_ns)),
-            readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
+            readout_end_true_ns=start_true_ns + exposure_ns + profile.image_rows * profile.row_time_ns,
             exposure_ns=exposure_ns,
             dropped=dropped,
         )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.rendering import lighting
+from capture_app.simulation.rendering.lighting import sky_irradiance
 from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
 from capture_app.simulation.scenes.moving_bodies import Poses
 from capture_app.simulation.scenes.stages import Floats
@@ -266,7 +267,7 @@ def _shade(
     room: Body,
     to_sun: Floats,
 ) -> Floats:
-    light = lighting.sky_irradiance(normals) * 0.9
+    light = sky_irradiance(normals) * 0.9
     facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_fraction(points)
     lit = np.flatnonzero(facing > 0)
     start = points[lit] + normals[lit] * 0.004

@@ -108,8 +108,10 @@ class AsyncRig:
             if len(here) >= cameras and {*here} <= {*ready}:
                 return status
             if time.monotonic() > until_s:
-                what = f"{len(ready)} of {max(cameras, len(here))} cameras are ready after {timeout_s:g} s"
-                raise IncompleteError(what, hint=status.advice)
+                raise IncompleteError(
+                    f"{len(ready)} of {max(cameras, len(here))} cameras are ready after {timeout_s:g} s",
+                    hint=status.advice,
+                )
             await asyncio.sleep(LOOK_EVERY_S)
 
     def take(self, plan: TakePlan) -> Taking:
@@ -156,8 +158,10 @@ class AsyncRig:
                         break
         except TimeoutError as error:
             if found is None:
-                what = f"no synchronized camera gave a preview within {wait_s:g} s"
-                raise IncompleteError(what, hint="see their states: capture-app status") from error
+                raise IncompleteError(
+                    f"no synchronized camera gave a preview within {wait_s:g} s",
+                    hint="see their states: capture-app status",
+                ) from error
         assert found is not None, "previews end with an error"
         return found
 

@@ -201,10 +201,13 @@ class AravisCamera(ThreadedCamera):
             return facts
         # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.
         error_ns = facts.period_ns if facts.exposure_ns is None else facts.exposure_ns
-        stamp = StampAccuracy(
-            bias_ns=0, uncertainty_ns=error_ns, source=StampSource.PROFILE, exposure_ns=facts.exposure_ns
+        return replace(
+            facts,
+            timestamp_source=TimestampSource.START_OF_EXPOSURE,
+            stamp=StampAccuracy(
+                bias_ns=0, uncertainty_ns=error_ns, source=StampSource.PROFILE, exposure_ns=facts.exposure_ns
+            ),
         )
-        return replace(facts, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
 
     def _fetch(self) -> None:
         """Fetch frames until the camera is stopped or fails; set frame durations as frames arrive."""

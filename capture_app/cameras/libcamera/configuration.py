@@ -227,13 +227,15 @@ def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin)
         return replace(facts, stamp=replace(facts.assumed_stamp, source=StampSource.PROFILE))
     if origin != "raspberry-pi" or exposure_ns is None or row_ns is None:
         return facts
-    late = StampAccuracy(
-        bias_ns=exposure_ns,
-        uncertainty_ns=READOUT_UNCERTAINTY_ROWS * row_ns + READOUT_UNCERTAINTY_NS,
-        source=StampSource.PROFILE,
-        exposure_ns=exposure_ns,
+    return replace(
+        facts,
+        stamp=StampAccuracy(
+            bias_ns=exposure_ns,
+            uncertainty_ns=READOUT_UNCERTAINTY_ROWS * row_ns + READOUT_UNCERTAINTY_NS,
+            source=StampSource.PROFILE,
+            exposure_ns=exposure_ns,
+        ),
     )
-    return replace(facts, stamp=late)
 
 
 def typical_period_ns(measured_ns: float) -> int:

@@ -262,7 +262,8 @@ class LibcameraCamera(ThreadedCamera):
         if row_us is not None:
             rows = round(period_us / row_us)
             rows += rows * row_us < min_us
-            period_us, row_ns = round((rows + INSIDE_ROW) * row_us), round(row_us * 1000)
+            period_us = round((rows + INSIDE_ROW) * row_us)
+            row_ns = round(row_us * 1000)
             self._facts = structs.replace(
                 self.facts,
                 period_ns=rows * row_ns,

@@ -297,7 +297,6 @@ class RtspCamera(ThreadedCamera):
             return
         follows, period_ns = self._clock.follow_reports(), round(1e9 / self._rate())
         half_ns = (2 * period_ns + DELIVERY_NS) // 2
-        by_arrival = StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
         self._facts = CameraFacts(
             kind=KIND,
             # A measured stamp accuracy holds for one timing method, so the model's name says which.
@@ -311,7 +310,9 @@ class RtspCamera(ThreadedCamera):
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
             phase_control=PhaseControl.NONE,
-            stamp=None if follows else by_arrival,
+            stamp=None
+            if follows
+            else StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED),
         )
         self._last_ns = media_ns
         self._begun.set_result(None)

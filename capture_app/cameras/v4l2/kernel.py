@@ -146,8 +146,10 @@ class VideoDevice:
 
     def formats(self) -> tuple[str, ...]:
         """Return the pixel formats as four-character codes, in the driver's order."""
-        answers = self._enumerate("ENUM_FMT", BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
-        return tuple(fields[4].decode("latin-1") for fields in answers)
+        return tuple(
+            fields[4].decode("latin-1")
+            for fields in self._enumerate("ENUM_FMT", BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
+        )
 
     def sizes(self, fourcc: str) -> tuple[tuple[range, range], ...]:
         """Return the widths and heights in pixels of a format: single sizes, or one pair of ranges.

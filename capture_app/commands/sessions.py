@@ -104,7 +104,7 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
             )
         if not as_json:
             intact = f"all {len(opened.manifest.images)} images are intact"
-            for line in map(str, problems or [intact]):
+            for line in list(map(str, problems)) or [intact]:
                 print_line(f"{path}: {line}")
     if as_json:
         print_json({"ok": failure is None, "sessions": results})

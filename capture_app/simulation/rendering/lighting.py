@@ -80,7 +80,7 @@ def _open_sky() -> Floats:
     local = cosine_directions(64)
     for x, y, z in local:
         total += sky_radiance(x * tangent + y * bitangent + z * normals)
-    return (total / len(local)).reshape(_SKY_STEPS, _SKY_STEPS, _SKY_STEPS, 3)
+    return np.asarray(total / len(local), np.float32).reshape(_SKY_STEPS, _SKY_STEPS, _SKY_STEPS, 3)
 
 
 def sky_irradiance(normals: Floats) -> Floats:

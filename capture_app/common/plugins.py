@@ -1,7 +1,10 @@
 """Plugins, which are entry points of installed packages; only metadata is read until one is loaded."""
 
 import logging
-from importlib.metadata import EntryPoint, entry_points
+import sys
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import Distribution, EntryPoint, entry_points
 from typing import Any
 
 from capture_app.common.errors import BadInputError, NotAvailableError
@@ -41,15 +44,22 @@ def load_plugins(group: str, *attributes: str) -> dict[str, Any]:
     return loaded
 
 
-def _entry_points(group: str) -> dict[str, EntryPoint]:
+def _entry_points(group: str) -> Mapping[str, EntryPoint]:
     """Return a group's entry points by name, sorted; no other package replaces one of simulshot's."""
-    found = sorted(entry_points(group=group), key=_package, reverse=True)
-    found.sort(key=lambda entry: _package(entry) == DISTRIBUTION)
+    return _find_entry_points(group, tuple(sys.path))
+
+
+@cache
+def _find_entry_points(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
+    """Read the metadata of all packages on the path, once: a command line asks for it several times."""
+    package_of = cache(_package)  # which reads a package's metadata, too
+    found = sorted(entry_points(group=group), key=lambda entry: package_of(entry.dist), reverse=True)
+    found.sort(key=lambda entry: package_of(entry.dist) == DISTRIBUTION)
     return dict(sorted({entry.name: entry for entry in found}.items()))
 
 
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else ""
+def _package(distribution: Distribution | None) -> str:
+    return distribution.name if distribution else ""
 
 
 def _load(entry: EntryPoint, attributes: tuple[str, ...]) -> Any:
@@ -58,8 +68,9 @@ def _load(entry: EntryPoint, attributes: tuple[str, ...]) -> Any:
         if missing := [one for one in attributes if not hasattr(plugin, one)]:
             raise AttributeError(f"it has no {missing[0]!r}")
     except Exception as error:
+        package = _package(entry.dist)
         raise NotAvailableError(
             f"the plugin {entry.name!r} of {entry.group} does not load: {first_line(error)}",
-            hint=f"it is {entry.value} of the package {_package(entry)}: update or uninstall that package",
+            hint=f"it is {entry.value} of the package {package}: update or uninstall that package",
         ) from error
     return plugin

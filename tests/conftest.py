@@ -3,11 +3,14 @@
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.compiling import compile_changed_tests
 
 # A busy machine is no bug: nothing here is timed.
 # In CI the same examples every time: a change is judged by what it changed.
@@ -19,14 +22,22 @@ settings.load_profile("ci" if os.environ.get("CI") else "untimed")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Several tests run at a time, as many as there are cores. Set before numpy is imported.
+# Several tests run at a time, as many as there are cores. Set before numpy and OpenCV are imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
 # Imports leave a million objects and no garbage. To search them in each test takes a sixth of the time.
 gc.disable()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile once what as many workers as there are would compile."""
+    many = config.getoption("numprocesses", None) and not hasattr(config, "workerinput")
+    if many and not sys.dont_write_bytecode:
+        compile_changed_tests(config)
 
 
 def pytest_collection_finish() -> None:

@@ -1,6 +1,8 @@
 """Virtual rigs of cameras below one leader, as several tests put them together."""
 
 from collections.abc import Sequence
+from copy import deepcopy
+from functools import cache
 from typing import Any
 
 from benchmarks.simulated.changing_clocks import WanderingClock
@@ -15,7 +17,15 @@ LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
 
 
 def ready_rig(specs: Sequence[NodeSpec], *, seed: int, limit_s: int = 30, **options: Any) -> VirtualRig:
-    rig = VirtualRig(specs, seed=seed, **options)
+    return deepcopy(run_until_ready(tuple(specs), seed, limit_s, tuple(options.items())))
+
+
+@cache
+def run_until_ready(
+    specs: tuple[NodeSpec, ...], seed: int, limit_s: int, options: tuple[tuple[str, Any], ...]
+) -> VirtualRig:
+    """The same one for all tests, which copy it."""
+    rig = VirtualRig(specs, seed=seed, **dict(options))
     assert rig.run_until(rig.all_ready, limit_ns=limit_s * S)
     return rig
 

@@ -3,7 +3,10 @@
 import random
 from collections import Counter
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Protocol, TypeVar
 
 from msgspec import structs
 
@@ -182,9 +185,29 @@ class RelayRig:
                 assert abs(pick.residual_ns) <= PERIOD_NS // 2
 
 
-def camera_below_a_relay(**options: int) -> tuple[RelayRig, Camera]:
+class HasTree(Protocol):
+    tree: Tree
+
+
+AnyRig = TypeVar("AnyRig", bound=HasTree)
+
+
+def copy_of(rig: AnyRig) -> AnyRig:
+    """A rig in the same state, which goes on as this one would."""
+    digest = rig.tree._digest
+    return deepcopy(rig, {id(digest): digest.copy()})
+
+
+def camera_below_a_relay(probe_every_ns: int = PROBE_EVERY_NS) -> tuple[RelayRig, Camera]:
     """A camera that is ready below a relay, and would follow the root without it."""
-    rig = RelayRig(**options)
-    camera = rig.camera("cam", rig.relay("relay", ROOT), ROOT)
+    rig = copy_of(run_until_ready(probe_every_ns))
+    return rig, rig.cameras["cam"]
+
+
+@cache
+def run_until_ready(probe_every_ns: int) -> RelayRig:
+    """The same one for all tests, which copy it."""
+    rig = RelayRig(probe_every_ns=probe_every_ns)
+    rig.camera("cam", rig.relay("relay", ROOT), ROOT)
     rig.run_until(rig.all_ready)
-    return rig, camera
+    return rig

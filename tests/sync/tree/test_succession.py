@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable, Iterator
+from functools import cache
 
 import pytest
 
@@ -9,14 +10,17 @@ from benchmarks.simulated.clock_tree import Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.failover import MIN_ANSWERS
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
-from tests.sync.tree.relay_rig import CAMERA, Camera
+from tests.sync.tree.relay_rig import CAMERA, Camera, copy_of
 
 S = 1_000_000_000
+PROBED_S = MIN_ANSWERS + 2.0
+"""Longer than nodes, which probe each second here, probe a better leader before they go back to it."""
 
 
 class StandbyRig:
@@ -133,9 +137,15 @@ class StandbyRig:
         assert within >= 0.75 * 3 * len(self.cameras)
 
 
-def ready_rig(leaders: str = "ab", **options: int) -> StandbyRig:
+def ready_rig(leaders: str = "ab", *, cameras: int = 2, seed: int = 1) -> StandbyRig:
     """A rig that its first leader has led until all are ready."""
-    rig = StandbyRig(leaders, **options)
+    return copy_of(run_until_ready(leaders, cameras, seed))
+
+
+@cache
+def run_until_ready(leaders: str, cameras: int, seed: int) -> StandbyRig:
+    """The same one for all tests, which copy it."""
+    rig = StandbyRig(leaders, cameras, seed)
     rig.until(lambda: rig.all_ready() and rig.leading() == leaders[0])
     rig.until(lambda: all(rig.machines[n].succession.leader == (leaders[0], 0) for n in leaders[1:]))
     for _ in rig.steps(10.0):
@@ -143,7 +153,7 @@ def ready_rig(leaders: str = "ab", **options: int) -> StandbyRig:
     return rig
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2))])
 def test_the_next_standby_leads_without_a_time_step_when_the_leader_is_lost(seed: int) -> None:
     rig = ready_rig(seed=seed)
     first, second = rig.machines["a"], rig.machines["b"]
@@ -172,11 +182,10 @@ def test_the_next_standby_leads_without_a_time_step_when_the_leader_is_lost(seed
 
 def test_a_standby_that_leads_beside_the_leader_takes_no_camera_and_no_burst() -> None:
     """Its program is changed: it leads from the first moment, whatever its rank and whoever leads."""
-    rig = ready_rig(cameras=2)
+    rig = ready_rig()
     liar = rig.machines["b"].succession
     liar._look = lambda now_ns: setattr(liar, "leads", True)  # type: ignore[method-assign]
-    for _ in rig.steps(10.0):
-        # Longer than nodes probe a better leader before they go back to it.
+    for _ in rig.steps(PROBED_S):
         assert all(rig.followed(camera) == "a" for camera in rig.cameras.values())
         rig.check_time()
     assert rig.leading() == "ab"
@@ -198,8 +207,8 @@ def test_a_returned_leader_follows_and_may_lead_again_without_a_time_step() -> N
     rig.until(lambda: rig.all_follow("b"))
     rig.until(rig.all_ready)
     rig.start("a")
-    for _ in rig.steps(10.0):
-        # Longer than nodes probe a better leader before they go back to it: this one only follows.
+    for _ in rig.steps(PROBED_S):
+        # This one only follows.
         assert rig.all_follow("b")
         rig.check_time()
     assert rig.machines["a"].succession.leader == ("b", 0)
@@ -212,7 +221,7 @@ def test_a_returned_leader_follows_and_may_lead_again_without_a_time_step() -> N
 
 
 def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
-    rig = ready_rig(cameras=2)
+    rig = ready_rig()
     far = rig.cameras["cam1"]
     far_receives = far.receive_datagram
     rig.split("ab")
@@ -220,28 +229,28 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
         None if address == ("a", 0) else far_receives(data, address, now_ns)
     )
     rig.until(lambda: rig.leading() == "ab" and rig.followed(far) == "b")
-    for _ in rig.steps(10.0):
+    for _ in rig.steps(PROBED_S):
         rig.check_time()
         assert [rig.followed(camera) for camera in rig.cameras.values()] == ["a", "b"]
     rig.split()
     far.receive_datagram = far_receives
     assert rig.until(lambda: rig.all_follow("a")) < 6.0
     rig.until(rig.all_ready)
-    for _ in rig.steps(10.0):
+    for _ in rig.steps(3.0):
         assert rig.all_follow("a")
     rig.check_burst("a")
 
 
-@pytest.mark.parametrize("frozen_s", [3.0, 15.0])
+@pytest.mark.parametrize("frozen_s", [3.0, 8.0])
 def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: float) -> None:
-    rig = ready_rig(cameras=2)
+    rig = ready_rig()
     rig.freeze("a")
     for _ in rig.steps(frozen_s):
         pass
     assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
     rig.until(rig.all_ready)
     rig.tree.revive("a")
-    for _ in rig.steps(10.0):
+    for _ in rig.steps(PROBED_S):
         rig.check_time()
         assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
     assert rig.leading() == "b"
@@ -276,7 +285,7 @@ def test_of_three_each_waits_for_the_better_ones() -> None:
 
 def test_all_that_start_together_find_one_leader() -> None:
     rig = StandbyRig("abc", cameras=1)
-    led = [rig.leading() for _ in rig.steps(20.0)]
+    led = [rig.leading() for _ in rig.steps(10.0)]
     assert led[-1] == "a"
     assert set(led) == {"", "a"}
 
@@ -289,7 +298,7 @@ def test_what_is_below_a_relay_keeps_the_time_as_well() -> None:
     rig.tree.add("relay", Relay(member, LeaderConfig(0, 0), rng), rng, parents, member)
     below = rig.camera("below", (("relay", 0),))
     rig.until(lambda: below.client.state == "ready")
-    for _ in rig.steps(10.0):
+    for _ in rig.steps(3.0):
         pass
     rig.kill("a")
     rig.until(lambda: rig.all_follow("b") and member.parent == ("b", 0) and member.time.is_member)
@@ -298,7 +307,7 @@ def test_what_is_below_a_relay_keeps_the_time_as_well() -> None:
         pass
     rig.check_burst("b")
     del rig.cameras["below"]
-    for seconds in rig.steps(10.0):
+    for seconds in rig.steps(5.0):
         assert below.client.time_map is not None, seconds
         error_ns, local_ns = rig.error(below, "b")
         assert abs(error_ns) <= below.client.time_map.hard_bound_at(local_ns)

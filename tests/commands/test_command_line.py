@@ -21,6 +21,7 @@ from capture_app.net.server import bind_port
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
+from tests.command_lines import PROGRAMS
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -111,34 +112,49 @@ def test_a_mistyped_name_is_answered_with_the_one_meant(
     assert f"Did you mean '{meant}'?" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("module", "typed", "offered"),
-    [
-        ("capture_app", "capture-app st", {"status"}),
-        ("capture_app", "capture-app ", set(COMMANDS)),
-        ("capture_app", "capture-app panel s", {"show", "sketch"}),
-        ("capture_app", "capture-app leader --align ", {"first-row", "mid-exposure"}),
-        ("reconstruction", "reconstruct mult", {"multiview"}),
-    ],
-)
-def test_the_shell_completes_what_is_typed(module: str, typed: str, offered: set[str]) -> None:
+def completing(typed: str) -> dict[str, str]:
+    """What a shell sets to have this completed."""
     words = typed.split(" ")
     variable = f"_{words[0].replace('-', '_').upper()}_COMPLETE"
-    asked = {variable: "bash_complete", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
+    return {variable: "bash_complete", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
+
+
+def test_the_shell_completes_what_is_typed() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", f"{module}.cli"],
-        env={**os.environ, **asked}, capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "capture_app.cli"],
+        env={**os.environ, **completing("capture-app st")}, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert {line.partition(",")[2] for line in done.stdout.split()} == offered, done.stderr
+    assert done.stdout == "plain,status\n", done.stderr
 
 
-def test_a_table_has_lines_on_a_terminal_only() -> None:
-    command = [sys.executable, "-m", "capture_app.cli", "cameras"]
-    piped = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("capture-app ", set(COMMANDS)),
+        ("capture-app panel s", {"show", "sketch"}),
+        ("capture-app leader --align ", {"first-row", "mid-exposure"}),
+        ("reconstruct mult", {"multiview"}),
+    ],
+)
+def test_commands_and_choices_are_completed(
+    typed: str, offered: set[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in completing(typed).items():
+        monkeypatch.setenv(name, value)
+    program = typed.partition(" ")[0]
+    with pytest.raises(SystemExit):
+        PROGRAMS[program].main([], prog_name=program)
+    assert {line.partition(",")[2] for line in capsys.readouterr().out.split()} == offered
+
+
+def test_a_table_has_lines_on_a_terminal_only(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(("cameras",)) == ExitCode.OK
+    piped = capfd.readouterr().out
     assert piped.splitlines()[0].split() == ["spec", "model", "detail"]
     assert all(line.isprintable() for line in piped.splitlines())
     assert "─" not in piped
     ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "capture_app.cli", "cameras"]
     subprocess.run(command, stdout=theirs, stderr=subprocess.DEVNULL, check=True)
     os.close(theirs)
     seen = os.read(ours, 65536).decode()

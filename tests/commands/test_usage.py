@@ -87,12 +87,16 @@ def test_they_go_before_a_command_too(capsys: pytest.CaptureFixture[str], tmp_pa
 
 
 def test_what_a_program_logs_is_seen_with_verbose_only() -> None:
-    def said(*options: str) -> str:
-        command = [sys.executable, "-m", "capture_app.cli", *options, "sessions", "schema"]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stderr
-
-    assert said() == ""
-    assert "Python 3" in said("-v")
+    program = (
+        "import sys\nfrom capture_app.cli import run\n"
+        "for options in ((), ('-v',)):\n"
+        "    assert run((*options, 'sessions', 'schema')) == 0\n"
+        "    print('END', file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    quiet, verbose, _ = done.stderr.split("END\n")
+    assert quiet == ""
+    assert "Python 3" in verbose
 
 
 def test_a_rigs_log_has_times_in_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

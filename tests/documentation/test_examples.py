@@ -1,8 +1,12 @@
 """The scripts of docs/examples run as they are, from the project's folder."""
 
+import contextlib
+import io
 import re
+import runpy
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,6 +24,20 @@ def run(name: str, *arguments: str | Path) -> str:
     return done.stdout
 
 
+@pytest.fixture
+def run_here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """The same in this process, which has imported what the script imports."""
+
+    def run(name: str, *arguments: str | Path) -> str:
+        monkeypatch.chdir(ROOT)
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            runpy.run_path(str(FOLDER / name), run_name="__main__")
+        return printed.getvalue()
+
+    return run
+
+
 def test_error_bars_of_each_camera_are_drawn(tmp_path: Path) -> None:
     picture = tmp_path / "error_bars.svg"
     run("error_bars.py", picture)
@@ -27,8 +45,8 @@ def test_error_bars_of_each_camera_are_drawn(tmp_path: Path) -> None:
     assert all(f"<!-- {name} -->" in drawn for name in ("cam00", "cam01", "cam04", "cam05", "cam06"))
 
 
-def test_a_moving_point_is_right_only_when_synchronized() -> None:
-    synced, late = run("triangulate_point.py").splitlines()
+def test_a_moving_point_is_right_only_when_synchronized(run_here: Callable[..., str]) -> None:
+    synced, late = run_here("triangulate_point.py").splitlines()
     depth_m, moving = open_session(ROOT / "sample_sessions" / "jumper").frame("cam00", 1).truth()
     x, y, *place = map(float, re.findall(r"-?\d+\.\d*", synced))
     assert moving[round(y), round(x)]
@@ -37,8 +55,10 @@ def test_a_moving_point_is_right_only_when_synchronized() -> None:
     assert place[2] != pytest.approx(float(depth_m[round(y), round(x)]), rel=0.05)
 
 
-def test_a_dataset_has_an_image_and_a_mask_for_each_frame(tmp_path: Path) -> None:
-    assert "5 cameras, 5 instants" in run("masked_dataset.py", tmp_path / "dataset")
+def test_a_dataset_has_an_image_and_a_mask_for_each_frame(
+    run_here: Callable[..., str], tmp_path: Path
+) -> None:
+    assert "5 cameras, 5 instants" in run_here("masked_dataset.py", tmp_path / "dataset")
     assert len(list(tmp_path.rglob("*-mask.png"))) == len(list(tmp_path.rglob("*-image.png"))) == 25
 
 
@@ -51,4 +71,4 @@ def test_each_example_is_tried_and_linked() -> None:
     page, tried = (ROOT / "docs" / "python.md").read_text(), Path(__file__).read_text()
     for path in FOLDER.glob("*.py"):
         assert f"examples/{path.name}" in page
-        assert f'run("{path.name}"' in tried
+        assert re.search(rf'run(_here)?\("{path.name}"', tried)

@@ -3,8 +3,10 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -40,53 +42,80 @@ def package(tmp_path: Path) -> Path:
     return folder
 
 
-def run(package: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "capture_app.cli", "sessions", *arguments],
+@dataclass(frozen=True)
+class Done:
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+PROGRAM = """
+import json, sys
+from capture_app.cli import run
+for line in json.loads(sys.argv[1]):
+    code = run(["sessions", *line])
+    print(code, end="\\0", flush=True)
+    print(end="\\0", file=sys.stderr, flush=True)
+"""
+
+
+def run(package: Path, *lines: tuple[str, ...]) -> list[Done]:
+    """What comes of command lines that one process runs one after the other."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, json.dumps(lines)],
         env={**os.environ, "PYTHONPATH": f"{package}:{ROOT}"},
         capture_output=True,
         text=True,
-        check=False,
+        check=True,
     )
+    printed, said = (text.split("\0")[:-1] for text in (done.stdout, done.stderr))
+    found = []
+    for out, err in zip(printed, said, strict=True):
+        *shown, code = re.split(r"(?<=\n)", out)
+        found.append(Done(int(code), "".join(shown), err))
+    return found
 
 
 def test_a_package_outside_adds_a_format_and_an_importer(make: Make, package: Path, tmp_path: Path) -> None:  # noqa: F811
     session, out = make(), tmp_path / "out"
-    done = run(package, "export", str(session.folder), "--to", "image-index", "--out", str(out))
+    (done,) = run(package, ("export", str(session.folder), "--to", "image-index", "--out", str(out)))
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{out}\n", "")
     index = json.loads((out / "index.json").read_text())
     assert len(index) == len(session.manifest.images)
-    again = run(package, "import", str(out), "--name", "again", "--out", str(tmp_path), "--json")
-    assert again.returncode == 0, again.stderr
+    foreign, wrong = (Path(shutil.copytree(out, tmp_path / name)) for name in ("foreign", "wrong"))
+    (foreign / RECORD).unlink()  # another program does not write it
+    (wrong / RECORD).unlink()
+    (wrong / "index.json").write_text("[3]")
+    recorded, done, bad = run(
+        package,
+        ("import", str(out), "--name", "again", "--out", str(tmp_path), "--json"),
+        ("import", str(foreign), "--name", "index", "--out", str(tmp_path), "--json"),
+        ("import", str(wrong), "--name", "bad", "--out", str(tmp_path)),
+    )
+    assert recorded.returncode == 0, recorded.stderr
     assert Session.open(tmp_path / "again").manifest.burst == session.manifest.burst, "by its record"
-
-    (out / RECORD).unlink()  # another program does not write it
-    done = run(package, "import", str(out), "--name", "index", "--out", str(tmp_path), "--json")
     assert done.returncode == 0, done.stderr
-    assert f"{out} is of Image index" in done.stderr
+    assert f"{foreign} is of Image index" in done.stderr
     images = Session.open(tmp_path / "index").manifest.images
     assert {(one.camera, one.leader_ns, one.sha256) for one in images} == {
         (one.camera, one.leader_ns, one.sha256) for one in session.manifest.images
     }
-    (out / "index.json").write_text("[3]")
-    done = run(package, "import", str(out), "--name", "bad", "--out", str(tmp_path))
-    assert done.returncode == ExitCode.BAD_INPUT
-    assert "is not an image index" in done.stderr
+    assert bad.returncode == ExitCode.BAD_INPUT
+    assert "is not an image index" in bad.stderr
 
 
-@pytest.mark.parametrize("command", ["export", "import"])
-def test_help_lists_it_and_skips_what_is_broken(package: Path, command: str) -> None:
-    done = run(package, command, "--help")
-    assert done.returncode == 0
-    assert "images and index.json with their times" in done.stdout
-    (warning,) = done.stderr.splitlines()
-    assert "no_such_module" in warning
-    assert "'broken' of simulshot." in warning
+def test_help_lists_it_and_skips_what_is_broken(package: Path) -> None:
+    for done in run(package, ("export", "--help"), ("import", "--help")):
+        assert done.returncode == 0
+        assert "images and index.json with their times" in done.stdout
+        (warning,) = done.stderr.splitlines()
+        assert "no_such_module" in warning
+        assert "'broken' of simulshot." in warning
 
 
 def test_an_option_of_another_format_is_named(make: Make, package: Path, tmp_path: Path) -> None:  # noqa: F811
     arguments = ("export", str(make().folder), "--to", "image-index", "--out", str(tmp_path / "out"))
-    done = run(package, *arguments, "--points", "cloud.ply")
+    done, mistyped = run(package, (*arguments, "--points", "cloud.ply"), (*arguments, "--pionts=3"))
     assert done.returncode == ExitCode.BAD_INPUT
     assert "image-index takes no --points (it is for colmap, n3dv, nerfstudio)" in done.stderr
-    assert run(package, *arguments, "--pionts=3").returncode == ExitCode.USAGE
+    assert mistyped.returncode == ExitCode.USAGE

@@ -16,6 +16,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
+from tests.written_once import written_once
 
 WIDTH, HEIGHT = 96, 64
 PERIOD_NS = 33_366_701
@@ -136,7 +137,12 @@ Export = Callable[..., ExportedBurst]
 @pytest.fixture
 def make(tmp_path: Path) -> Make:
     """Build a session; keyword arguments change the recipe."""
-    return lambda **changes: build(tmp_path / "sessions", Recipe(**changes))
+
+    def make(**changes: Any) -> Session:
+        recipe, root = Recipe(**changes), tmp_path / "sessions"
+        return written_once(repr(recipe), root / recipe.name, lambda: build(root, recipe))
+
+    return make
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import json
 import zlib
 from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ PERIOD_NS = 33_333_333
 TEXELS = 300
 
 
+@cache
 def texture(seed: int, size: int = 512) -> Array:
     """Noise at many scales with hard-edged spots, uint8 size x size."""
     rng = np.random.default_rng(seed)
@@ -36,7 +38,9 @@ def texture(seed: int, size: int = 512) -> Array:
     for _ in range(60):
         at, radius = rng.integers(0, size, 2), int(rng.integers(4, size // 24))
         cv2.circle(image, (int(at[0]), int(at[1])), radius, float(rng.random()), -1)
-    return (30 + 200 * image).astype(np.uint8)
+    painted = (30 + 200 * image).astype(np.uint8)
+    painted.flags.writeable = False
+    return painted
 
 
 @dataclass

@@ -16,6 +16,7 @@ from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRec
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
+from tests.written_once import written_once
 
 WIDTH, HEIGHT = 16, 12
 INSTANTS = (1_000_000_000, 1_033_000_000, 1_066_000_000)
@@ -112,7 +113,7 @@ def edit_manifest(session: Session, change: Callable[[dict[str, Any]], object]) 
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
     """A complete small session."""
-    return fill(SessionWriter.create(tmp_path, "small"))
+    return written_once("small", tmp_path / "small", lambda: fill(SessionWriter.create(tmp_path, "small")))
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -236,6 +237,11 @@ images = st.builds(
 )
 
 
+@cache
+def schema_in_use() -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(json.loads(session_schema_text()))
+
+
 @settings(max_examples=40)
 @given(st.lists(images, max_size=3), st.text(), st.lists(times, max_size=4))
 def test_any_manifest_survives_the_disk(of: list[ImageRecord], note: str, instants: list[int]) -> None:
@@ -244,4 +250,4 @@ def test_any_manifest_survives_the_disk(of: list[ImageRecord], note: str, instan
     manifest = msgspec.convert(msgspec.to_builtins({**base, "burst": burst, "note": note}), Manifest)
     data = msgspec.json.encode(manifest)
     assert msgspec.json.decode(data, type=Manifest) == manifest
-    jsonschema.Draft202012Validator(json.loads(session_schema_text())).validate(json.loads(data))
+    schema_in_use().validate(json.loads(data))

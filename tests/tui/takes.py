@@ -1,12 +1,14 @@
 """Takes on disk for tests of the screen: each picture has a colour of its own."""
 
+import hashlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from capture_app.session.format.manifest import BurstRecord, CameraRecord
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, ImageRecord, image_path
 from capture_app.session.reading.reader import Session
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 
@@ -41,18 +43,24 @@ def make_take(
         )
         for number in range(cameras)
     ]
+    images = []
     for instant in range(instants):
         for number, camera in enumerate(records):
             residual_ns = spread_ns * number // max(1, cameras - 1) - spread_ns // 2
-            writer.add_image(
-                picture_of(number * instants + instant),
+            picture = picture_of(number * instants + instant)
+            record = ImageRecord(
                 camera=camera.name,
                 instant=instant,
+                path=image_path(camera.name, instant),
                 leader_ns=10**9 + instant * PERIOD_NS + residual_ns,
                 residual_ns=residual_ns,
                 uncertainty_ns=uncertainty_ns,
                 hard_bound_ns=None if uncertainty_ns is None else 61_000,
+                bytes=len(picture),
+                sha256=hashlib.sha256(picture).hexdigest(),
             )
+            images.append(StoredImage(record, picture))
+    assert not any(writer.save(images))
     burst = BurstRecord(
         instants_ns=tuple(10**9 + instant * PERIOD_NS for instant in range(instants)), period_ns=PERIOD_NS
     )

@@ -79,7 +79,7 @@ def test_a_rate_gives_sound_other_times(claps: Path, capsys: pytest.CaptureFixtu
 
 
 def test_sounds_that_share_nothing_align_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for phone, take in zip(PHONES, (Take(claps_s=(2.0, 3.3), seed=5), Take(), Take()), strict=True):
+    for phone, take in zip(PHONES[:2], (Take(claps_s=(2.0, 3.3), seed=5), Take()), strict=True):
         phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5)
     times = imported(
         tmp_path / "rec", "--times", "video", "--start", "60", "--count", "3"
@@ -157,7 +157,7 @@ def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
         still = Phone(phone.name, fps=30, timecode=codes[phone.name])
         still.record(Take(), tmp_path / "rec" / f"{phone.name}.mp4", 3, sound=False)
     for arguments in (["--times", "video"], ["--fps", "30"]):
-        session = imported(tmp_path / "rec", *arguments)
+        session = imported(tmp_path / "rec", *arguments, "--count", "20")
         times = session.manifest.burst.common_times
         assert times is not None
         of = times.cameras["b"]

@@ -32,8 +32,8 @@ def test_a_mute_clip_does_not_cost_the_others_their_alignment(
 ) -> None:
     names = [name for name in "abc" if name != mute]
     for name, phone in zip(names, (A, B), strict=True):
-        phone.record(CLAPS, tmp_path / "in" / f"{name}.mp4", 6)
-    replace(A, seed=9).record(CLAPS, tmp_path / "in" / f"{mute}.mp4", 6, sound=False)
+        replace(phone, fps=15).record(CLAPS, tmp_path / "in" / f"{name}.mp4", 6)
+    replace(A, fps=15, seed=9).record(CLAPS, tmp_path / "in" / f"{mute}.mp4", 6, sound=False)
     session = imported(tmp_path / "in")
     assert [camera.name for camera in session.manifest.cameras] == names
     times = session.manifest.burst.common_times
@@ -47,8 +47,8 @@ def test_a_mute_clip_does_not_cost_the_others_their_alignment(
 
 
 def test_a_count_is_from_where_all_run(tmp_path: Path) -> None:
-    A.record(CLAPS, tmp_path / "in" / "a.mp4", 6)
-    B.record(CLAPS, tmp_path / "in" / "b.mp4", 6)
+    for name, phone in (("a", A), ("b", B)):
+        replace(phone, fps=15).record(CLAPS, tmp_path / "in" / f"{name}.mp4", 6)
     session = imported(tmp_path / "in", "--count", "5")
     assert [len(images) for images in session.images_by_instant()] == [2] * 5
 

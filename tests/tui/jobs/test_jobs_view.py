@@ -135,7 +135,7 @@ async def test_jobs_stand_still_while_a_burst_is_taken(root: Path, tmp_path: Pat
         await until(pilot, lambda: "✔ done" in text(pilot))
 
 
-@pytest.mark.parametrize("size", [(80, 24), (200, 50)])
+@pytest.mark.parametrize("size", [(80, 24), (150, 24)])
 async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int]) -> None:
     add_comparison(root, "take")
     async with jobs_mode(root, size) as pilot:

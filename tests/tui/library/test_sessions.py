@@ -17,7 +17,6 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.library.sessions_view import LOOK_AGAIN_S
 from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
@@ -25,6 +24,8 @@ from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import settle, toasts, until
 from tests.tui.library.screen import choose, library, looks, names, rows, text, type_text, view
 from tests.tui.takes import make_take
+
+LOOK_AGAIN_S = 0.3
 
 
 @pytest.mark.slow
@@ -52,6 +53,7 @@ async def test_a_folder_that_takes_longer_to_read_than_until_the_next_look_is_sh
         at_once[id(listing)] -= 1
         return read(listing)
 
+    monkeypatch.setattr("capture_app.tui.library.sessions_view.LOOK_AGAIN_S", LOOK_AGAIN_S)
     monkeypatch.setattr(SessionListing, "read", read_slowly)
     async with library(sessions) as pilot:
         assert set(names(pilot)) == {"one", "two", "three"}

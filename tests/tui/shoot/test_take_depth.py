@@ -4,6 +4,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.tui.jobs import run
@@ -13,11 +15,11 @@ from tests.tui.driving import make_app, toasts, until
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
 CHILD = """
-import json, sys, time
+import json, shutil, sys, time
 from pathlib import Path
-import cv2, numpy as np
 words = sys.argv[1:]
 how = Path(__file__).with_name("how")
+picture = how.with_name("picture.png")
 while how.read_text() == "wait":
     time.sleep(0.01)
 if how.read_text() == "refuse":
@@ -26,11 +28,11 @@ if how.read_text() == "refuse":
 out = Path(words[words.index("--out") + 1])
 if how.read_text() == "pair":
     out.mkdir()
-    cv2.imwrite(str(out / "pair.png"), np.full((48, 64, 3), 200, np.uint8))
+    shutil.copy(picture, out / "pair.png")
     while how.read_text() == "pair":
         time.sleep(0.01)
 (out / "depth").mkdir(parents=True)
-cv2.imwrite(str(out / "depth" / "cam01.png"), np.full((48, 64, 3), 90, np.uint8))
+shutil.copy(picture, out / "depth" / "cam01.png")
 views = [{"camera": "cam01", "picture": "depth/cam01.png", "coverage": 0.9}]
 found = {"views": views, "reference": "cam01", "fused_points": 12345, "moving_measured": 0.94}
 (out / "multiview.json").write_text(json.dumps(found))
@@ -43,6 +45,7 @@ print("1 depth map, 12,345 points in 0.1 s; 94 % of moving pixels have depth")
 def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Studio:
     """A screen that makes depth after takes, by a program that stands in for `reconstruct multiview`."""
     (tmp_path / "depth_of_a_take.py").write_text(CHILD)
+    cv2.imwrite(str(tmp_path / "picture.png"), np.full((48, 64, 3), 200, np.uint8))
     (tmp_path / "how").write_text("")
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{Path.cwd()}")
     quick = replace(MOMENT, module="depth_of_a_take")

@@ -1,5 +1,6 @@
-"""A screen that shows one picture and ends, for a test that is its terminal."""
+"""Screens that show one picture and end, one after the other, for a test that is their terminal."""
 
+import os
 import sys
 from typing import Any
 
@@ -8,6 +9,8 @@ from textual.app import App, ComposeResult
 from textual.pilot import Pilot
 
 from capture_app.tui.widgets.picture import Picture, SharpTerminal, find_sharp_terminal
+
+END = b"<END>"
 
 
 class PictureApp(App[None]):
@@ -32,5 +35,15 @@ async def leave_when_drawn(pilot: Pilot[Any]) -> None:
     pilot.app.exit()
 
 
+def show(choice: str) -> None:
+    """Run a screen in a process of its own: a terminal is asked once in a process."""
+    if not (child := os.fork()):
+        PictureApp(find_sharp_terminal(choice)).run(auto_pilot=leave_when_drawn)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+    os.write(1, END)
+
+
 if __name__ == "__main__":
-    PictureApp(find_sharp_terminal(sys.argv[1])).run(auto_pilot=leave_when_drawn)
+    for choice in sys.argv[1:]:
+        show(choice)

@@ -68,7 +68,7 @@ async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None
         await pilot.press("right", "right", "left", "down", "enter")
         await pilot.pause()
         assert looked_at(app) == ("cam01", 1)
-        await pilot.press("escape", *["up"] * 9, *["right"] * 9, "enter")
+        await pilot.press("escape", *["up"] * 3, *["right"] * 5, "enter")
         await pilot.pause()
         assert looked_at(app) == ("cam06", 0)
         await pilot.press("left", "escape")

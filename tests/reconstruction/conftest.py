@@ -64,22 +64,29 @@ class Scene:
         """Grey image (uint8), depth along the view's axis in `unit`s and movers at a time in periods."""
         rays = view.rays(view.grid())
         centre = view.centre / unit
-        world = rays @ view.rotation
+        across, down, away = np.ascontiguousarray((rays @ view.rotation).T)
         image = np.zeros(len(rays), np.float32)
         depth = np.full(len(rays), np.inf)
         movers = np.zeros(len(rays), bool)
         shape = (view.height, view.width)
         for board in self.boards:
-            reach = (board.z - centre[2]) / world[:, 2]
-            at = centre[:2] + reach[:, None] * world[:, :2]
-            at = at - (board.path(time) if board.path else (0.0, 0.0))
+            reach = (board.z - centre[2]) / away
+            path = board.path(time) if board.path else (0.0, 0.0)
+            x, y = (centre[k] + reach * ray - path[k] for k, ray in enumerate((across, down)))
             left, top, right, bottom = board.box
-            hit = (reach > 0) & (reach < depth) & (at[:, 0] > left) & (at[:, 0] < right)
-            hit &= (at[:, 1] > top) & (at[:, 1] < bottom)
-            where = np.mod((at * TEXELS).astype(np.float32), board.paint.shape[0] - 1)
-            xs, ys = where.T.reshape(2, *shape)
-            colour = cv2.remap(board.paint, xs, ys, cv2.INTER_LINEAR).ravel()
-            image[hit], depth[hit], movers[hit] = colour[hit], reach[hit], board.path is not None
+            hit = (reach > 0) & (reach < depth) & (x > left) & (x < right) & (y > top) & (y < bottom)
+            # Only the rows that see the board are painted, which takes most of the time.
+            if not (rows := np.flatnonzero(hit.reshape(shape).any(axis=1))).size:
+                continue
+            part = slice(rows[0] * view.width, (rows[-1] + 1) * view.width)
+            hit = hit[part]
+            xs, ys = (
+                np.mod((one[part] * TEXELS).astype(np.float32), board.paint.shape[0] - 1) for one in (x, y)
+            )
+            width = -1, view.width
+            colour = cv2.remap(board.paint, xs.reshape(width), ys.reshape(width), cv2.INTER_LINEAR).ravel()
+            image[part][hit], depth[part][hit] = colour[hit], reach[part][hit]
+            movers[part][hit] = board.path is not None
         # Noise of this camera at this time, whatever other tests have looked at before.
         seed = zlib.crc32(view.rotation.tobytes() + view.translation.tobytes() + np.float64(time).tobytes())
         image += np.random.default_rng(seed).normal(0, self.noise, len(rays)).astype(np.float32)

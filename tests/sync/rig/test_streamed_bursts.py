@@ -8,8 +8,8 @@ from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig
 
-FRAMES = 300
-"""Five times what the ring buffer holds."""
+FRAMES = 150
+"""Two and a half times what the ring buffer holds."""
 
 
 def rig_of_two(drop_fraction: float = 0.0) -> VirtualRig:

@@ -150,7 +150,7 @@ def run_trial(seed: str, tolerance_ns: int | None) -> RigTrial:
 
     def all_synced() -> bool:
         for name, node in rig.nodes.items():
-            if name not in synced_s and node.client.time.timekeeper.synced:
+            if name not in synced_s and node.client.timekeeper.synced:
                 synced_s[name] = rig.now_true_ns / 1e9
         return len(synced_s) == PHONES
 

@@ -163,7 +163,7 @@ class VirtualRig:
         )
         client: Client[SensorFrame] = Client(config, rng, spec.schedule())
         if spec.any_clock:
-            client.time.timekeeper.target = AccuracyTarget()
+            client.timekeeper.target = AccuracyTarget()
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, spec.link.open())
         node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node

@@ -18,7 +18,7 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     assert not node.sealed.keys.missing
     rig.run(600)
     assert rig.joined == ["a"]
-    assert node.client.time.is_member
+    assert node.client.is_member
 
 
 def test_what_a_leader_could_not_open_is_sent_again_with_the_new_key() -> None:
@@ -72,4 +72,4 @@ def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None
     assert answered_version(answer, b"12345678") == VERSION
     newer = answer[:2] + bytes([VERSION + 1]) + answer[3:]
     rig.deliver(newer, LEADER, rig.nodes["a"].address)
-    assert f"version {VERSION + 1}" in rig.nodes["a"].client.time.why_joining
+    assert f"version {VERSION + 1}" in rig.nodes["a"].client.why_joining

@@ -70,16 +70,16 @@ def state(rig: SealedRig) -> object:
         rig.engine.next_timer(),
     ]
     for node in rig.nodes.values():
-        time, keeper = node.client.time, node.client.time.timekeeper
-        leader += [node.client.report(rig.now_ns), node.client.next_timer(), node.client.has_burst_pending]
-        leader += [time.number, time.followed, keeper.time_map, keeper.clock.samples, len(keeper.outstanding)]
+        client, keeper = node.client, node.client.timekeeper
+        leader += [client.report(rig.now_ns), client.next_timer(), client.has_burst_pending, client.number]
+        leader += [client.followed, keeper.time_map, keeper.clock.samples, len(keeper.outstanding)]
     return leader
 
 
 def numbers(rig: SealedRig, name: str) -> tuple[int, int, str]:
     client = rig.nodes[name].client
-    assert client.time.number is not None
-    return client.time.number, client.config.instance, name
+    assert client.number is not None
+    return client.number, client.config.instance, name
 
 
 def test_a_sealed_rig_joins_keeps_time_and_takes_bursts() -> None:

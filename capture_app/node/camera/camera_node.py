@@ -118,7 +118,7 @@ class CameraNode:
         self._keys = KeyRequester(
             None if self._sealed is None else self._sealed.keys,
             KeyRequest(name=options.name, instance=instance),
-            self._engine.time,
+            self._engine,
             options.trust,
             self._pump,
         )
@@ -142,7 +142,7 @@ class CameraNode:
                         self._camera.controls.run(),
                         self._uploader.run(),
                         self._viewfinder.run(),
-                        watch.run(self._engine.time),
+                        watch.run(self._engine),
                     ):
                         tasks.create_task(work)
         finally:
@@ -163,7 +163,7 @@ class CameraNode:
         if self._is_leaving:
             return
         self._camera.collect_commands()
-        self._engine.note_host_slewing(self._host_rate.slewing_ppm(self._clock.now_ns()))
+        self._engine.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
@@ -194,12 +194,12 @@ class CameraNode:
             self._uploader.cancel_burst(event.leader, event.burst)
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
-            assert self._engine.time.followed is not None, "it has joined"
-            self._uploader.set_leader(leader, self._engine.time.followed.path[0])
+            assert self._engine.followed is not None, "it has joined"
+            self._uploader.set_leader(leader, self._engine.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
-            link = link_key(self.options.name, leader.host)
-            self._engine.set_path_asymmetry(self.options.profiles.read(link).asymmetry)
+            link = self.options.profiles.read(link_key(self.options.name, leader.host))
+            self._engine.timekeeper.clock.asymmetry = link.asymmetry
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})

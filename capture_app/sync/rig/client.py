@@ -15,7 +15,6 @@ from msgspec import structs
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
-from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
@@ -28,7 +27,6 @@ from capture_app.sync.rig.events import (
     ClientEvent,
     ForeignTrigger,
     FramesDropped,
-    Joined,
     PhaseCorrected,
 )
 from capture_app.sync.rig.frame_selection import (
@@ -44,7 +42,8 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck
+from capture_app.sync.wire.codec import Message
+from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck, Welcome
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
@@ -89,11 +88,11 @@ class ClientConfig:
         return AccuracyTarget(first_ns, self.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
 
 
-class Client(Generic[F]):
+class Client(TimeClient, Generic[F]):
     """Camera side of the protocol; `F` is the node's type of a frame.
 
-    The caller passes in datagrams, frames and time (`now_ns`, the node's own clock), and takes out datagrams,
-    camera commands and events. No input from the network raises.
+    In addition to a `TimeClient`, the caller passes in frames, and takes out camera commands and every
+    `ClientEvent[F]`.
     """
 
     def __init__(
@@ -108,6 +107,12 @@ class Client(Generic[F]):
 
         Every exchange with the leader is appended to `samples`.
         """
+        super().__init__(
+            config.name,
+            config.instance,
+            Timekeeper(rng.getrandbits(32), schedule, samples=samples, target=config.accuracy_target()),
+            config.camera,
+        )
         self.config = config
         self.aligner = Aligner(
             config.camera, tolerance_ns=config.phase_tolerance_ns, rng=rng, profile=config.injection_profile
@@ -118,19 +123,6 @@ class Client(Generic[F]):
         self._reported = self._answered = False
         """Whether the current phase was reported to the leader, and whether the leader has answered since."""
         self._commands: deque[CameraCommand] = deque()
-        self.time = TimeClient(
-            config.name,
-            config.instance,
-            Timekeeper(
-                rng.getrandbits(32),
-                schedule,
-                samples=samples,
-                target=config.accuracy_target(),
-            ),
-            config.camera,
-            report=self._report_to_leader,
-        )
-        """Membership and clock of this client."""
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
         self.foreign_triggers = 0
@@ -140,31 +132,18 @@ class Client(Generic[F]):
         self._bursts: PendingBursts[F] = PendingBursts()
         self._events: deque[ClientEvent[F]] = deque()
 
-    def update_camera(self, camera: CameraFacts) -> None:
-        """Update the camera's facts, such as a changed exposure; the alignment follows."""
-        self.config = replace(self.config, camera=camera)
-        self.time.introduce_again(camera)
-
-    def set_path_asymmetry(self, known: PathAsymmetry | None) -> None:
-        """Set the known asymmetry of the path to the followed leader; None: unknown."""
-        self.time.timekeeper.clock.asymmetry = known
-
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add an asymmetry that was measured on top of the path's known one; return the sum.
 
         The measurement is of the clock's error, so its uncertainty includes that of the clock.
         """
-        clock = self.time.timekeeper.clock
+        clock = self.timekeeper.clock
         clock.asymmetry = replace(
             measured,
             late_ns=measured.late_ns + clock.late_ns,
             uncertainty_ns=hypot(measured.uncertainty_ns, clock.chance_ns),
         )
         return clock.asymmetry
-
-    def note_host_slewing(self, slewing_ppm: float | None) -> None:
-        """Set the rate at which the host currently slews its own clock, in ppm; None if unknown."""
-        self.time.timekeeper.rate.host_slewing_ppm = slewing_ppm
 
     # What the outside sees
 
@@ -173,23 +152,18 @@ class Client(Generic[F]):
         """State of this client: joining, syncing, aligning, degraded, ready or failed."""
         if self.failure:
             return NodeState.FAILED
-        state = self.time.state
+        state = super().state
         if state is not NodeState.READY:
             return state
         if not self._is_aligned:
             return NodeState.ALIGNING
-        fine = self.time.timekeeper.target.met and not self.aligner.window.degradation
+        fine = self.timekeeper.target.met and not self.aligner.window.degradation
         return state if fine else NodeState.DEGRADED
-
-    @property
-    def time_map(self) -> TimeMap | None:
-        """Newest estimate of the leader's clock."""
-        return self.time.time_map
 
     def phase(self, local_ns: int) -> PhaseEstimate | None:
         """Return the stream's phase error and drift at a local time in ns; None while unknown."""
         grid = self._grid
-        if not self.time.is_member or grid is None or self.time_map is None:
+        if not self.is_member or grid is None or self.time_map is None:
             return None
         at_leader_ns = self.time_map.leader_from_local(local_ns)
         return self.aligner.estimate(self.time_map, grid.grid_of_stamps, at_leader_ns)
@@ -200,7 +174,7 @@ class Client(Generic[F]):
         By the current map; None while that or the grid is unknown.
         """
         grid = self._grid
-        if not self.time.is_member or grid is None or self.time_map is None:
+        if not self.is_member or grid is None or self.time_map is None:
             return None
         stamps, leader_ns = grid.grid_of_stamps, self.time_map.leader_from_local(stamp_ns)
         return stamps.index_of(leader_ns), grid.rig_grid, stamps.phase_error(leader_ns)
@@ -212,13 +186,13 @@ class Client(Generic[F]):
 
     def report(self, now_ns: int) -> Report:
         """Return the report of this client for its leader."""
-        grid = self._grid if self.time.is_member else None
+        grid = self._grid if self.is_member else None
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
-        known = self.failure or self.aligner.problem or self.time.why_joining or holdover
+        known = self.failure or self.aligner.problem or self.why_joining or holdover
         state = status_text.of_state(
             self.state,
-            self.time.timekeeper,
+            self.timekeeper,
             self.aligner,
             phase,
             now_ns,
@@ -226,7 +200,7 @@ class Client(Generic[F]):
             waits=grid is not None and self._waits_for_others(grid),
         )
         report = structs.replace(
-            self.time.timekeeper.report(self.state, known or state or why_no_centre, now_ns),
+            self.timekeeper.report(self.state, known or state or why_no_centre, now_ns),
             corrections=self.aligner.corrections,
             frames=self.aligner.phase.frames,
             drops=self.aligner.phase.drops,
@@ -247,7 +221,7 @@ class Client(Generic[F]):
     @property
     def leader_in_holdover(self) -> bool:
         """Whether the leader is a relay in holdover: it keeps the time, but forwards no bursts."""
-        return self.time.is_member and self.time.followed is not None and self.time.followed.in_holdover
+        return self.is_member and self.followed is not None and self.followed.in_holdover
 
     @property
     def can_change_leader(self) -> bool:
@@ -256,19 +230,15 @@ class Client(Generic[F]):
 
     # In
 
-    def receive_datagram(self, data: bytes, now_ns: int) -> None:
-        """Process a datagram that arrived at `now_ns`, stamped as close to the socket as possible."""
-        message = self.time.decode(data)
-        if message is None:
-            return
-        self.time.receive_message(message, now_ns)
-        self._note_events()
+    def receive_message(self, message: Message, now_ns: int) -> None:
+        """Process a message of the leader that arrived at `now_ns`."""
+        super().receive_message(message, now_ns)
         match message:
-            case HeartbeatAck() if self.time.is_addressed(message) and self._reported and not self._answered:
+            case HeartbeatAck() if self.is_addressed(message) and self._reported and not self._answered:
                 # The leader's grid takes this phase into account from now on, so the stream may be moved.
                 self._answered = True
                 self._align(now_ns)
-            case Trigger() if self.time.is_addressed(message):
+            case Trigger() if self.is_addressed(message):
                 if message.leader == self._root:
                     self._take_trigger(message)
                 else:
@@ -292,60 +262,52 @@ class Client(Generic[F]):
     def fail(self, reason: str) -> None:
         """Note that the camera failed; an empty reason means that it works again."""
         if bool(reason) != bool(self.failure):
-            self.time.report_at_once()
+            self.report_at_once()
         self.failure = reason
+
+    def follow(self, welcome: Welcome, now_ns: int) -> bool:
+        """Become a member of the leader that sent this welcome; return False if it cannot be followed."""
+        is_followed = super().follow(welcome, now_ns)
+        if is_followed:
+            # Another leader does not know the phase yet.
+            self._reported = self._answered = False
+            if welcome.config.path[0] != self._root:
+                # Bursts belong to the root and use its time: another relay of the root does not end them.
+                self._events.extend(self._bursts.clear())
+                self._root = welcome.config.path[0]
+        return is_followed
 
     def change_leader(self, reason: str, now_ns: int) -> None:
         """Leave the current leader; the next datagrams are for another one."""
-        self.time.lose(reason, now_ns)
-        self.time.hellos = 0
-        self._note_events()
+        self.lose(reason, now_ns)
+        self.hellos = 0
 
     def forget_burst(self, leader: int, burst: int) -> None:
         """Stop selecting frames of a burst: its leader has what it needs, or has cancelled it."""
         self._bursts.forget(leader, burst)
 
-    def leave(self) -> None:
-        """Send goodbye, as this client is about to stop."""
-        self.time.leave()
-
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
-        self.time.handle_timer(now_ns)
-        self._note_events()
+        super().handle_timer(now_ns)
         self._finish_bursts(now_ns)
 
     # Out
 
-    def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` is due."""
-        return self.time.next_timer()
-
-    def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-        """Return the datagrams for the leader; send at once, as a time request carries `now_ns`."""
-        return self.time.datagrams_to_send(now_ns)
-
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, or None."""
         return self._commands.popleft() if self._commands else None
-
-    def next_event(self) -> "ClientEvent[F] | None":
-        """Return the next event, or None."""
-        return self._events.popleft() if self._events else None
 
     # The parts
 
     @property
     def _grid(self) -> CameraGrid | None:
         """Grid of the current leader, or of the last one, whose bursts may still be pending."""
-        config = self.time.followed
-        return (
-            None if config is None else CameraGrid.of_camera(self.config.camera, config, self.aligner.phase)
-        )
+        config = self.followed
+        return None if config is None else CameraGrid.of_camera(self.camera, config, self.aligner.phase)
 
     @property
     def _can_move(self) -> bool:
-        return self.config.camera.phase_control != PhaseControl.NONE
+        return self.camera.phase_control != PhaseControl.NONE
 
     @property
     def _is_aligned(self) -> bool:
@@ -357,33 +319,22 @@ class Client(Generic[F]):
 
     def _waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
-        if self.config.camera.phase_control != PhaseControl.RESET:
+        if self.camera.phase_control != PhaseControl.RESET:
             return False
         return not self._answered or grid.common_instant_leader_ns is None
 
     def _report_to_leader(self, now_ns: int) -> Report:
         self._reported = self.aligner.settled
-        return self.report(now_ns)
-
-    def _note_events(self) -> None:
-        while (event := self.time.next_event()) is not None:
-            self._events.append(event)
-            if isinstance(event, Joined) and self.time.followed is not None:
-                # Another leader does not know the phase yet.
-                self._reported = self._answered = False
-                if self.time.followed.path[0] != self._root:
-                    # Bursts belong to the root and use its time: another relay of the same root does not end
-                    # them.
-                    self._events.extend(self._bursts.clear())
-                    self._root = self.time.followed.path[0]
+        return super()._report_to_leader(now_ns)
 
     def _align(self, now_ns: int) -> None:
         """Queue the command that the stream needs, and report to the leader at once where it matters."""
         grid, time_map, aligner = self._grid, self.time_map, self.aligner
-        if grid is None or time_map is None or self.time.state is not NodeState.READY:
+        if grid is None or time_map is None or super().state is not NodeState.READY:
             aligner.window.clear()
             return
-        was_aligned, before, corrections = self._is_aligned, self.phase(now_ns), aligner.corrections
+        was_aligned, corrections = self._is_aligned, aligner.corrections
+        before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
         aligner.complete_command(now_ns)
         if not aligner.settled:
             self._reported = self._answered = False
@@ -408,7 +359,7 @@ class Client(Generic[F]):
             if aligner.problem:
                 self._events.append(AlignmentFailed(aligner.problem))
         if is_news or was_aligned is not self._is_aligned:
-            self.time.report_at_once()
+            self.report_at_once()
 
     def _note_foreign_trigger(self, trigger: Trigger) -> None:
         """Ignore a trigger of a leader that is not followed, and report the first of each such leader."""
@@ -425,20 +376,18 @@ class Client(Generic[F]):
             self._events.append(BurstCancelled(trigger.leader, trigger.burst))
         elif self.failure:
             refusal = self.failure
-        elif not self.time.timekeeper.time_is_known:
+        elif not self.timekeeper.time_is_known:
             refusal = "its clock is not synchronized yet"
         elif not is_possible_burst(trigger.count, trigger.step_ns, streamed=trigger.streamed):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
             self._bursts.add(trigger)
-        self.time.send(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
+        self.send(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None:
             return
         self._events.extend(
-            self._bursts.select_due(
-                self.ring, self.aligner, grid, time_map, now_ns, is_member=self.time.is_member
-            )
+            self._bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
         )

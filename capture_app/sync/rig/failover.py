@@ -137,7 +137,7 @@ class Failover:
     ) -> None:
         """Create a failover among `leaders`, preferred first, which must lead to the same root."""
         self._client, self._leaders = client, leaders
-        self._choice = LeaderChoice(leaders, client.time, probe_every_ns)
+        self._choice = LeaderChoice(leaders, client, probe_every_ns)
 
     @property
     def leader(self) -> Address:
@@ -149,7 +149,7 @@ class Failover:
         if address == self.leader:
             self._client.receive_datagram(data, now_ns)
             self._choice.update(now_ns)
-        elif address in self._leaders and answers_probe(self._client.time.decode(data)):
+        elif address in self._leaders and answers_probe(self._client.decode(data)):
             self._choice.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:

@@ -2,7 +2,7 @@
 
 import random
 from collections import deque
-from collections.abc import Callable
+from typing import Any
 
 from msgspec import structs
 
@@ -71,12 +71,8 @@ class TimeClient:
         *,
         heartbeat_every_ns: int = HEARTBEAT_EVERY_NS,
         silent_ns: int = LEADER_SILENT_NS,
-        report: Callable[[int], Report] | None = None,
     ) -> None:
-        """A leader that has been silent for `silent_ns` counts as lost.
-
-        `report` returns this node's report at a local time in ns; it replaces `self.report`.
-        """
+        """A leader that has been silent for `silent_ns` counts as lost."""
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
         self.malformed = 0
@@ -91,12 +87,11 @@ class TimeClient:
         self.unanswered = 0
         """Number of hellos since a leader last answered one."""
         self._rng = random.Random(instance)
-        self._report = report or self.report
         self._heartbeat_every_ns, self._silent_ns = heartbeat_every_ns, silent_ns
         self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
         self._hello_due_ns = AT_ONCE_NS
         self._outbox: deque[ControlMessage] = deque()
-        self._events: deque[TimeClientEvent] = deque(maxlen=MAX_EVENTS)
+        self._events: deque[Any] = deque(maxlen=MAX_EVENTS)
 
     # What the outside sees
 
@@ -233,7 +228,7 @@ class TimeClient:
         self.timekeeper.handle_timer(now_ns)
         self._note_clock()
         if now_ns >= self._heartbeat_due_ns:
-            self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
+            self._outbox.append(Heartbeat(self.number, self._report_to_leader(now_ns)))
             self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
 
     # Out
@@ -253,12 +248,12 @@ class TimeClient:
             datagrams.append(encode(self._outbox.popleft()))
         return datagrams
 
-    def next_event(self) -> TimeClientEvent | None:
-        """Return the next event, or None."""
+    def next_event(self) -> Any:
+        """Return the next event, a `TimeClientEvent`, or None."""
         return self._events.popleft() if self._events else None
 
-    def introduce_again(self, camera: CameraFacts) -> None:
-        """Send the leader the updated facts of this node's camera."""
+    def update_camera(self, camera: CameraFacts) -> None:
+        """Update the facts of this node's camera, such as a changed exposure, and send them to the leader."""
         self.camera = camera
         if self.is_member:
             self._outbox.append(self.hello())
@@ -272,6 +267,9 @@ class TimeClient:
         return Hello(self.name, self.instance, camera)
 
     # The parts
+
+    def _report_to_leader(self, now_ns: int) -> Report:
+        return self.report(now_ns)
 
     def _objection(self, config: RigConfigMessage) -> str:
         """Return why a leader with this configuration cannot be followed; empty if it can.

@@ -376,8 +376,8 @@ def test_a_measured_path_holds_its_error_bar_which_does_not_grow_when_it_is_meas
         link = Link(offset_ns=HOUR_NS, skew_ppm=rng.gauss(0.0, 20.0), epoch_ns=0)
         for run in range(3):
             client: Client[None] = Client(ClientConfig("a", 1, CLOCK, 1_000_000), rng)
-            client.set_path_asymmetry(known)
-            clock, begin_ns = client.time.timekeeper.clock, run * 100 * S
+            client.timekeeper.clock.asymmetry = known
+            clock, begin_ns = client.timekeeper.clock, run * 100 * S
             for i in range(500):
                 there, back = (least + rng.gammavariate(2, 500_000) for least in least_ns)
                 clock.add(link.exchange(begin_ns + i * 10 * MS, int(there), int(back)))

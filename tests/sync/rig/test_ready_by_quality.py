@@ -63,7 +63,7 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
     assert report(rig, "near").state is NodeState.READY
     assert report(rig, "near").message == ""
     rig.run_for(5 * S)
-    keepers = {name: node.client.time.timekeeper for name, node in rig.nodes.items()}
+    keepers = {name: node.client.timekeeper for name, node in rig.nodes.items()}
     before = {name: keeper.requests for name, keeper in keepers.items()}
     rig.run_for(2 * S)
     asked = {name: keeper.requests - before[name] for name, keeper in keepers.items()}
@@ -106,7 +106,7 @@ def test_the_same_link_is_good_enough_for_who_asks_for_less() -> None:
 def test_a_burst_is_taken_while_a_node_still_asks_on() -> None:
     rig = VirtualRig([spec("far", BURSTY, 100_000)], seed=2)
     rig.run_for(S)
-    keeper = rig.nodes["far"].client.time.timekeeper
+    keeper = rig.nodes["far"].client.timekeeper
     assert rig.run_until(lambda: keeper.time_is_known, limit_ns=10 * S)
     assert in_state(rig, "far", NodeState.SYNCING)
     burst = rig.trigger(frames=1)

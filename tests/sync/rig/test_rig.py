@@ -235,7 +235,7 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
     rig = VirtualRig(specs(1, "perfect", link=link), seed=seed)
     rig.run_for(S)
     node = rig.nodes["cam00"]
-    client = node.client.time.number or 0
+    client = node.client.number or 0
     instance = node.client.config.instance
     for kind, *fields in forged:
         more: Any = fields

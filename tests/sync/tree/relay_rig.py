@@ -142,7 +142,7 @@ class RelayRig:
         return {view.name: view for view in self.tree.root.roster.by_name()}
 
     def hard_bound_now_ns(self, name: str) -> float:
-        client = self.cameras[name].client.time if name in self.cameras else self.relays[name].member.time
+        client = self.cameras[name].client if name in self.cameras else self.relays[name].member.time
         assert client.time_map is not None
         now_ns = self.tree.nodes[name, 0].clock.local_from_true(self.tree.now_true_ns)
         return client.time_map.hard_bound_at(now_ns)

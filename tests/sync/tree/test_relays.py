@@ -56,7 +56,7 @@ def test_two_cameras_of_one_name_are_distinguished_anywhere_in_the_tree() -> Non
     rig.run_until(lambda: first.client.state is NodeState.READY)
     second = rig.camera("cam", two, at="other")
     rig.run(4.0)
-    assert first.client.time.is_member
+    assert first.client.is_member
     (said,) = (event for event in first.events if isinstance(event, LeaderNotice) and event.what == "said")
     assert "another camera below two wants to be cam" in said.text
     assert second.client.state is NodeState.JOINING
@@ -169,8 +169,8 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
 def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> None:
     rig, camera = camera_below_a_relay()
     assert rig.views()["cam"].via == "relay", "it had the patience to wait until the relay knew the time"
-    camera.client.time.hellos = 10
-    camera.client.time.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
+    camera.client.hellos = 10
+    camera.client.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.run(5.0)
     assert NodeChanged("cam", "moved") in rig.events

@@ -69,7 +69,7 @@ class StandbyRig:
         """The machine that a camera follows; empty where it follows none that is alive."""
         name = camera.failover.leader[0]
         alive = self.machines[name].leader is not None
-        return name if camera.client.time.is_member and alive else ""
+        return name if camera.client.is_member and alive else ""
 
     def all_follow(self, name: str) -> bool:
         return self.leading() == name and all(self.followed(c) == name for c in self.cameras.values())

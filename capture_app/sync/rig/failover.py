@@ -39,7 +39,8 @@ class LeaderChoice:
         self.due_ns = NEVER_NS
         """Time of the next probes."""
         self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
-        self._current = 0
+        self.leader = leaders[0]
+        """Leader that is followed, or currently asked to join."""
         self._was_member = False
         self._found_by_probes = False
         """Whether the current leader was chosen by probes, not by asking each in turn."""
@@ -50,80 +51,68 @@ class LeaderChoice:
         self._probed: list[Address] = []
         self._back_since_ns: int | None = None
 
-    @property
-    def leader(self) -> Address:
-        """Leader that is followed, or currently asked to join."""
-        return self._leaders[self._current]
-
     def update(self, now_ns: int) -> None:
-        """Note whether the leader is present; switch to the next one when hellos stay unanswered."""
+        """Note whether the leader is present; switch to the next one when hellos stay unanswered.
+
+        After a loss nothing is probed until another leader is joined.
+        """
         if self._time.is_member is not self._was_member:
             self._was_member = self._time.is_member
             if self._was_member:
-                self.leader_joined(now_ns, back=self._found_by_probes)
+                self._note_join(now_ns)
             else:
-                self.leader_lost(self.leader, now_ns)
+                if self._back_since_ns is not None:
+                    needed = self._needed[self.leader]
+                    soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
+                    self._needed[self.leader] = min(2 * needed, MAX_ANSWERS) if soon else MIN_ANSWERS
+                self._probe_from(NEVER_NS)
         if self._time.hellos > HELLOS:
-            self._current = (self._current + 1) % len(self._leaders)
+            self.leader = self._leaders[(self._leaders.index(self.leader) + 1) % len(self._leaders)]
             self._time.hellos = 1
             self._found_by_probes = False
 
-    def probe_if_due(self, now_ns: int) -> Address | None:
-        """Probe preferred leaders if due; return one that has answered often enough, or None."""
-        followed = self._time.followed
-        if now_ns < self.due_ns or followed is None or not self._time.is_member:
-            return None
-        return self.probe(self.leader, now_ns, in_holdover=followed.in_holdover)
-
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was chosen by probes."""
-        self._current = self._leaders.index(leader)
-        self._found_by_probes = True
+        self.leader, self._found_by_probes = leader, True
         if self._time.is_member:
-            self.leader_joined(now_ns, back=True)
+            self._note_join(now_ns)
 
-    def leader_joined(self, now_ns: int, *, back: bool = False) -> None:
-        """Note that a leader admitted this node; `back`: it returned, after answering probes."""
-        self._back_since_ns = now_ns if back else None
-        self._forget()
-        self.due_ns = now_ns if len(self._leaders) > 1 else NEVER_NS
+    def _note_join(self, now_ns: int) -> None:
+        self._back_since_ns = now_ns if self._found_by_probes else None
+        self._probe_from(now_ns if len(self._leaders) > 1 else NEVER_NS)
 
-    def leader_lost(self, leader: Address, now_ns: int) -> None:
-        """Note that a leader was lost; nothing is probed until another one is joined."""
-        if self._back_since_ns is not None:
-            needed = self._needed[leader]
-            soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
-            self._needed[leader] = min(2 * needed, MAX_ANSWERS) if soon else MIN_ANSWERS
-        self._forget()
-        self.due_ns = NEVER_NS
+    def _probe_from(self, due_ns: int) -> None:
+        """Forget all answers, and probe again at a local time in ns."""
+        self.due_ns = due_ns
+        for known in (self._answers, self._answered, self._probed):
+            known.clear()
 
     def note_answer(self, address: Address) -> None:
         """Record that a leader has answered a probe."""
         if address in self._answers:
             self._answered.add(address)
 
-    def probe(self, leader: Address, now_ns: int, *, in_holdover: bool) -> Address | None:
-        """Probe all leaders preferred to the current one; return one that has answered often enough, or None.
+    def probe_if_due(self, now_ns: int) -> Address | None:
+        """Probe all leaders preferred to the current one if due; return one that has answered often enough.
 
         A leader in holdover ranks last, and is left at the first answer of another.
         """
+        followed = self._time.followed
+        if now_ns < self.due_ns or followed is None or not self._time.is_member:
+            return None
         self.due_ns = now_ns + self._probe_every_ns
-        others = tuple(address for address in self._leaders if address != leader)
-        better = others if in_holdover else self._leaders[: self._leaders.index(leader)]
+        others = [address for address in self._leaders if address != self.leader]
+        better = others if followed.in_holdover else self._leaders[: self._leaders.index(self.leader)]
         self._answers = {a: self._answers.get(a, 0) + 1 if a in self._answered else 0 for a in better}
         self._answered.clear()
         self._probed = list(better)
-        return next((a for a in better if self._answers[a] >= (1 if in_holdover else self._needed[a])), None)
+        needed = dict.fromkeys(better, 1) if followed.in_holdover else self._needed
+        return next((a for a in better if self._answers[a] >= needed[a]), None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return the liveness probes that are due, with their destinations."""
         probed, self._probed = self._probed, []
         return [(_PROBE, address) for address in probed]
-
-    def _forget(self) -> None:
-        self._answers.clear()
-        self._answered.clear()
-        self._probed.clear()
 
 
 class Failover:

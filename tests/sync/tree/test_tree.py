@@ -176,27 +176,39 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
     assert all(count <= 3 for count in changes)
 
 
+def join_second(choice: LeaderChoice, client: TimeClient, now_ns: int) -> None:
+    """The first leader does not answer, and the second admits the client."""
+    client.hellos = HELLOS + 1
+    choice.update(now_ns)
+    client.number = 5
+    choice.update(now_ns)
+    assert choice.leader == ("b", 0)
+
+
 @given(ups=st.lists(st.tuples(st.integers(1, 300), st.integers(1, 300)), min_size=1, max_size=40))
 def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[tuple[int, int]]) -> None:
     parents = (("a", 0), ("b", 0))
-    way, now_ns, back = LeaderChoice(parents, TimeClient("me", 1, Timekeeper(1))), 0, 0
-    way.leader_joined(0)
+    client = TimeClient("me", 1, Timekeeper(1))
+    way, now_ns, back = LeaderChoice(parents, client), 0, 0
+    client.followed = RigConfigMessage(leader=7, anchor_leader_ns=0, period_ns=33_333_333)
+    join_second(way, client, now_ns)
     for up_s, down_s in ups:
         for up, seconds in ((True, up_s), (False, down_s)):
             end_ns = now_ns + seconds * S
             following = False
             while way.due_ns <= end_ns and not following:
                 now_ns = way.due_ns
-                found = way.probe(parents[1], now_ns, in_holdover=False)
+                found = way.probe_if_due(now_ns)
                 if up and found is not None:
                     following = True
                 elif up:
                     way.note_answer(parents[0])
             if following:
                 back += 1
-                way.leader_joined(now_ns, back=True)
-                way.leader_lost(parents[0], end_ns)
-                way.leader_joined(end_ns)
+                way.change_to(parents[0], now_ns)
+                client.number = None
+                way.update(end_ns)
+                join_second(way, client, end_ns)
             now_ns = end_ns
     # Each time that it fails soon, it is waited for twice as long.
     total_s = now_ns / S

@@ -13,10 +13,9 @@ from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
     MAX_FRAMES,
-    MAX_STREAMED_FRAMES,
-    MAX_STREAMED_NS,
     Burst,
     burst_instants,
+    burst_limits,
     is_possible_burst,
 )
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
@@ -119,9 +118,7 @@ class Orders:
         if grid is None or not self._cameras(order):
             raise NoCameraHereError("no camera is here", hint="start one: capture-app cameras add SPEC")
         if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
-            max_frames, max_ns = MAX_FRAMES, MAX_BURST_NS
-            if order.streamed:
-                max_frames, max_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
+            max_frames, max_ns = burst_limits(streamed=order.streamed)
             raise BadInputError(
                 f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
                 hint=f"1 to {max_frames} frames, spacing 1 or more, {max_ns // 10**9} s at most",
@@ -149,9 +146,15 @@ class Orders:
             spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
         instants_ns = burst_instants(grid, first_ns, frames + spare, order.spacing)
         number = self._bursts = self._bursts + 1 if order.number is None else order.number
-        names = tuple(member.name for member in cameras)
         burst = Burst(
-            number, instants_ns, grid.period_ns, asked_ns, names, spare, order.streamed, order.video
+            number,
+            instants_ns,
+            grid.period_ns,
+            asked_ns,
+            tuple(member.name for member in cameras),
+            spare,
+            order.streamed,
+            order.video,
         )
         self._open(burst, now_ns, step_ns, len(instants_ns))
         return burst

@@ -165,8 +165,9 @@ class Client(TimeClient, Generic[F]):
         grid = self._grid
         if not self.is_member or grid is None or self.time_map is None:
             return None
-        at_leader_ns = self.time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(self.time_map, grid.grid_of_stamps, at_leader_ns)
+        return self.aligner.estimate(
+            self.time_map, grid.grid_of_stamps, self.time_map.leader_from_local(local_ns)
+        )
 
     def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
         """Return which instant of the rig's grid a frame shows, by its timestamp, and how late it is, in ns.
@@ -249,8 +250,7 @@ class Client(TimeClient, Generic[F]):
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
         """Store the next frame of the stream, which takes `size_bytes` of memory, and select what is due."""
         self.ring.add(stamp.timestamp_ns, frame, size_bytes)
-        dropped = self.aligner.add_frame(stamp)
-        if dropped:
+        if dropped := self.aligner.add_frame(stamp):
             self._events.append(FramesDropped(dropped, stamp.sequence))
         self._finish_bursts(now_ns)
         self._align(now_ns)
@@ -267,8 +267,7 @@ class Client(TimeClient, Generic[F]):
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this welcome; return False if it cannot be followed."""
-        is_followed = super().follow(welcome, now_ns)
-        if is_followed:
+        if is_followed := super().follow(welcome, now_ns):
             # Another leader does not know the phase yet.
             self._reported = self._answered = False
             if welcome.config.path[0] != self._root:

@@ -145,8 +145,7 @@ class Failover:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
         self._client.handle_timer(now_ns)
         self._choice.update(now_ns)
-        better = self._choice.probe_if_due(now_ns)
-        if better is not None and self._client.can_change_leader:
+        if (better := self._choice.probe_if_due(now_ns)) is not None and self._client.can_change_leader:
             self._client.change_leader("a better leader is there", now_ns)
             self._choice.update(now_ns)
             self._choice.change_to(better, now_ns)

@@ -164,9 +164,14 @@ class FramesSelected(Generic[F]):
         return self.over >= self.trigger.count
 
 
+def burst_limits(*, streamed: bool) -> tuple[int, int]:
+    """Return the maximum frames of a burst, and the maximum time from its first to its last, in ns."""
+    return (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+
+
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
     """Whether a burst of that many frames, `step_ns` apart, is within the limits."""
-    max_frames, max_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+    max_frames, max_ns = burst_limits(streamed=streamed)
     return 0 < frames <= max_frames and step_ns > 0 and (frames - 1) * step_ns <= max_ns
 
 
@@ -242,8 +247,7 @@ class CameraGrid:
     ) -> SelectedFrame[F] | Gap:
         """Return the frame nearest to an instant, or a gap if none is within half a period."""
         target_ns = self.target_ns(time_map, at_ns)
-        nearest = ring.nearest(target_ns)
-        if nearest is None:
+        if (nearest := ring.nearest(target_ns)) is None:
             return Gap(instant, "the camera gave no frames")
         stamp_ns, frame = nearest
         pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
@@ -384,8 +388,7 @@ class PendingBursts(Generic[F]):
                     break
                 burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
             if burst.has_events:
-                newest = burst.trigger.streamed or burst.time_map is None
-                by = time_map if newest else burst.time_map or time_map
+                by = time_map if burst.trigger.streamed else burst.time_map or time_map
                 last_ns = grid.target_ns(by, burst.instant_ns(max(0, burst.over - 1)))
                 at_ns = time_map.leader_from_local(last_ns)
                 phase = aligner.estimate(time_map, grid.grid_of_stamps, at_ns) if is_member else None

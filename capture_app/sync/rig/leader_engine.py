@@ -141,8 +141,9 @@ class Leader:
     @property
     def poll_interval_ns(self) -> int:
         """Shortest mean interval of a client's time requests that this leader can serve, in ns; 0: any."""
-        exchanges_per_s = self._rate_fraction * self.config.exchanges_per_s
-        poll_interval_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
+        poll_interval_ns = round(
+            self.roster.pollers * 1e9 / (self._rate_fraction * self.config.exchanges_per_s)
+        )
         return min(MAX_POLL_INTERVAL_NS, poll_interval_ns) if poll_interval_ns > FIRST_INTERVAL_NS else 0
 
     # In
@@ -256,14 +257,13 @@ class Leader:
                 below.setdefault(member.address, []).append(member.number)
         for address, numbers in below.items():
             for i in range(0, len(numbers), MAX_OTHERS):
-                others = tuple(numbers[i + 1 : i + MAX_OTHERS])
-                trigger = structs.replace(trigger, client=numbers[i], others=others)
-                self._outbox.append((encode(trigger), address))
+                client, *others = numbers[i : i + MAX_OTHERS]
+                batch = structs.replace(trigger, client=client, others=tuple(others))
+                self._outbox.append((encode(batch), address))
 
     def report_version(self, data: bytes, address: Address) -> None:
         """Answer a datagram of another protocol version with this leader's version."""
-        answer = version_answer(data)
-        if answer is not None:
+        if (answer := version_answer(data)) is not None:
             self._outbox.append((answer, address))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
@@ -290,8 +290,7 @@ class Leader:
     def _receive_of_member(
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
     ) -> None:
-        member = self._sender(message, address, now_ns, principal)
-        if member is None:
+        if (member := self._sender(message, address, now_ns, principal)) is None:
             return
         match message:
             case TimeRequest():
@@ -300,8 +299,7 @@ class Leader:
                 self._receive_heartbeat(member, message, now_ns)
             case TriggerAck():
                 self._pass_up(member, message, now_ns)
-                answer = self.orders.take_ack(member, message)
-                if answer is not None:
+                if (answer := self.orders.take_ack(member, message)) is not None:
                     self._events.append(answer)
             case Goodbye():
                 self._pass_up(member, message, now_ns)
@@ -311,8 +309,7 @@ class Leader:
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
     ) -> Member | None:
         """Return the sender of a message and note that it is present; None if it is not a member."""
-        member = self.roster.member_by_number(message.client)
-        if member is None:
+        if (member := self.roster.member_by_number(message.client)) is None:
             if isinstance(message, Heartbeat):
                 self._outbox.append((encode(UnknownMember(message.client)), address))
             return None
@@ -371,8 +368,9 @@ class Leader:
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
-        phases = camera_phases(self.roster.immovable.values())
-        return shared.update(phases, now_ns, is_ready=self.roster.is_ready())
+        return shared.update(
+            camera_phases(self.roster.immovable.values()), now_ns, is_ready=self.roster.is_ready()
+        )
 
     def evict(self, member: Member) -> None:
         """Remove a member, present or lost, whose name belongs to another machine."""

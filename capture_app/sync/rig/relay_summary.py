@@ -5,8 +5,6 @@ each member to its parent once and answers member heartbeats itself. Reports tra
 number of messages does not grow with the number of members.
 """
 
-from collections import deque
-
 from msgspec.structs import replace
 
 from capture_app.common.node_state import CLOCK_ONLY
@@ -39,7 +37,11 @@ class RelaySummary:
     def __init__(self, relay: str, max_members: int = MAX_CLIENTS) -> None:
         """Create an empty summary; `relay` is the name of the relay."""
         self._relay, self._max_members = relay, max_members
-        self._has_parent = False
+        self.restart(has_parent=False)
+
+    def restart(self, *, has_parent: bool) -> None:
+        """Reset for another parent, or none: it knows no member yet."""
+        self._has_parent = has_parent
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
         self._introduced: dict[int, Hello] = {}
@@ -55,19 +57,10 @@ class RelaySummary:
         """
         self._reported: dict[int, tuple[str, bool]] = {}
         """State last sent for each member; a change of it is reported at once."""
-        self._report_due_ns = self._acks_due_ns = NEVER_NS
+        self._report_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         self._acks: dict[tuple[int, int, str], list[int]] = {}
         """Numbers at the parent of the members that acknowledged, by leader, burst and refusal."""
-        self._outbox: deque[bytes] = deque()
-
-    def restart(self, *, has_parent: bool) -> None:
-        """Reset for another parent, or none: it knows no member yet."""
-        self._has_parent = has_parent
-        self._report_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
-        for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
-            known.clear()
-        for table in (self._reports, self._lost, self._reported, self._acks):
-            table.clear()
+        self._outbox: list[bytes] = []
 
     @property
     def remembered(self) -> int:
@@ -82,8 +75,7 @@ class RelaySummary:
             encode(self._with_relay(hello))
         except WireError:
             return DESCRIPTION_TOO_LONG
-        reason = self._refused.get(_who(hello), "")
-        if reason:
+        if reason := self._refused.get(_who(hello), ""):
             self.ask(hello)
         return reason
 
@@ -129,8 +121,9 @@ class RelaySummary:
     def _sum_up(self) -> None:
         """Send all changed states, and as many of the other reports as fit into one datagram."""
         # The parent confirms a lost or replaced member by answering that it is unknown.
-        lost = {number: member.report for member, number in self._numbers.values() if member.lost}
-        lost_members = self._lost | lost
+        lost_members = self._lost | {
+            number: member.report for member, number in self._numbers.values() if member.lost
+        }
         reports = self._reports | lost_members
         changed = {
             n: r for n, r in reports.items() if n in lost_members or self._reported.get(n) != _stage(r)
@@ -147,8 +140,7 @@ class RelaySummary:
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return the datagrams for the parent."""
-        datagrams = list(self._outbox)
-        self._outbox.clear()
+        datagrams, self._outbox = self._outbox, []
         return datagrams
 
     # Down
@@ -163,8 +155,7 @@ class RelaySummary:
 
         Return the member here that uses the same name and belongs to another machine, or None.
         """
-        hello = self._introduced.pop(instance, None)
-        if hello is None:
+        if (hello := self._introduced.pop(instance, None)) is None:
             return None
         self._refused.pop(_who(hello), None)
         member = members.get(hello.name)
@@ -177,8 +168,7 @@ class RelaySummary:
 
     def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
         """Note that the parent refused a client; return the member to be dropped, or None."""
-        hello = self._introduced.pop(instance, None)
-        if hello is None:
+        if (hello := self._introduced.pop(instance, None)) is None:
             return None
         if len(self._refused) >= self._max_members:
             self._refused.clear()

@@ -83,8 +83,7 @@ class CurrentConfig:
         machines: dict[str, list[int]] = {}
         for camera in cameras:
             machines.setdefault(camera.machine, []).append(camera.camera.period_ns)
-        best_ns = choose_period(grid.period_ns, machines.values())
-        if best_ns == grid.period_ns:
+        if (best_ns := choose_period(grid.period_ns, machines.values())) == grid.period_ns:
             return False
         self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))
         return True

@@ -206,8 +206,7 @@ class Roster:
         forgotten: list[NodeChanged] = []
         for pin in (hello.pin, ""):
             full = self._is_full(pin) if pin else len(self.members) >= MAX_CLIENTS
-            member = self._first_to_drop(pin) if full else None
-            if member is not None:
+            if full and (member := self._first_to_drop(pin)) is not None:
                 forgotten.append(self.forget(member))
         return forgotten
 
@@ -246,11 +245,19 @@ class Roster:
             self._by_number.pop(known.number, None)
             self._count(known, -1)
         number = self._free_number()
-        report, slot = Report(state=NodeState.JOINING), van_der_corput(self._joins)
         member = Member(
-            hello.name, hello.instance, number, address, hello.camera, report, now_ns, slot, hello.via
+            name=hello.name,
+            instance=hello.instance,
+            number=number,
+            address=address,
+            camera=hello.camera,
+            report=Report(state=NodeState.JOINING),
+            last_heard_ns=now_ns,
+            slot=van_der_corput(self._joins),
+            via=hello.via,
+            principal=principal,
+            pin=hello.pin,
         )
-        member.principal, member.pin = principal, hello.pin
         self._joins += 1
         self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
@@ -362,7 +369,6 @@ class Roster:
             self.pollers += change if member.via is None else 0
 
     def _free_number(self) -> int:
-        while True:
-            number = self._rng.getrandbits(32)
-            if number != PROBE_NUMBER and number not in self._by_number:
-                return number
+        while (number := self._rng.getrandbits(32)) == PROBE_NUMBER or number in self._by_number:
+            pass
+        return number

@@ -107,7 +107,10 @@ def of_event(event: object) -> str:
         case clock_events.ClockChanged(jumped=True):
             return "a clock was changed: synchronizing again"
         case clock_events.StepRefused():
-            return step_refused(event.times)
+            return (
+                f"{count(event.times, 'answer')} of the leader contradicted all other answers and did not"
+                " count: a device on the network may alter them"
+            )
         case clock_events.PathDelayIncreased():
             return path_delay_increased(event.longer_ns)
         case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
@@ -144,14 +147,6 @@ def fast_clock(ppm: float) -> str:
     )
 
 
-def step_refused(times: int) -> str:
-    """Describe answers that indicated a clock step which other answers did not confirm."""
-    return (
-        f"{count(times, 'answer')} of the leader contradicted all other answers and did not count:"
-        " a device on the network may alter them"
-    )
-
-
 def fast_or_slow(ppm: float) -> str:
     """Format a rate: 210 ppm fast."""
     return f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}"
@@ -167,13 +162,12 @@ def slewing(who: str, ppm: float) -> str:
 
 def aligning(phase: PhaseEstimate | None, *, settled: bool, corrections: int, waits: bool) -> str:
     """Describe the progress of a stream's alignment; `waits` for a restart that suits all cameras."""
+    after = f" after {count(corrections, 'correction')}" if corrections else ""
     if phase is None:
-        after = f", again after {count(corrections, 'correction')}" if corrections else ""
-        return f"learning when the camera takes its frames{after}"
+        return f"learning when the camera takes its frames{', again' if corrections else ''}{after}"
     off = f"frames {duration(abs(phase.error_ns))} off the rig's instants"
     if waits:
         return f"{off}: waits for a restart that suits all cameras"
-    after = f" after {count(corrections, 'correction')}" if corrections else ""
     return f"{off}: moving them{after}" if settled else f"{off}: measuring{after}"
 
 

@@ -120,8 +120,7 @@ class TimeClient:
 
     def receive_datagram(self, data: bytes, now_ns: int) -> None:
         """Process a datagram that arrived at `now_ns`, stamped as close to the socket as possible."""
-        message = self.decode(data)
-        if message is not None:
+        if (message := self.decode(data)) is not None:
             self.receive_message(message, now_ns)
 
     def decode(self, data: bytes) -> Message | None:
@@ -160,7 +159,10 @@ class TimeClient:
                 self.hellos = HELLOS if message.stops else self.hellos
             case HeartbeatAck() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns
-                self._take_message(message, now_ns)
+                if isinstance(message, HeartbeatAck):
+                    self._take_answer(message, now_ns)
+                elif isinstance(message, Notice):
+                    self._events.append(LeaderNotice("said", message.text))
             case _:
                 pass
 
@@ -172,8 +174,7 @@ class TimeClient:
         self.followed, self.number = config, welcome.client
         self.timekeeper.follow(config, welcome.client, welcome.slot, now_ns)
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
-        self._heard_ns = now_ns
-        self._heartbeat_due_ns = now_ns
+        self._heard_ns = self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, config.leader))
         return True
 
@@ -217,8 +218,9 @@ class TimeClient:
                 self.hellos += 1
                 self.unanswered += 1
                 wait_ns = HELLO_EVERY_NS * RARER ** min(max(0, self.unanswered - HELLOS), 10)
-                jitter = self._rng.uniform(0.8, 1.2)
-                self._hello_due_ns = now_ns + round(jitter * min(wait_ns, RAREST_HELLO_NS))
+                self._hello_due_ns = now_ns + round(
+                    self._rng.uniform(0.8, 1.2) * min(wait_ns, RAREST_HELLO_NS)
+                )
                 self._outbox.append(self.hello())
             return
         if now_ns >= self._heard_ns + self._silent_ns:
@@ -237,8 +239,7 @@ class TimeClient:
         """Local time in ns at which `handle_timer` is due."""
         if self.number is None:
             return self._hello_due_ns
-        silent_from_ns = self._heard_ns + self._silent_ns
-        return min(silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
+        return min(self._heard_ns + self._silent_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; send at once, as a time request carries `now_ns`."""
@@ -286,12 +287,6 @@ class TimeClient:
         if config.period_ns != self.followed.period_ns:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
-
-    def _take_message(self, message: HeartbeatAck | Trigger | Notice, now_ns: int) -> None:
-        if isinstance(message, HeartbeatAck):
-            self._take_answer(message, now_ns)
-        elif isinstance(message, Notice):
-            self._events.append(LeaderNotice("said", message.text))
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         config = answer.config

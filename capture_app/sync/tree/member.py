@@ -71,10 +71,8 @@ class TreeMember:
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram that arrived at `now_ns`."""
-        if address in self.parents:
-            message = self.time.decode(data)
-            if message is not None:
-                self.receive_message(message, address, now_ns)
+        if address in self.parents and (message := self.time.decode(data)) is not None:
+            self.receive_message(message, address, now_ns)
 
     def receive_message(self, message: Message, address: Address, now_ns: int) -> None:
         """Process a message from one of the parents that arrived at `now_ns`.
@@ -98,8 +96,7 @@ class TreeMember:
         """Run the actions that are due; call it at `next_timer`, or at any time."""
         self.time.handle_timer(now_ns)
         self._choice.update(now_ns)
-        better = self._choice.probe_if_due(now_ns)
-        if better is not None:
+        if (better := self._choice.probe_if_due(now_ns)) is not None:
             self._better = better
             self._outbox.append((self.time.hello(), better))
 

@@ -111,8 +111,8 @@ class Relay:
 
     def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the datagrams for parents only; the others in `datagrams_to_send` are the leader's."""
-        datagrams = self.member.datagrams_to_send(now_ns)
-        return datagrams + [(data, self.member.parent) for data in self.summary.datagrams_to_send()]
+        of_members = [(data, self.member.parent) for data in self.summary.datagrams_to_send()]
+        return self.member.datagrams_to_send(now_ns) + of_members
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:
         """Return the next event of the member or the leader; None if there is none."""
@@ -125,13 +125,11 @@ class Relay:
         summary, members = self.summary, self.leader.roster.members
         match message:
             case Welcome() if message.instance != self.member.time.instance:
-                usurper = summary.note_welcome(message.instance, message.client, members)
-                if usurper is not None:
+                if usurper := summary.note_welcome(message.instance, message.client, members):
                     # The root decides who owns a name, and another member used it here.
                     self.leader.evict(usurper)
             case JoinRefusal() if message.instance != self.member.time.instance:
-                refused = summary.note_refusal(message.instance, message.reason, members)
-                if refused is not None:
+                if refused := summary.note_refusal(message.instance, message.reason, members):
                     self.leader.drop_member(refused, message.reason)
             case UnknownMember() if message.client != self.member.time.number:
                 summary.note_unknown(message.client)

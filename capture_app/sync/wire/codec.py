@@ -14,10 +14,12 @@ A datagram of another version is answered with this version, in no more bytes. A
 """
 
 import struct
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
+from capture_app.common.camera_facts import CameraFacts, StampAccuracy
 from capture_app.common.text import REPLACEMENT, UNREADABLE
 from capture_app.sync.wire.datagrams import (
     ControlMessage,
@@ -136,9 +138,10 @@ def decode(data: bytes) -> Message:
         raise WireError(f"protocol version {version}, this is version {VERSION}", version=version)
     if kind == _KIND_CONTROL:
         try:
-            return _printable(_decoder.decode(data[_HEADER.size :]))
+            message: ControlMessage = _printable(_decoder.decode(data[_HEADER.size :]))
         except UNREADABLE as error:
             raise WireError(f"malformed control message: {error}") from error
+        return message
     if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
         raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
     client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
@@ -147,36 +150,34 @@ def decode(data: bytes) -> Message:
     return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
 
 
-def _printable(message: ControlMessage) -> ControlMessage:
-    """Return the message with unprintable characters replaced, so that no terminal takes them as commands."""
-    match message:
-        case Hello(camera=camera):
-            texts = camera.kind, camera.model, camera.pixel_format
-            if not all(map(str.isprintable, texts)):
-                kind, model, pixel_format = map(_plain, texts)
-                camera = replace(camera, kind=kind, model=model, pixel_format=pixel_format)
-                return replace(message, camera=camera)
-        case Heartbeat(report=report) if not report.message.isprintable():
-            return replace(message, report=_printable_report(report))
-        case MemberReports(reports=reports) if not all(r.message.isprintable() for _, r in reports):
-            plain = tuple((number, _printable_report(report)) for number, report in reports)
-            return replace(message, reports=plain)
-        case JoinRefusal(reason=reason) if not reason.isprintable():
-            return replace(message, reason=_plain(reason))
-        case Notice(text=text) if not text.isprintable():
-            return replace(message, text=_plain(text))
-        case TriggerAck(refusal=reason) if not reason.isprintable():
-            return replace(message, refusal=_plain(reason))
-    return message
+_TEXTS: dict[type, tuple[str, ...]] = {
+    Hello: ("camera",),
+    CameraFacts: ("kind", "model", "pixel_format", "stamp"),
+    StampAccuracy: ("against",),
+    Heartbeat: ("report",),
+    MemberReports: ("reports",),
+    Report: ("message",),
+    JoinRefusal: ("reason",),
+    Notice: ("text",),
+    TriggerAck: ("refusal",),
+}
+"""Fields with texts that people read, or with parts that have such fields, by type of message."""
 
 
-def _printable_report(report: Report) -> Report:
-    return replace(report, message=_plain(report.message))
+def _printable(value: Any) -> Any:
+    """Return a message, or a part of one, whose texts no terminal takes as commands.
 
-
-def _plain(text: str) -> str:
-    """Return a text as one line without unprintable characters."""
-    return "".join(letter if letter.isprintable() else REPLACEMENT.decode() for letter in text)
+    Unprintable characters are replaced.
+    """
+    if isinstance(value, str):
+        if value.isprintable():
+            return value
+        return "".join(letter if letter.isprintable() else REPLACEMENT.decode() for letter in value)
+    if isinstance(value, tuple):
+        return tuple(map(_printable, value))
+    parts = ((name, getattr(value, name)) for name in _TEXTS.get(type(value), ()))
+    changed = {name: plain for name, part in parts if (plain := _printable(part)) != part}
+    return replace(value, **changed) if changed else value
 
 
 def request_before_t0(client: int, sequence: int) -> bytes:

@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from capture_app.common.bounds import CENTURY_NS
-from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.camera_facts import (
+    CameraFacts,
+    PhaseControl,
+    StampAccuracy,
+    StampSource,
+    TimestampSource,
+)
 from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.datagrams import (
@@ -132,7 +138,10 @@ CLEAR_SCREEN = "\x1b[2J\x1b]0;owned\x07\u009b31m"
 
 
 def test_no_text_of_a_datagram_steers_a_terminal() -> None:
-    facts = structs.replace(make_facts(), kind=CLEAR_SCREEN, model=CLEAR_SCREEN, pixel_format="\r\n")
+    stamp = StampAccuracy(bias_ns=0, uncertainty_ns=1, source=StampSource.MOTION, against=CLEAR_SCREEN)
+    facts = structs.replace(
+        make_facts(), kind=CLEAR_SCREEN, model=CLEAR_SCREEN, pixel_format="\r\n", stamp=stamp
+    )
     shown = Report(state=NodeState.READY, message=f"fine {CLEAR_SCREEN}")
     told: list[Hello | Heartbeat | MemberReports | JoinRefusal | TriggerAck] = [
         Hello("cam", 1, facts),
@@ -147,7 +156,8 @@ def test_no_text_of_a_datagram_steers_a_terminal() -> None:
     assert isinstance(sums, MemberReports)
     assert isinstance(refusal, JoinRefusal)
     assert isinstance(ack, TriggerAck)
-    texts = (hello.camera.kind, hello.camera.model, hello.camera.pixel_format)
+    assert hello.camera.stamp is not None
+    texts = (hello.camera.kind, hello.camera.model, hello.camera.pixel_format, hello.camera.stamp.against)
     for text in (*texts, heartbeat.report.message, sums.reports[0][1].message, refusal.reason, ack.refusal):
         assert text.isprintable()
     assert heartbeat.report.message.startswith("fine ")

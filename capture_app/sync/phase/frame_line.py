@@ -75,8 +75,7 @@ def fit_shared_slope(
     `start` must be close enough to the slope that residuals about it reveal the outliers. Runs of fewer than
     three points are skipped; if none is left, the result is (start, infinity, 0).
     """
-    usable = [run for run in runs if len(run) >= 3]
-    if not usable:
+    if not (usable := [run for run in runs if len(run) >= 3]):
         return start, float("inf"), 0.0
     slope, noise, time_variance = start, 0.0, 0.0
     intercepts = [median([y - slope * x for x, y in run]) for run in usable]
@@ -145,11 +144,14 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
         # steps count.
         equal = max(offs) - min(offs) <= EXACT_NS
         steps = (step for step in KNOWN_STEPS_NS if not equal or step % 1000 == 0)
-        fitting = (step for step in steps if _are_multiples(intervals_ns, step))
+        fitting = (
+            step
+            for step in steps
+            if all(abs(ns - step * round(ns / step)) <= EXACT_NS for ns in intervals_ns)
+        )
         if equal:
             return _skewed_step(median(intervals_ns)) or next(fitting, 0.0)
-        found_ns = next(fitting, 0.0)
-        if found_ns:
+        if found_ns := next(fitting, 0.0):
             return found_ns
     gaps = sorted((b - a for a, b in pairwise(sorted(offs)) if b - a > EXACT_NS), reverse=True)
     tried = sorted((gap * stretch for gap in gaps[:WIDEST_GAPS] for stretch in STRETCHES), reverse=True)
@@ -171,11 +173,13 @@ def _skewed_step(interval_ns: float) -> float:
 
     The timestamps may come from a clock of a slightly different rate.
     """
-    for step_ns in KNOWN_STEPS_NS:
-        count = round(interval_ns / step_ns)
-        if step_ns >= DEGRADED_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
-            return interval_ns / count
-    return 0.0
+    counts = ((step, round(interval_ns / step)) for step in KNOWN_STEPS_NS if step >= DEGRADED_NS)
+    steps_ns = (
+        interval_ns / count
+        for step, count in counts
+        if count and abs(interval_ns / (count * step) - 1.0) <= CLOCKS_APART
+    )
+    return next(steps_ns, 0.0)
 
 
 def _deviations(intervals_ns: Sequence[int]) -> list[int]:
@@ -195,11 +199,6 @@ def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
         sum(distance_ns <= near_ns for distance_ns in some_ns) >= SURE_FRACTION * len(some_ns)
         for some_ns in (zero_ns, others_ns)
     )
-
-
-def _are_multiples(intervals_ns: Sequence[int], step_ns: float) -> bool:
-    """Whether all intervals are multiples of a step, within the rounding to whole ns."""
-    return all(abs(ns - step_ns * round(ns / step_ns)) <= EXACT_NS for ns in intervals_ns)
 
 
 Point = tuple[int, int]
@@ -237,10 +236,9 @@ class FrameLine:
     @property
     def phase_frames(self) -> int:
         """Number of newest frames that determine the intercept."""
-        finest_ns = FINEST_PHASE * self.period_ns
-        enough = round((MEDIAN_FACTOR * self.noise_ns / finest_ns) ** 2)
         if self.noise_ns < self.quantum_ns:
             return QUANTIZED_FRAMES
+        enough = round((MEDIAN_FACTOR * self.noise_ns / (FINEST_PHASE * self.period_ns)) ** 2)
         return max(PHASE_FRAMES, min(WINDOW_FRAMES, enough))
 
     @property

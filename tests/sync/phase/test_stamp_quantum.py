@@ -56,6 +56,10 @@ def test_a_period_of_whole_steps_hides_nothing() -> None:
     assert find_quantum([40_000_000] * 60) == 1e6
 
 
+def test_even_frames_closer_than_half_a_coarse_step_have_a_finer_one() -> None:
+    assert find_quantum([400_000] * 60) == 2e5
+
+
 @pytest.mark.parametrize("ppm", [-200.0, -30.0, 30.0, 200.0])
 @pytest.mark.parametrize("period_ns", [PERIOD_NS, 40_000_000.0])
 def test_steps_of_a_clock_that_runs_differently_are_found(ppm: float, period_ns: float) -> None:

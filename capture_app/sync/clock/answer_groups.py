@@ -160,8 +160,7 @@ class AnswerGroups:
         typical = 0.0
         if abs(moved) > HIDDEN_SIGMAS * sigma:
             level, middle = offsets / many, times / many
-            groups = islice(self._groups, many)
-            residuals = [offset - level - slope * (t - middle) for t, offset, _ in groups]
+            residuals = [offset - level - slope * (t - middle) for t, offset, _ in islice(self._groups, many)]
             sums = list(accumulate(residuals, initial=0.0))
             typical = max(abs(end - begin) for begin, end in zip(sums, sums[count:], strict=False)) / count
         return Newest(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import hypot, sqrt
 
 from capture_app.common.bounds import Real
@@ -308,9 +309,8 @@ class ClockFilter:
         """Start a new line with the samples since a local time in ns, after a clock's rate changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
             self._changed = self._newest_ns, self._line().skew
-        for bounds in (*self._blocks.values(), self._bounds):
-            for side in bounds:
-                side[:] = [bound for bound in side if bound[0] >= local_ns]
+        for side in chain(*self._blocks.values(), self._bounds):
+            side[:] = [bound for bound in side if bound[0] >= local_ns]
         self._blocks = {i: bounds for i, bounds in self._blocks.items() if any(bounds)}
         self._past.clear()
         self._fitted, self._stale = None, True
@@ -323,8 +323,7 @@ def _bound_at(bound: Bound, local_ns: int) -> float:
 
 def _can_both_be(one: ClockSample, other: ClockSample, max_skew: float) -> bool:
     """Whether two samples are consistent with the same two clocks at rates up to `max_skew` apart."""
-    apart_ns = max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)
-    slack = max_skew * apart_ns + ROUNDING_NS
+    slack = max_skew * (max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)) + ROUNDING_NS
     return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack
 
 

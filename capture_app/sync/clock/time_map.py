@@ -51,8 +51,10 @@ class TimeMap:
 
     def skew_uncertainty_after(self, elapsed_ns: float) -> float:
         """Return the 95 % error of the skew a time in ns from the epoch, which two crystals' skews limit."""
-        grown = self.skew_uncertainty + self.drift_uncertainty * elapsed_ns
-        return min(grown, max(self.skew_uncertainty, CRYSTALS_95))
+        return min(
+            self.skew_uncertainty + self.drift_uncertainty * elapsed_ns,
+            max(self.skew_uncertainty, CRYSTALS_95),
+        )
 
     def hard_bound_at(self, local_ns: int) -> float:
         """Return the maximum error of `leader_from_local(local_ns)` in ns, link asymmetry included."""

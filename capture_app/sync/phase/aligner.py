@@ -205,13 +205,11 @@ class Aligner:
     def settled(self) -> bool:
         """Whether period and phase are accurate enough to act on, and no move is under way."""
         phase = self.phase
-        if self._pending or phase.disturbed:
+        if self._pending or phase.disturbed or phase.frames < WARM_FRAMES[0]:
             return False
-        if phase.frames < WARM_FRAMES[1]:
-            blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
-            if phase.frames < WARM_FRAMES[0] or blur_ns > self.window.tolerance_ns / 4:
-                return False
-        return self._run_settled
+        blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
+        is_blurred = phase.frames < WARM_FRAMES[1] and blur_ns > self.window.tolerance_ns / 4
+        return not is_blurred and self._run_settled
 
     @property
     def meets_bursts(self) -> bool:
@@ -382,8 +380,7 @@ class Aligner:
 
     def _begin(self, command: CameraCommand, now_local_ns: int) -> bool:
         """Register a command with its expected effect. Return False if it must wait for a smaller one."""
-        small_ns = self.actuator.small_shift_ns
-        if small_ns is not None:
+        if (small_ns := self.actuator.small_shift_ns) is not None:
             self.phase.expect_shift(small_ns)
             return True
         if self.phase.shift_to_come(now_local_ns):
@@ -396,9 +393,9 @@ class Aligner:
 
     def _frames_may_mislead(self, frames: int) -> bool:
         """Whether the few frames since an expected move may be late by chance."""
-        unalike_ns = max(UNALIKE * self.phase.noise_ns, 2_000.0)
         return frames < FRAMES_TO_ACT or (
-            frames < FRAMES_TO_OUTVOTE and self.phase.first_off_ns() > unalike_ns
+            frames < FRAMES_TO_OUTVOTE
+            and self.phase.first_off_ns() > max(UNALIKE * self.phase.noise_ns, 2_000.0)
         )
 
     @property

@@ -240,9 +240,8 @@ class PhaseEstimator(FrameLine):
         """
         step_ns, run = self.quantum_ns, self.run
         reported = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
-        if self.disturbed or not self.known or len(run) < PHASE_FRAMES:
-            return reported
-        if stamp_ns < self._origin_ns + run[0][1]:
+        is_comparable = not self.disturbed and self.known and len(run) >= PHASE_FRAMES
+        if not is_comparable or stamp_ns < self._origin_ns + run[0][1]:
             return reported
         off_ns, sigma_ns = stamp_ns - self.nearest_frame_ns(stamp_ns), self.sigma_at(stamp_ns)
         line_ns = self.quantum_error_ns + 2.0 * sigma_ns
@@ -260,8 +259,7 @@ class PhaseEstimator(FrameLine):
 
     def first_off_ns(self) -> float:
         """Return the distance in ns from the line of the first frame since the last phase move."""
-        index, first_ns = self.run[0]
-        return abs(self.intercepts_of([(index, first_ns)])[0] - self.intercept_ns)
+        return abs(self.intercepts_of(self.run[:1])[0] - self.intercept_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
         """Return the expected shifts in ns that may not be in effect yet at the frame near a local time."""

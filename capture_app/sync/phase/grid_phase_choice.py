@@ -278,12 +278,9 @@ class GridPhaseChoice:
         return (self._hits + 1.0) / (self._landings + 1.0 / expected)
 
     def _drift(self, camera: CameraPhase, now_leader_ns: int) -> WeightedDrift | None:
-        weight = WEIGHTS.get(camera.phase_control)
-        if weight is None or camera.frame_leader_ns is None:
-            return None
-        if not abs(camera.drift_ppm) < MAX_DRIFT_PPM:
+        weight, frame_ns = WEIGHTS.get(camera.phase_control), camera.frame_leader_ns
+        if weight is None or frame_ns is None or not abs(camera.drift_ppm) < MAX_DRIFT_PPM:
             return None
         drift = camera.drift_ppm * 1e-6
-        since_ns = now_leader_ns - camera.frame_leader_ns
-        error_ns = self.grid.phase_error(camera.frame_leader_ns) + drift * since_ns
+        error_ns = self.grid.phase_error(frame_ns) + drift * (now_leader_ns - frame_ns)
         return WeightedDrift(error_ns, drift, camera.tolerance_ns, weight, camera.machine)

@@ -236,8 +236,7 @@ class InjectionActuator(PhaseActuator):
             stretch_ns = max(move.shift_ns / FIRST_GAIN, FIRST_STRETCH_NS) + self._raised_ns
             rows = floor((move.period_ns - TYPICAL_OVERHEAD_NS + stretch_ns) / self._row_ns)
         else:
-            chosen = self._rows_for(self.profile, move)
-            if chosen is None:
+            if (chosen := self._rows_for(self.profile, move)) is None:
                 return None
             rows = chosen + floor(self._raised_ns / self._row_ns)
         rows = min(rows, self._max_rows())

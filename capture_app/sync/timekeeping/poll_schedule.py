@@ -103,9 +103,8 @@ class SteadySchedule:
 
     def begin(self, now_ns: int) -> None:
         """Start requests and estimates in this node's slot, because many nodes may start together."""
-        poll_interval_ns = max(self._first_interval_ns, self.leader_interval_ns)
         self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(
-            self.slot * poll_interval_ns
+            self.slot * max(self._first_interval_ns, self.leader_interval_ns)
         )
 
     def restart(self, now_ns: int) -> None:

@@ -3,6 +3,9 @@
 from collections import deque
 from collections.abc import MutableSequence
 
+from msgspec.structs import replace
+
+from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
@@ -185,20 +188,21 @@ class Timekeeper:
 
     def report(self, state: NodeState, message: str, now_ns: int) -> Report:
         """Return a report of this node's time, without the camera's fields."""
-        message, time_map, samples = message[:200], self.time_map, self.clock.samples
-        slewing_ppm = self.rate.host_slewing_ppm
-        if time_map is None:
-            return Report(state=state, message=message, samples=samples, slewing_ppm=slewing_ppm)
-        return Report(
+        report = Report(
             state=state,
-            message=message,
+            message=message[:MAX_TEXT],
+            samples=self.clock.samples,
+            slewing_ppm=self.rate.host_slewing_ppm,
+        )
+        if (time_map := self.time_map) is None:
+            return report
+        return replace(
+            report,
             offset_ns=_sendable(time_map.leader_from_local(now_ns) - now_ns),
             skew_ppm=time_map.skew * 1e6,
             uncertainty_ns=_sendable(time_map.uncertainty_at(now_ns)),
             hard_bound_ns=_sendable(time_map.hard_bound_at(now_ns)),
             round_trip_ns=time_map.round_trip_ns,
-            samples=samples,
-            slewing_ppm=slewing_ppm,
         )
 
     # The parts
@@ -218,17 +222,17 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.map_to_leader = own
-        in_holdover = self.time_is_known and self.path[-1] != asked.leader
-        schedule = self.schedule
-        if self.clock.samples < schedule.min_samples or (self._stepped and self.clock.is_settling):
+        if self.clock.samples < self.schedule.min_samples or (self._stepped and self.clock.is_settling):
             return
         self._stepped = False
         time_map = asked.root_map(own)
         if max(abs(own.offset_ns), abs(time_map.offset_ns)) > FURTHEST_NS:
             return
-        if in_holdover and self._is_worse(time_map):
-            assert self.time_map is not None, "in holdover there is a map"
-            time_map = self.time_map
+        until_ns = self.schedule.estimate_due_ns
+        held = self.time_map if self.time_is_known and self.path[-1] != asked.leader else None
+        if held is not None and held.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns):
+            # The previous leader's map is still the more certain one, thanks to its better skew.
+            time_map = held
         else:
             self.time_map, self.path, self.time_is_known = time_map, asked.path, True
             if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
@@ -236,12 +240,6 @@ class Timekeeper:
         if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))
-
-    def _is_worse(self, time_map: TimeMap) -> bool:
-        """Whether the previous leader's map is still the more certain one, thanks to its better skew."""
-        assert self.time_map is not None, "in holdover there is a map"
-        until_ns = self.schedule.estimate_due_ns
-        return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
 
 def _sendable(value_ns: float) -> int | None:

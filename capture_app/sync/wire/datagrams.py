@@ -53,13 +53,11 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
     @property
     def is_finite(self) -> bool:
         """Whether all values are finite numbers."""
-        values = (getattr(self, name) for name in _SHARED_FIELDS)
-        return all(isfinite(value) for value in values if isinstance(value, float))
+        return all(isfinite(getattr(self, name)) for name in _SHARED_FIELDS)
 
     def time_map(self) -> TimeMap:
         """Return the map from the relay's clock to the root's."""
-        fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
-        return TimeMap(**fields, samples=0, round_trip_ns=0)
+        return TimeMap(**{name: getattr(self, name) for name in _SHARED_FIELDS}, samples=0, round_trip_ns=0)
 
 
 _SHARED_FIELDS = UpstreamMap.__struct_fields__[1:]

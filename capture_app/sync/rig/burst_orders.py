@@ -19,7 +19,7 @@ from capture_app.sync.rig.frame_selection import (
     is_possible_burst,
 )
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
-from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.datagrams import Trigger, TriggerAck
 
 MAX_CANDIDATES = 200
@@ -223,9 +223,9 @@ class Orders:
             burst.due_ns = now_ns + TRIGGER_AGAIN_NS
         return [(burst.members.values(), burst.trigger) for burst in due]
 
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which the next trigger is due; None for never."""
-        return min((burst.due_ns for burst in self._open_bursts.values()), default=None)
+    def next_timer(self) -> int:
+        """Leader time in ns at which the next trigger is due."""
+        return min((burst.due_ns for burst in self._open_bursts.values()), default=NEVER_NS)
 
     def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
         del burst.members[client]

@@ -213,16 +213,14 @@ class Leader:
 
     # Out
 
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which `handle_timer` is due; None for never."""
-        timers_ns = self.roster.next_timer(), self.orders.next_timer()
-        return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
+    def next_timer(self) -> int:
+        """Leader time in ns at which `handle_timer` is due."""
+        return min(self.roster.next_timer(), self.orders.next_timer())
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams with their destinations; send at once, as time replies carry `now_ns`."""
-        datagrams = []
-        for before, address, arrived_ns in self._times:
-            datagrams.append((reply_at(before, now_ns), address))
+        datagrams = [(reply_at(before, now_ns), address) for before, address, _ in self._times]
+        for _, _, arrived_ns in self._times:
             self._waited_ns += WAITED_FRACTION * (now_ns - arrived_ns - self._waited_ns)
         self._times.clear()
         datagrams += self._outbox

@@ -20,6 +20,7 @@ from capture_app.common.timeouts import (
 from capture_app.sync.phase.grid_phase_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.sync_engine import Address
+from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.wire.datagrams import (
     MAX_DEPTH,
     MAX_PERIOD_NS,
@@ -271,9 +272,8 @@ class Roster:
         self.immovable.pop(hello.name, None)
         if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
             self.immovable[hello.name] = member
-        if moved:
-            return member, NodeChanged(hello.name, "moved", where=hello.via or "")
-        return member, NodeChanged(hello.name, "joined" if known is None else "returned")
+        change = NodeChanged(hello.name, "joined" if known is None else "returned")
+        return member, NodeChanged(hello.name, "moved", where=hello.via or "") if moved else change
 
     def mark_lost(self, member: Member, reason: str) -> NodeChanged:
         """Mark a member as lost; its frame counts remain."""
@@ -330,11 +330,11 @@ class Roster:
                 self._silence_ns = min(self._silence_ns, silent_ns)
         return lost
 
-    def next_timer(self) -> int | None:
-        """Leader time in ns at which a member could have been silent or lost for too long; None for never."""
+    def next_timer(self) -> int:
+        """Leader time in ns at which a member could have been silent or lost for too long."""
         if self.present_count:
             return min(self._silence_ns, self._forget_ns)
-        return self._forget_ns if self.members else None
+        return self._forget_ns if self.members else NEVER_NS
 
     def cameras(self, *, even_unconfirmed: bool = False) -> list[Member]:
         """Return the present members that have a camera, by name.

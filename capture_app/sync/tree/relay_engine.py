@@ -101,9 +101,7 @@ class Relay:
 
     def next_timer(self) -> int:
         """Return the local time in ns at which `handle_timer` is to be called."""
-        above_ns = min(self.member.next_timer(), self.summary.next_timer())
-        leader_ns = self.leader.next_timer()
-        return above_ns if leader_ns is None else min(above_ns, leader_ns)
+        return min(self.member.next_timer(), self.summary.next_timer(), self.leader.next_timer())
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams with their destinations; time messages carry `now_ns`, so send them at once."""

@@ -12,6 +12,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import (
     Goodbye,
@@ -59,7 +60,7 @@ def leader() -> Leader:
 def run_timers(leader: Leader, until_ns: int) -> int:
     """Call the leader's timers as it asks for them; return how often."""
     calls = 0
-    while (due_ns := leader.next_timer()) is not None and due_ns <= until_ns:
+    while (due_ns := leader.next_timer()) <= until_ns:
         leader.handle_timer(due_ns)
         calls += 1
     return calls
@@ -73,7 +74,7 @@ def test_a_lost_node_is_known_for_ten_minutes_and_then_forgotten(leader: Leader)
     assert names(leader, 0) == []
     assert changes(leader) == ["joined", "lost", "forgotten"]
     assert calls < 10, "it sleeps meanwhile"
-    assert leader.next_timer() is None
+    assert leader.next_timer() == NEVER_NS
 
 
 def test_a_node_that_returns_in_time_is_not_forgotten(leader: Leader) -> None:

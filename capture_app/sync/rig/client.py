@@ -125,8 +125,6 @@ class Client(TimeClient, Generic[F]):
         self._commands: deque[CameraCommand] = deque()
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
-        self.foreign_triggers = 0
-        """Number of triggers from a leader other than the one followed."""
         self._root: int | None = None
         self._foreign_leader: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
@@ -242,8 +240,10 @@ class Client(TimeClient, Generic[F]):
             case Trigger() if self.is_addressed(message):
                 if message.leader == self._root:
                     self._take_trigger(message)
-                else:
-                    self._note_foreign_trigger(message)
+                elif message.leader != self._foreign_leader:
+                    # Of a leader that is not followed, the first trigger is reported.
+                    self._foreign_leader = message.leader
+                    self._events.append(ForeignTrigger(message.leader, message.burst))
             case _:
                 pass
 
@@ -359,13 +359,6 @@ class Client(TimeClient, Generic[F]):
                 self._events.append(AlignmentFailed(aligner.problem))
         if is_news or was_aligned is not self._is_aligned:
             self.report_at_once()
-
-    def _note_foreign_trigger(self, trigger: Trigger) -> None:
-        """Ignore a trigger of a leader that is not followed, and report the first of each such leader."""
-        self.foreign_triggers += 1
-        if trigger.leader != self._foreign_leader:
-            self._foreign_leader = trigger.leader
-            self._events.append(ForeignTrigger(trigger.leader, trigger.burst))
 
     def _take_trigger(self, trigger: Trigger) -> None:
         refusal = ""

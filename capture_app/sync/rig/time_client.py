@@ -75,7 +75,6 @@ class TimeClient:
         """A leader that has been silent for `silent_ns` counts as lost."""
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
-        self.malformed = 0
         self.hellos = 0
         """Number of hellos since this node was last a member; after HELLOS another leader is asked."""
         self.number: int | None = None
@@ -124,7 +123,7 @@ class TimeClient:
             self.receive_message(message, now_ns)
 
     def decode(self, data: bytes) -> Message | None:
-        """Return the message of a datagram; count an unreadable one and return None."""
+        """Return the message of a datagram; None if it is unreadable."""
         try:
             return decode(data)
         except WireError as error:
@@ -132,8 +131,7 @@ class TimeClient:
             return None
 
     def note_unreadable(self, error: WireError) -> None:
-        """Count an unreadable datagram; a version mismatch becomes the reason for not being a member."""
-        self.malformed += 1
+        """Note an unreadable datagram: a version mismatch becomes the reason for not being a member."""
         if error.version is not None and not self.is_member:
             self.note_refusal(version_mismatch(error.version))
 

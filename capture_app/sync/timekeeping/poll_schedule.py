@@ -3,6 +3,7 @@
 Also the accuracy target of its clock, and whether further quick requests would improve the estimate.
 """
 
+from math import inf
 from typing import NamedTuple
 
 from capture_app.sync.clock.time_map import TimeMap
@@ -92,11 +93,8 @@ class SteadySchedule:
         """Minimum mean interval between a node's requests that the leader accepts; 0 for any."""
         self.time_is_known = False
         """Whether the time was known before this leader was first asked, and no clock has stepped since."""
-        self._first_interval_ns, self._easing_paces_ns, self._poll_interval_ns = (
-            first_interval_ns,
-            easing_intervals_ns,
-            poll_interval_ns,
-        )
+        self._first_interval_ns, self._poll_interval_ns = first_interval_ns, poll_interval_ns
+        self._paces_ns = (first_interval_ns, *easing_intervals_ns, poll_interval_ns)
         self._near_ns = near_ns
         self._grid_ns = 0
         self._samples_when_synced: int | None = None
@@ -145,11 +143,10 @@ class SteadySchedule:
             )
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
-        paces_ns = (self._first_interval_ns, *self._easing_paces_ns, self._poll_interval_ns)
         stage = 1 + (progress.samples - max(FIRST_SAMPLES, self._samples_when_synced)) // EASING_SAMPLES
         # Slower than the initial rate if it is not good enough: several such nodes would disturb each other.
-        last = len(paces_ns) - (1 if progress.good_enough else 2)
-        easing = min(self._poll_interval_ns, paces_ns[max(0, min(stage, last))])
+        last = len(self._paces_ns) - (1 if progress.good_enough else 2)
+        easing = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
         return max(easing, self.leader_interval_ns)
 
 
@@ -191,17 +188,16 @@ class AccuracyTarget:
         self.target_ns = target_ns
         """The target at present."""
         self._later_ns, self._first_ns = later_ns, NEVER_NS
-        self.met = target_ns is None
-        """Whether the clock is good enough."""
         self.error_ns: float | None = None
         """95 % error at the last check."""
-        self._min_ns: float | None = None
-        self._began_ns = self._gained_ns = 0
+        self._gained_ns = 0
+        self.restart()
 
     def restart(self) -> None:
         """Start over: the leader is another one, or a clock has stepped."""
         self.met = self.target_ns is None
-        self._min_ns = None
+        """Whether the clock is good enough."""
+        self._min_ns, self._began_ns = inf, NEVER_NS
 
     def judge(self, time_map: TimeMap, now_ns: int) -> bool:
         """Update from the newest estimate; return whether it is good enough or will hardly improve."""
@@ -212,9 +208,8 @@ class AccuracyTarget:
         if self._later_ns is not None and now_ns - self._first_ns >= FIRST_TRY_NS:
             self.target_ns = self._later_ns
         self.met = error_ns <= self.target_ns * (LEAVE_AT if self.met else 1.0)
-        if self._min_ns is None:
-            self._began_ns = now_ns
-        if self._min_ns is None or error_ns < GAIN * self._min_ns:
+        self._began_ns = min(self._began_ns, now_ns)
+        if error_ns < GAIN * self._min_ns:
             self._min_ns, self._gained_ns = error_ns, now_ns
         over = now_ns - self._gained_ns >= NO_GAIN_TIMEOUT_NS or now_ns - self._began_ns >= LONGEST_TRY_NS
         return self.met or over

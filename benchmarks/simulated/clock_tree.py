@@ -175,7 +175,7 @@ class Tree:
         member = TreeMember(name, rng.getrandbits(32), (ROOT,), rng)
         limits = LeaderConfig(0, 0, RIG, exchanges_per_s=clients / self.spec.client_pace_s)
         relay = Relay(member, limits, rng)
-        self.add(name, relay, rng, member.parents, member)
+        self.add(name, relay, rng, member.leaders, member)
 
     def _add_client(self, number: int, parents: tuple[Address, ...]) -> None:
         name = f"client{number}"

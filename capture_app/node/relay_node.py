@@ -250,12 +250,12 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
         self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:
             if isinstance(event, Joined):
-                self._change_upstream(Address(self._engine.member.parent[0], event.transfer_port))
+                self._change_upstream(Address(self._engine.member.leader[0], event.transfer_port))
             elif isinstance(event, LeaderNotice) and event.what == "lost":
                 self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
                 self.options.log.note(event)
-            elif line := follower_line(event, Address(*self._engine.member.parent)):
+            elif line := follower_line(event, Address(*self._engine.member.leader)):
                 self.options.log.say(line)
 
     def _change_upstream(self, upstream: Address | None) -> None:

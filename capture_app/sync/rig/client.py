@@ -82,11 +82,6 @@ class ClientConfig:
         only_restarts = self.camera.phase_control == PhaseControl.RESET
         return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
 
-    def accuracy_target(self) -> AccuracyTarget:
-        """Return the target for the clock: the phase's tolerance at first, and later what WiFi reaches."""
-        first_ns = self.phase_tolerance_ns
-        return AccuracyTarget(first_ns, self.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
-
 
 class Client(TimeClient, Generic[F]):
     """Camera side of the protocol; `F` is the node's type of a frame.
@@ -107,12 +102,11 @@ class Client(TimeClient, Generic[F]):
 
         Every exchange with the leader is appended to `samples`.
         """
-        super().__init__(
-            config.name,
-            config.instance,
-            Timekeeper(rng.getrandbits(32), schedule, samples=samples, target=config.accuracy_target()),
-            config.camera,
-        )
+        # The clock is first held to the phase's tolerance, and later to what WiFi reaches.
+        first_ns = config.phase_tolerance_ns
+        target = AccuracyTarget(first_ns, config.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
+        keeper = Timekeeper(rng.getrandbits(32), schedule, samples=samples, target=target)
+        super().__init__(config.name, config.instance, keeper, config.camera)
         self.config = config
         self.aligner = Aligner(
             config.camera, tolerance_ns=config.phase_tolerance_ns, rng=rng, profile=config.injection_profile
@@ -374,7 +368,7 @@ class Client(TimeClient, Generic[F]):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
             self._bursts.add(trigger)
-        self.send(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
+        self._outbox.append(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map

@@ -27,20 +27,24 @@ def answers_probe(message: Message | None) -> bool:
 
 
 class LeaderChoice:
-    """Choice among several leaders of the one to follow or join; probes the leaders preferred to it.
+    """Choice among several leaders of the one that a node follows or joins; connects the node to its address.
 
-    `now_ns` is the node's own clock.
+    It probes the leaders preferred to that one. `now_ns` is the node's own clock.
     """
 
     def __init__(
         self, leaders: tuple[Address, ...], time: TimeClient, probe_every_ns: int = PROBE_EVERY_NS
     ) -> None:
         """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
-        self.due_ns = NEVER_NS
+        self.leaders, self.leader = leaders, leaders[0]
+        """All leaders, and the one that is followed or currently asked to join."""
+        self.time = time
+        """Membership and clock of the node."""
+        self.probe_due_ns = NEVER_NS
         """Time of the next probes."""
-        self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
-        self.leader = leaders[0]
-        """Leader that is followed, or currently asked to join."""
+        self._probe_every_ns = probe_every_ns
+        self._outbox: list[tuple[bytes, Address]] = []
+        """Messages to other leaders than the current one."""
         self._was_member = False
         self._found_by_probes = False
         """Whether the current leader was chosen by probes, not by asking each in turn."""
@@ -56,8 +60,8 @@ class LeaderChoice:
 
         After a loss nothing is probed until another leader is joined.
         """
-        if self._time.is_member is not self._was_member:
-            self._was_member = self._time.is_member
+        if self.time.is_member is not self._was_member:
+            self._was_member = self.time.is_member
             if self._was_member:
                 self._note_join(now_ns)
             else:
@@ -66,24 +70,24 @@ class LeaderChoice:
                     soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
                     self._needed[self.leader] = min(2 * needed, MAX_ANSWERS) if soon else MIN_ANSWERS
                 self._probe_from(NEVER_NS)
-        if self._time.hellos > HELLOS:
-            self.leader = self._leaders[(self._leaders.index(self.leader) + 1) % len(self._leaders)]
-            self._time.hellos = 1
+        if self.time.hellos > HELLOS:
+            self.leader = self.leaders[(self.leaders.index(self.leader) + 1) % len(self.leaders)]
+            self.time.hellos = 1
             self._found_by_probes = False
 
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was chosen by probes."""
         self.leader, self._found_by_probes = leader, True
-        if self._time.is_member:
+        if self.time.is_member:
             self._note_join(now_ns)
 
     def _note_join(self, now_ns: int) -> None:
         self._back_since_ns = now_ns if self._found_by_probes else None
-        self._probe_from(now_ns if len(self._leaders) > 1 else NEVER_NS)
+        self._probe_from(now_ns if len(self.leaders) > 1 else NEVER_NS)
 
     def _probe_from(self, due_ns: int) -> None:
         """Forget all answers, and probe again at a local time in ns."""
-        self.due_ns = due_ns
+        self.probe_due_ns = due_ns
         for known in (self._answers, self._answered, self._probed):
             known.clear()
 
@@ -97,64 +101,67 @@ class LeaderChoice:
 
         A leader in holdover ranks last, and is left at the first answer of another.
         """
-        followed = self._time.followed
-        if now_ns < self.due_ns or followed is None or not self._time.is_member:
+        followed = self.time.followed
+        if now_ns < self.probe_due_ns or followed is None or not self.time.is_member:
             return None
-        self.due_ns = now_ns + self._probe_every_ns
-        others = [address for address in self._leaders if address != self.leader]
-        better = others if followed.in_holdover else self._leaders[: self._leaders.index(self.leader)]
+        self.probe_due_ns = now_ns + self._probe_every_ns
+        others = [address for address in self.leaders if address != self.leader]
+        better = others if followed.in_holdover else self.leaders[: self.leaders.index(self.leader)]
         self._answers = {a: self._answers.get(a, 0) + 1 if a in self._answered else 0 for a in better}
         self._answered.clear()
         self._probed = list(better)
         needed = dict.fromkeys(better, 1) if followed.in_holdover else self._needed
         return next((a for a in better if self._answers[a] >= needed[a]), None)
 
-    def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
-        """Return the liveness probes that are due, with their destinations."""
-        probed, self._probed = self._probed, []
-        return [(_PROBE, address) for address in probed]
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Process a datagram that arrived at `now_ns`; one that is from none of the leaders is ignored."""
+        if address in self.leaders and (message := self.time.decode(data)) is not None:
+            self.receive_message(message, address, now_ns)
+
+    def receive_message(self, message: Message, address: Address, now_ns: int) -> None:
+        """Process a message of one of the leaders that arrived at `now_ns`; preferred ones answer probes."""
+        if address == self.leader:
+            self.time.receive_message(message, now_ns)
+            self.update(now_ns)
+        elif answers_probe(message):
+            self.note_answer(address)
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do everything that is due; call it at `next_timer`, or at any other time."""
+        self.time.handle_timer(now_ns)
+        self.update(now_ns)
+        if (better := self.probe_if_due(now_ns)) is not None:
+            self.try_to_join(better, now_ns)
+
+    def try_to_join(self, better: Address, now_ns: int) -> None:
+        """Join a preferred leader that has answered often enough, if that suits the node now."""
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` is due."""
+        return min(self.time.next_timer(), self.probe_due_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return datagrams with their destinations; send at once, as a time request carries `now_ns`."""
+        datagrams = [(data, self.leader) for data in self.time.datagrams_to_send(now_ns)]
+        datagrams += self._outbox + [(_PROBE, address) for address in self._probed]
+        self._outbox.clear()
+        self._probed.clear()
+        return datagrams
 
 
-class Failover:
-    """Connects a client's engine to the address of its current leader; other addresses are ignored.
-
-    `now_ns` is the client's own clock.
-    """
+class Failover(LeaderChoice):
+    """Choice among the leaders of a camera's client, which leaves one before it joins a better one."""
 
     def __init__(
         self, client: Client[Any], leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS
     ) -> None:
         """Create a failover among `leaders`, preferred first, which must lead to the same root."""
-        self._client, self._leaders = client, leaders
-        self._choice = LeaderChoice(leaders, client, probe_every_ns)
+        super().__init__(leaders, client, probe_every_ns)
+        self._client = client
 
-    @property
-    def leader(self) -> Address:
-        """Leader that the client follows, or currently asks to join."""
-        return self._choice.leader
-
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Process a datagram that arrived at `now_ns`."""
-        if address == self.leader:
-            self._client.receive_datagram(data, now_ns)
-            self._choice.update(now_ns)
-        elif address in self._leaders and answers_probe(self._client.decode(data)):
-            self._choice.note_answer(address)
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Do everything that is due; call it at `next_timer`, or at any other time."""
-        self._client.handle_timer(now_ns)
-        self._choice.update(now_ns)
-        if (better := self._choice.probe_if_due(now_ns)) is not None and self._client.can_change_leader:
+    def try_to_join(self, better: Address, now_ns: int) -> None:
+        """Change to a preferred leader unless a burst is pending, or the client is not ready."""
+        if self._client.can_change_leader:
             self._client.change_leader("a better leader is there", now_ns)
-            self._choice.update(now_ns)
-            self._choice.change_to(better, now_ns)
-
-    def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` is due."""
-        return min(self._client.next_timer(), self._choice.due_ns)
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams with their destinations; send at once, as a time request carries `now_ns`."""
-        datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
-        return datagrams + self._choice.datagrams_to_send()
+            self.update(now_ns)
+            self.change_to(better, now_ns)

@@ -424,7 +424,12 @@ class Leader:
             self.roster.claim(hello)
         if event is not None:
             self._events.append(event)
-        config, current = self.config, self.current.message(self.poll_interval_ns)
-        welcome = Welcome(hello.instance, member.number, config.transfer_port, current, member.slot)
+        welcome = Welcome(
+            instance=hello.instance,
+            client=member.number,
+            transfer_port=self.config.transfer_port,
+            config=self.current.message(self.poll_interval_ns),
+            slot=member.slot,
+        )
         self._outbox.append((encode(welcome), address))
         self._pass_up(member, hello, now_ns)

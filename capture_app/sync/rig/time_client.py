@@ -203,10 +203,6 @@ class TimeClient:
         """Send the next heartbeat at once."""
         self._heartbeat_due_ns = AT_ONCE_NS
 
-    def send(self, message: ControlMessage) -> None:
-        """Send the leader a message with the next datagrams."""
-        self._outbox.append(message)
-
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
         if self.number is None:

@@ -60,7 +60,7 @@ class Relay:
         try:
             message = decode(data)
         except WireError as error:
-            if address in self.member.parents:
+            if address in self.member.leaders:
                 self.member.note_unreadable(error, address)
             else:
                 self.leader.report_version(data, address)
@@ -69,9 +69,9 @@ class Relay:
         if not isinstance(message, FromClient):
             if principal is not None:
                 self.leader.impostures += 1
-            elif address == self.member.parent:
+            elif address == self.member.leader:
                 self._receive_from_parent(message, address, now_ns)
-            elif address in self.member.parents:
+            elif address in self.member.leaders:
                 self.member.receive_message(message, address, now_ns)
             self._update_terms()
         elif (
@@ -109,7 +109,7 @@ class Relay:
 
     def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the datagrams for parents only; the others in `datagrams_to_send` are the leader's."""
-        of_members = [(data, self.member.parent) for data in self.summary.datagrams_to_send()]
+        of_members = [(data, self.member.leader) for data in self.summary.datagrams_to_send()]
         return self.member.datagrams_to_send(now_ns) + of_members
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:

@@ -76,7 +76,7 @@ class Succession:
     @property
     def leader(self) -> Address | None:
         """Address of the leader that is followed; None if there is none or if it leads itself."""
-        return self.member.parent if self.member.time.is_member and not self.leads else None
+        return self.member.leader if self.member.time.is_member and not self.leads else None
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram from one of the other leaders that arrived at `now_ns`."""
@@ -109,7 +109,7 @@ class Succession:
 
     def _look(self, now_ns: int) -> None:
         """Update which leader is active."""
-        other = self._leaders.index(self.member.parent)
+        other = self._leaders.index(self.member.leader)
         if not self.member.time.is_member:
             if self.leads:
                 self._change_ns = None

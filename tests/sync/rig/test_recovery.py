@@ -67,7 +67,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
     def forged(self, message: Message, at: Address, mine: bool) -> None:
         number = self.member.time.number
         if mine:
-            at = self.member.parent
+            at = self.member.leader
             if number is not None and isinstance(message, TimeReply | HeartbeatAck | UnknownMember | Trigger):
                 message = structs.replace(message, client=number)
         self.hear(encode(message), at)
@@ -82,19 +82,19 @@ class FollowerAmongLiars(RuleBasedStateMachine):
         client, sequence, t0_ns = self.asked.pop()
         self.now_ns = max(self.now_ns, min(t0_ns + delay_ns, 2**61))
         t2_ns = min(t1_ns + takes_ns, 2**63 - 1)
-        self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.member.parent)
+        self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.member.leader)
 
     @rule(offset_ns=st.sampled_from([2**63 - 1, -(2**62), 0, OFFSET_NS]) | i64, turns=st.integers(290, 320))
     def lie_for_long(self, offset_ns: int, turns: int) -> None:
         """A parent whose clock is what it likes, and which is followed."""
         if self.member.time.number is None:
-            self.hear(encode(welcome(HONEST, 3)), self.member.parent)
+            self.hear(encode(welcome(HONEST, 3)), self.member.leader)
         for _ in range(turns):
             self.follow_its_timers(1)
             for client, sequence, t0_ns in self.asked:
                 t1_ns = max(-(2**63), min(t0_ns + offset_ns, 2**63 - 1))
                 self.now_ns += 1_000_000
-                self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t1_ns)), self.member.parent)
+                self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t1_ns)), self.member.leader)
             self.asked = []
 
     @rule(wait_ns=st.integers(0, 100_000_000) | st.integers(0, 200 * S) | st.integers(0, 2**58))
@@ -220,7 +220,7 @@ def test_any_clock_reading_can_be_reported(offset_ns: int, told_ns: int | None) 
     machine = FollowerAmongLiars()
     machine.start(-(2**60), 1)
     machine.turn()
-    machine.hear(encode(welcome(2, 3, onward)), machine.member.parent)
+    machine.hear(encode(welcome(2, 3, onward)), machine.member.leader)
     machine.lie_for_long(offset_ns, 420)
     assert machine.member.time.timekeeper.clock.samples > 100
 
@@ -228,7 +228,7 @@ def test_any_clock_reading_can_be_reported(offset_ns: int, told_ns: int | None) 
 @pytest.mark.parametrize("number", [-1, 2**32])
 def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
     member = TreeMember("me", INSTANCE, PARENTS, random.Random(1))
-    member.receive_datagram(encode(welcome(2, number)), member.parent, 0)
+    member.receive_datagram(encode(welcome(2, number)), member.leader, 0)
     assert member.time.number is None
 
 

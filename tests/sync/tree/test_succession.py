@@ -301,7 +301,7 @@ def test_what_is_below_a_relay_keeps_the_time_as_well() -> None:
     for _ in rig.steps(3.0):
         pass
     rig.kill("a")
-    rig.until(lambda: rig.all_follow("b") and member.parent == ("b", 0) and member.time.is_member)
+    rig.until(lambda: rig.all_follow("b") and member.leader == ("b", 0) and member.time.is_member)
     rig.cameras["below"] = below
     for _ in rig.steps(1.0):
         pass

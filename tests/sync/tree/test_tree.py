@@ -130,8 +130,8 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
         member = tree.nodes[f"client{number}", 0].member
         assert member is not None
         assert member.time.state is NodeState.READY
-        assert member.parent != ("relay0", 0)
-        relay = tree.nodes[member.parent].member
+        assert member.leader != ("relay0", 0)
+        relay = tree.nodes[member.leader].member
         assert relay is not None
         assert member.time.timekeeper.path == (1, relay.time.instance)
 
@@ -154,7 +154,7 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
 
     def look() -> None:
         followers = [node.member for node in nodes if node.member is not None]
-        parents.append([member.parent[0] for member in followers])
+        parents.append([member.leader[0] for member in followers])
         for node, member in zip(nodes, followers, strict=True):
             # Whatever happens, they hold the time; another relay is asked at its own pace, here 0.4 s, so
             # that they know less for a while, and say so.
@@ -196,8 +196,8 @@ def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[
         for up, seconds in ((True, up_s), (False, down_s)):
             end_ns = now_ns + seconds * S
             following = False
-            while way.due_ns <= end_ns and not following:
-                now_ns = way.due_ns
+            while way.probe_due_ns <= end_ns and not following:
+                now_ns = way.probe_due_ns
                 found = way.probe_if_due(now_ns)
                 if up and found is not None:
                     following = True

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import MutableSequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import Generic
+from typing import Any, Generic
 
 from msgspec import structs
 
@@ -24,7 +24,6 @@ from capture_app.sync.rig.burst_orders import CANCELLED
 from capture_app.sync.rig.events import (
     AlignmentFailed,
     BurstCancelled,
-    ClientEvent,
     ForeignTrigger,
     FramesDropped,
     PhaseCorrected,
@@ -122,7 +121,8 @@ class Client(TimeClient, Generic[F]):
         self._root: int | None = None
         self._foreign_leader: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
-        self._events: deque[ClientEvent[F]] = deque()
+        # Unlike a clock's events, frames must not be lost if there are many.
+        self._events = keeper.events = deque[Any]()
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add an asymmetry that was measured on top of the path's known one; return the sum.

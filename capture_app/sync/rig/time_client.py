@@ -11,7 +11,7 @@ from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNotice
-from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
+from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import (
@@ -48,8 +48,6 @@ HELLOS = 3
 """Number of unanswered hellos after which another leader is asked, if there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
 """Status text of a client whose hellos are not answered."""
-MAX_EVENTS = 256
-"""Maximum number of events stored for a node that does not read them."""
 
 TimeClientEvent = Joined | LeaderNotice | ClockEvent
 
@@ -90,7 +88,7 @@ class TimeClient:
         self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
         self._hello_due_ns = AT_ONCE_NS
         self._outbox: deque[ControlMessage] = deque()
-        self._events: deque[Any] = deque(maxlen=MAX_EVENTS)
+        self._events: deque[Any] = timekeeper.events
 
     # What the outside sees
 
@@ -151,7 +149,6 @@ class TimeClient:
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
-                self._note_clock()
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader has stopped" if message.stops else "the leader was restarted", now_ns)
                 self.hellos = HELLOS if message.stops else self.hellos
@@ -221,9 +218,9 @@ class TimeClient:
             self.lose("the leader is silent", now_ns)
             self.hellos = HELLOS
             return
+        was_synced = self.timekeeper.synced
         self.timekeeper.handle_timer(now_ns)
-        self._note_clock()
-        if now_ns >= self._heartbeat_due_ns:
+        if now_ns >= self._heartbeat_due_ns or (self.timekeeper.synced and not was_synced):
             self._outbox.append(Heartbeat(self.number, self._report_to_leader(now_ns)))
             self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
 
@@ -292,10 +289,3 @@ class TimeClient:
         else:
             self.followed = config
             self.timekeeper.update_config(config)
-
-    def _note_clock(self) -> None:
-        for event in self.timekeeper.events:
-            self._events.append(event)
-            if isinstance(event, ClockSynced):
-                self.report_at_once()
-        self.timekeeper.events.clear()

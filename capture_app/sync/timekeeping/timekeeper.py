@@ -33,6 +33,8 @@ A silent leader counts as lost after as long.
 """
 STEP_REPORT_INTERVAL_NS = 10_000_000_000
 """Minimum interval between two reports of refused steps, so that forged messages cannot flood the log."""
+MAX_EVENTS = 256
+"""Maximum number of events stored for a node that does not read them."""
 FURTHEST_NS = 2**62
 """Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 
@@ -81,8 +83,8 @@ class Timekeeper:
         self._stepped = False
         """Whether a clock has stepped or been slewed, and the time is not known again yet."""
         self._reported_steps, self._report_steps_ns = 0, AT_ONCE_NS
-        self.events: deque[ClockEvent] = deque()
-        """Events for the caller to take."""
+        self.events: deque[ClockEvent] = deque(maxlen=MAX_EVENTS)
+        """Events for the caller to take, who may add others."""
 
     # In
 

@@ -19,9 +19,8 @@ from msgspec import structs
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
-from capture_app.sync.rig.time_client import MAX_EVENTS
 from capture_app.sync.sync_engine import Address
-from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
+from capture_app.sync.timekeeping.timekeeper import MAX_EVENTS, OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode

@@ -245,7 +245,7 @@ def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
         _save(save, page_html(), as_json)
         return
     with listen_tcp(host, port) as listening:
-        run_until_stopped(_serve(listening, as_json))
+        run_until_stopped(_serve(listening, page_html(), as_json))
 
 
 def _save(file: Path, page: bytes, as_json: bool) -> None:
@@ -260,14 +260,14 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
     answer(as_json, {"file": str(file)}, [str(file)])
 
 
-async def _serve(listening: socket.socket, as_json: bool) -> None:
+async def _serve(listening: socket.socket, page: bytes, as_json: bool) -> None:
     from capture_app.common.address import ANY_HOST, Address, reachable_host
-    from capture_app.panel.screen import served_page
+    from capture_app.web.own_page import served_page
 
     host, port = listening.getsockname()[:2]
     outside = host in ANY_HOST
     url = f"http://{Address(reachable_host(host, listening.family), port)}/"
-    async with served_page(listening):
+    async with served_page(listening, page):
         answer(as_json, {"url": url}, [url])
         if outside and sys.stderr.isatty():
             import segno

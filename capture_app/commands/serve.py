@@ -1,18 +1,25 @@
 """`capture-app serve`: the terminal UI in a browser."""
 
 import asyncio
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.shared_options import ADDRESS, attached_sessions_option, run_until_stopped
-from capture_app.common.address import LOOPBACK_HOSTS, Address, listen_tcp
+from capture_app.common.address import LOOPBACK_HOSTS, Address, listen_tcp, reachable_host
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.rig.process import AttachedRig
+
+_REFUSAL = (
+    "The screen is for its own page only: open it by this machine's address or host name, "
+    "or start it with capture-app serve --allow-host NAME.\n"
+)
 
 
 @click.command(epilog=examples("capture-app serve", "capture-app serve --port 8080 --leader 192.168.1.20"))
@@ -60,15 +67,20 @@ def serve(
 
 
 async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: int, as_json: bool) -> None:
-    from capture_app.tui.web import PageServer
+    from textual_serve.server import Server
 
+    from capture_app.web.own_page import only_own_page, served
+
+    command = shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments))
     with listen_tcp(host, port) as listening:
-        server = PageServer(rig, listening, names)
-        answer(
-            as_json,
-            {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)},
-            [server.public_url],
-        )
-        who = "any user of this machine" if host in LOOPBACK_HOSTS else "anyone in the network"
-        talk(f"the page shows the rig {rig.leader}; {who} can control it; Ctrl-C stops the page")
-        await server.run()
+        bound, port = listening.getsockname()[:2]
+        url = f"http://{Address(reachable_host(bound, listening.family), port)}"
+        # Its own way to serve prints a banner, and accepts requests from pages of other sites.
+        app = await Server(command, bound, port, title="simulshot", public_url=url)._make_app()
+        app.on_startup.clear()
+        app.middlewares.append(only_own_page(names, _REFUSAL))
+        async with served(app, listening):
+            answer(as_json, {"url": url, "leader": str(rig.leader), "sessions": str(rig.sessions)}, [url])
+            who = "any user of this machine" if host in LOOPBACK_HOSTS else "anyone in the network"
+            talk(f"the page shows the rig {rig.leader}; {who} can control it; Ctrl-C stops the page")
+            await asyncio.Event().wait()

@@ -5,10 +5,9 @@ import contextlib
 import ipaddress
 import re
 import socket
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import urlsplit
 
 import ifaddr
 
@@ -110,23 +109,6 @@ def reachable_host(
         ("10.255.255.255", "127.0.0.1") if family == socket.AF_INET else ("2001:db8::1", "::1")
     )
     return find_source(outside, family) or next(iter(find_own(family)), loopback)
-
-
-def is_own_page(host: str, origin: str | None, names: Collection[str] = ()) -> bool:
-    """Return whether a web request is for this machine and comes from its own page.
-
-    `host` and `origin` are the request's headers. A page of another site can have its own name resolve to
-    this machine (DNS rebinding), so only its addresses and host name, and `names`, are accepted.
-    """
-    try:
-        name = (urlsplit(f"//{host}").hostname or "").lower()
-        foreign = origin is not None and urlsplit(origin).netloc.lower() != host.lower()
-    except ValueError:
-        return False
-    own = socket.gethostname().lower()
-    accepted = {*LOOPBACK_HOSTS, own, f"{own.partition('.')[0]}.local", *map(str.lower, names)}
-    addresses = (one for family in (socket.AF_INET, socket.AF_INET6) for one in own_hosts(family))
-    return not foreign and (name in accepted or name in addresses)
 
 
 def listen_tcp(host: str, *ports: int) -> socket.socket:

@@ -1,18 +1,12 @@
-"""Web page that draws a screen panel at any refresh rate, and a server for that page alone."""
+"""Web page that draws a screen panel at any refresh rate."""
 
-import asyncio
 import base64
-import contextlib
 import hashlib
-import logging
-import socket
-from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
-from capture_app.common.address import is_own_page
 from capture_app.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
@@ -20,22 +14,9 @@ from capture_app.panel.pattern import (
     marker_squares,
 )
 
-if TYPE_CHECKING:
-    from aiohttp import web
-
 HERE = Path(__file__).parent / "page"
 SCRIPTS = ("counter.js", "drawing.js", "page.js")
 DEFAULT_PORT = 8010
-HEADERS = {
-    "Content-Security-Policy": "frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}
-"""Security headers that a page cannot set in its own markup."""
-_faults = logging.getLogger(f"{__name__}.http")
-_faults.disabled = True
-"""Malformed requests of unknown clients are not logged."""
 
 
 def page_html() -> bytes:
@@ -85,26 +66,3 @@ def _panels() -> dict[str, Any]:
             for panel in screens
         ],
     }
-
-
-@contextlib.asynccontextmanager
-async def served_page(listening: socket.socket) -> AsyncIterator[None]:
-    """Serve the page at `/`, and nothing else, on a listening socket while the block runs."""
-    from aiohttp import web
-
-    page = await asyncio.to_thread(page_html)
-
-    async def send(request: "web.Request") -> "web.Response":
-        if not is_own_page(request.host, request.headers.get("Origin")):
-            raise web.HTTPForbidden(text="Open the page by this machine's address or host name.\n")
-        return web.Response(body=page, headers=HEADERS, content_type="text/html", charset="utf-8")
-
-    app = web.Application()
-    app.router.add_get("/", send)
-    runner = web.AppRunner(app, access_log=None, logger=_faults)
-    await runner.setup()
-    try:
-        await web.SockSite(runner, listening).start()
-        yield
-    finally:
-        await runner.cleanup()

@@ -23,7 +23,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 from platformdirs import user_data_path
 
-from capture_app.common.address import Address, is_own_page, listen_tcp, reachable_host
+from capture_app.common.address import Address, listen_tcp, reachable_host
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
@@ -31,6 +31,7 @@ from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
 from capture_app.protocol.orders import PhoneInvited
 from capture_app.web.admission import Admission, Admitted
 from capture_app.web.certificate import load_certificate, own_certificate
+from capture_app.web.own_page import only_own_page
 
 MAX_UNKNOWN = 128
 """Max number of open connections without an admitted device; the oldest in excess are closed."""
@@ -219,8 +220,8 @@ class PairedPage(ABC):
 
         Pages may call this machine by its own names and by `names`.
         """
-        self._names = names
-        app = web.Application(middlewares=[self._guard], client_max_size=4096)
+        refusal = "This is for its own page only: open it by this machine's address."
+        app = web.Application(middlewares=[_add_headers, only_own_page(names, refusal)], client_max_size=4096)
         app.on_response_prepare.append(_say_no_server)
         for name in self._files:
             app.router.add_get(f"/{name}", self._send_file)
@@ -238,18 +239,6 @@ class PairedPage(ABC):
                         link.end(1001, b"The leader has ended. This page waits for it.")
         finally:
             await runner.cleanup()
-
-    @web.middleware
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
-        if not is_own_page(request.host, request.headers.get("Origin"), self._names):
-            raise web.HTTPForbidden(text="This is for its own page only: open it by this machine's address.")
-        response = await handler(request)
-        if not response.prepared:
-            # Older browsers do not count a WebSocket to the page's own host as 'self'.
-            policy = f"{_POLICY}; connect-src 'self' wss://{request.host}"
-            response.headers.update(_HEADERS, **{"Content-Security-Policy": policy})
-        return response
 
     async def _send_file(self, request: web.Request) -> web.Response:
         path = self._files[request.path.lstrip("/")]
@@ -296,6 +285,17 @@ class PairedPage(ABC):
         if link.close_code:
             await socket_.close(code=link.close_code, message=link.close_reason)
         return socket_
+
+
+@web.middleware
+async def _add_headers(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Add headers for precise timers and isolation to responses."""
+    response = await handler(request)
+    if not response.prepared:
+        # Older browsers do not count a WebSocket to the page's own host as 'self'.
+        policy = f"{_POLICY}; connect-src 'self' wss://{request.host}"
+        response.headers.update(_HEADERS, **{"Content-Security-Policy": policy})
+    return response
 
 
 async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:

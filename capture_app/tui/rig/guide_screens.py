@@ -26,7 +26,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
 from capture_app.panel.screen import DEFAULT_PORT as PANEL_PORT
-from capture_app.panel.screen import served_page
+from capture_app.panel.screen import page_html
 from capture_app.protocol.orders import (
     InvitePhone,
     PhoneInvited,
@@ -214,6 +214,8 @@ def panel_screen() -> GuideScreen:
 
 
 async def _serve_panel(screen: GuideScreen) -> None:
+    from capture_app.web.own_page import served_page  # heavy: a web server
+
     where = "Open this page full-screen on ONE screen that all cameras see; a phone scans the code:"
     url = ""
     async with AsyncExitStack() as serving:
@@ -222,7 +224,8 @@ async def _serve_panel(screen: GuideScreen) -> None:
         except SimulshotError as error:
             where = f"{error}. Type in a terminal: capture-app panel show"
         else:
-            await serving.enter_async_context(served_page(listening))
+            page = await asyncio.to_thread(page_html)
+            await serving.enter_async_context(served_page(listening, page))
             host = reachable_host(ANY_HOST[1], listening.family)
             url = f"http://{Address(host, listening.getsockname()[1])}/"
         screen.show(

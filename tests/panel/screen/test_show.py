@@ -16,14 +16,15 @@ import pytest
 
 from capture_app import cli
 from capture_app.common.address import listen_tcp
-from capture_app.panel.screen import page_html, served_page
+from capture_app.panel.screen import page_html
+from capture_app.web.own_page import served_page
 
 
 @pytest.fixture
 async def served() -> AsyncIterator[int]:
     """The port of a page that is served."""
     with listen_tcp("127.0.0.1", 0) as listening:
-        async with served_page(listening):
+        async with served_page(listening, page_html()):
             yield listening.getsockname()[1]
 
 

@@ -13,14 +13,11 @@ from typing import Literal
 import msgspec
 from aiohttp import WSMsgType
 from msgspec import Struct
-from msgspec.structs import replace
 
 from capture_app.common.errors import IncompleteError, SimulshotError
 from capture_app.common.names import natural_order
-from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
-from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
@@ -45,7 +42,6 @@ SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
 WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125
 DEPTH_RUNS = ("moment", "multiview")
 """Results of a session with depth, the quickest first."""
-SETTLING = (NodeState.JOINING, NodeState.SYNCING, NodeState.ALIGNING)
 
 
 class MonitorFeed:
@@ -112,10 +108,7 @@ class MonitorFeed:
         if self._taking is not None and self._taking.is_waiting:
             self._taking.take_now()
         elif self._course in ("idle", "failed"):
-            cameras = () if self._rig is None else self._rig.nodes
-            if plan.on_motion is None and any(camera.state in SETTLING for camera in cameras):
-                plan = replace(plan, wait_ready_s=READY_TIMEOUT_S)
-            self._taking = Taking(self._link, plan)
+            self._taking = Taking(self._link, plan.when_ready(self._rig))
             self._say_course("ordered")
             self._background.start(self._follow(self._taking))
 
@@ -161,7 +154,7 @@ class MonitorFeed:
 
     def _show_status(self, rig: RigStatus) -> None:
         self._rig = rig
-        cameras = {node.name: node for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA}
+        cameras = {node.name: node for node in rig.cameras}
         self._say(
             "rig",
             leader=rig.leader,
@@ -239,8 +232,9 @@ def _contact_sheet(sheet: TakeSheet) -> bytes:
 
 
 def _wiggle(sheet: TakeSheet) -> bytes:
-    frames = wiggle_frames(sheet, sheet.instants // 2, WIGGLE_WIDTH_PX)
-    return encode_animation(frames, ".webp", WIGGLE_STEP_MS, WIGGLE_STEP_MS)
+    return encode_animation(
+        wiggle_frames(sheet, sheet.instants // 2, WIGGLE_WIDTH_PX), ".webp", WIGGLE_STEP_MS, WIGGLE_STEP_MS
+    )
 
 
 def _depth(sheet: TakeSheet) -> bytes:
@@ -296,8 +290,9 @@ class MonitorPage(PairedPage):
                     try:
                         await monitor.obey(_DECODER.decode(message.data))
                     except SimulshotError as error:
-                        refusal = {"type": "refused", "words": str(error)}
-                        await link.send(msgspec.json.encode(refusal).decode())
+                        await link.send(
+                            msgspec.json.encode({"type": "refused", "words": str(error)}).decode()
+                        )
             finally:
                 await end(sending, *monitor.looking)
 
@@ -307,8 +302,8 @@ class _Monitor:
 
     def __init__(self, link: PageLink, feed: MonitorFeed, changed: asyncio.Event) -> None:
         self._link, self._feed, self._changed = link, feed, changed
-        self._texts: dict[str, str] = {}
-        self._pictures: dict[str, bytes] = {}
+        self._sent: dict[str, str | bytes] = {}
+        """Newest message of each type, and newest picture by key, that the page has got."""
         self._unacknowledged: set[str] = set()
         self._open = ""
         self.looking: set[asyncio.Task[None]] = set()
@@ -320,18 +315,18 @@ class _Monitor:
             await self._changed.wait()
             self._changed.clear()
             for kind, text in tuple(self._feed.texts.items()):
-                if self._texts.get(kind) != text:
-                    self._texts[kind] = text
+                if self._sent.get(kind) != text:
+                    self._sent[kind] = text
                     await self._link.send(text)
             for key in tuple(self._feed.pictures):
                 await self._send_picture(key)
 
     async def _send_picture(self, key: str) -> None:
         picture = self._feed.pictures.get(key)
-        if picture is None or picture is self._pictures.get(key) or key in self._unacknowledged:
+        if picture is None or picture is self._sent.get(key) or key in self._unacknowledged:
             return
         if key.startswith("live/") or key == self._open:
-            self._pictures[key] = picture
+            self._sent[key] = picture
             self._unacknowledged.add(key)
             name = key.encode()
             await self._link.send(bytes([len(name)]) + name + picture)
@@ -349,7 +344,7 @@ class _Monitor:
                     self.looking.add(asyncio.create_task(self._feed.look_closely(order.camera)))
             case "open":
                 self._open = order.picture
-                self._pictures.pop(order.picture, None)
+                self._sent.pop(order.picture, None)
                 self._feed.request_picture(order.picture)
                 self._changed.set()
             case "take":

@@ -7,7 +7,7 @@ from msgspec import Meta, Struct
 from capture_app.common.bounds import Count, FilePath, Message, Pixels, Real, Sentence, Text, TimeNs
 from capture_app.common.camera_facts import CameraFacts, ControlState
 from capture_app.common.names import Name
-from capture_app.common.node_state import WITHOUT_CAMERA
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.datagrams import Report
 
@@ -47,6 +47,18 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
         if clock_ns is None or self.camera.kind in WITHOUT_CAMERA:
             return clock_ns
         return clock_ns + self.camera.stamp_accuracy.uncertainty_ns
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the camera is synchronized; includes brief phase corrections."""
+        close = abs(self.phase_error_ns or 0) <= 2 * self.tolerance_ns
+        return close and self.state in (NodeState.READY, NodeState.ALIGNING)
+
+    @property
+    def is_settling(self) -> bool:
+        """Whether a take should wait for the camera; not if it is lost or briefly corrects a drift."""
+        corrects = self.is_settled and self.phase_error_ns is not None
+        return not corrects and self.state not in (NodeState.READY, NodeState.LOST)
 
 
 def in_tree_order(nodes: tuple[NodeStatus, ...]) -> list[NodeStatus]:
@@ -150,6 +162,11 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """Folder of the sessions, on the leader's machine."""
     disk_free_bytes: int | None = None
     """Free space of that folder's disk."""
+
+    @property
+    def cameras(self) -> tuple[NodeStatus, ...]:
+        """The nodes with a camera, without relays and clocks."""
+        return tuple(node for node in self.nodes if node.camera.kind not in WITHOUT_CAMERA)
 
 
 Level = Literal["info", "warning", "error"]

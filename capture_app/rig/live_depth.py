@@ -9,7 +9,6 @@ from msgspec.structs import replace
 
 from capture_app.common.child import Child
 from capture_app.common.errors import SimulshotError
-from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.common.tasks import end
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, instant_previews
@@ -49,7 +48,7 @@ async def live_depth(
     child = await Child.start("reconstruct live", COMMAND, niceness=10)
     task = asyncio.create_task(follow())
     try:
-        cameras = {node.name: node.camera for node in rig.nodes if node.camera.kind not in WITHOUT_CAMERA}
+        cameras = {node.name: node.camera for node in rig.cameras}
         await _send(child, LiveRig(cameras, rig.sessions_folder))
         lacking = 0
         while True:

@@ -22,7 +22,7 @@ from capture_app.common.errors import (
     SimulshotError,
     UnknownMachineError,
 )
-from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
 from capture_app.net.asking import ask, ask_all_nodes, receive_answer
 from capture_app.net.channel import Channel, connect
@@ -97,11 +97,7 @@ async def match_cameras(
 
 def present_cameras(rig: RigStatus) -> list[str]:
     """Return the names of the present cameras."""
-    return [
-        node.name
-        for node in rig.nodes
-        if node.camera.kind not in WITHOUT_CAMERA and node.state is not NodeState.LOST
-    ]
+    return [node.name for node in rig.cameras if node.state is not NodeState.LOST]
 
 
 async def _ask_camera(leader: Address, name: str, values: Mapping[Control, ControlValue]) -> CameraControls:

@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import AsyncGenerator, Coroutine
 from contextlib import aclosing, suppress
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -23,10 +23,11 @@ from capture_app.common.errors import (
 )
 from capture_app.common.names import check_name
 from capture_app.common.tasks import end
+from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.messages import LONGEST_S, BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, RigStatus
-from capture_app.rig.rig_link import RigLink
+from capture_app.rig.rig_link import RigLink, present_cameras
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
@@ -101,6 +102,15 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
         if self.video or self.seconds is not None:
             fields |= {"frames": None, "spare": 0}
         return BurstRequest(**fields)
+
+    def when_ready(self, status: RigStatus | None) -> Self:
+        """Return this plan, with a wait until all cameras are ready if one of them is settling.
+
+        A take on motion does not wait: its time is known before, and would be over.
+        """
+        if status is None or self.on_motion is not None or not any(n.is_settling for n in status.cameras):
+            return self
+        return replace(self, wait_ready_s=READY_TIMEOUT_S, nodes=len(present_cameras(status)))
 
 
 class TakeEvent(Struct, frozen=True):

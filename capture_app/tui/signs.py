@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from textual.theme import Theme
 
-from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
-from capture_app.protocol.status import REPORT_LOST_NS, NodeStatus, RigStatus
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.status import REPORT_LOST_NS, RigStatus
 
 MISSING = "!"
 """Glyph of a rig whose connected cameras are ready after one was recently lost."""
@@ -129,25 +129,14 @@ THEMES = DARK, LIGHT, PLAIN
 """Few colours, each with one meaning, and a theme without colours."""
 
 
-def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
-    """Return the nodes with a camera, without relays and clocks."""
-    return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
-
-
-def is_settled(node: NodeStatus) -> bool:
-    """Return whether a camera is synchronized; includes brief phase corrections."""
-    close = abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns
-    return close and node.state in (NodeState.READY, NodeState.ALIGNING)
-
-
 def rig_sign(status: RigStatus) -> Sign:
     """Return the sign of the whole rig: ready, or the number of ready cameras."""
-    here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
+    here = [node for node in status.cameras if node.state is not NodeState.LOST]
     ready = sum(node.state is NodeState.READY for node in here)
     if not here:
         return EMPTY
     # A rig that has just lost a camera is not shown as ready.
-    lost = sum(node.last_seen_ns <= REPORT_LOST_NS for node in cameras_of(status) if node not in here)
+    lost = sum(node.last_seen_ns <= REPORT_LOST_NS for node in status.cameras if node not in here)
     if ready == len(here) and lost:
         return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")
     if ready == len(here):

@@ -31,6 +31,7 @@ from capture_app.common.errors import (
     NetworkError,
     NotAvailableError,
 )
+from capture_app.common.node_state import RELAY, NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
@@ -50,9 +51,29 @@ from capture_app.rig.taking import (
     Taking,
     Waiting,
 )
+from tests.facts import make_facts
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import saves_into
 from tests.waiting import SLOW_PATIENCE_S, time_limit, until
+
+
+def test_a_take_waits_for_cameras_that_settle_unless_it_is_told_by_motion() -> None:
+    rig = FakeRig(2)
+    settling = make_node("cam02", NodeState.ALIGNING, phase_error_ns=7_310_000)
+    steady = (
+        *rig.nodes,
+        make_node("cam03", NodeState.LOST),
+        make_node("cam04", NodeState.ALIGNING, phase_error_ns=-110_000),
+        make_node("relay", NodeState.SYNCING, camera=make_facts(kind=RELAY)),
+    )
+    rig.nodes = steady
+    plan = TakePlan(frames=3)
+    assert plan.when_ready(None) == plan.when_ready(rig.status()) == plan
+    rig.nodes = (*steady, settling)
+    waits = plan.when_ready(rig.status())
+    assert (waits.wait_ready_s, waits.nodes, waits.frames) == (120.0, 4, 3), "not for lost ones and relays"
+    moved = TakePlan(on_motion=(0.0, 0.0, 1.0, 1.0))
+    assert moved.when_ready(rig.status()) == moved
 
 
 @pytest.fixture

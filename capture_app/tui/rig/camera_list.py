@@ -18,7 +18,7 @@ from capture_app.protocol.status import NodeStatus, in_tree_order
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at
-from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.lines import Lines, chosen_line
 from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_rows, times_of
 
@@ -290,7 +290,7 @@ class CameraList(Vertical, can_focus=True):
             rows += [chosen_line(line, width) for line in lines] if node.name == self._chosen else lines
         self._head.show([compact_head(width)] if height == 1 else [])
         self._rows.show(rows)
-        title = f"{count(len(cameras_of(status)), 'camera')}{_settings(cameras_of(status))}"
+        title = f"{count(len(status.cameras), 'camera')}{_settings(status.cameras)}"
         subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
         if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws everything
             self.border_title, self.border_subtitle = title, subtitle

@@ -29,7 +29,7 @@ from capture_app.tui.rig.guide_screens import MONITOR_STEPS, GuideScreen, panel_
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
-from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
+from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
 from capture_app.tui.widgets.lines import Lines, log_lines
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ class RigView(ModeView):
                 words = (status.advice, status.message, *(node.message for node in status.nodes))
                 seen = (
                     *(_FIGURES.sub("", text) for text in words),
-                    *((node.name, is_settled(node) or node.state) for node in status.nodes),
+                    *((node.name, node.is_settled or node.state) for node in status.nodes),
                 )
                 if seen != self._drawn:
                     self._drawn = seen
@@ -160,7 +160,7 @@ class RigView(ModeView):
         if status is None or self._record.clock() < self._next_draw_s:
             return
         # Calm: all connected cameras are synchronized, and only their phases fluctuate.
-        is_calm = all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)
+        is_calm = all(node.state is NodeState.LOST or node.is_settled for node in status.nodes)
         pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if is_calm else 0.0
         self._next_draw_s = self._record.clock() + pause_s
         self._draw()

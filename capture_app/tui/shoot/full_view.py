@@ -16,7 +16,7 @@ from capture_app.protocol.status import NodeStatus, Preview
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.decoding import decode_preview
 from capture_app.tui.rig_record import RecordChanged, RigRecord
-from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.focus_aids import (
     Aid,
@@ -179,7 +179,7 @@ class FullView(WholeScreen[str]):
 
     def _show_title(self) -> None:
         shown = self._partner if self._shows_second else self.camera
-        cameras = () if self._record.status is None else cameras_of(self._record.status)
+        cameras = () if self._record.status is None else self._record.status.cameras
         parts = [Content.styled(printable(shown), "bold $primary")]
         for node in cameras:
             if node.name == shown:
@@ -205,8 +205,9 @@ class FullView(WholeScreen[str]):
 
     async def _ask(self, fps: float) -> None:
         cameras = (self.camera, self._partner) if self._blinks else (self.camera,)
-        width = min(max(2 * self.app.size.width, MIN_PX), MAX_PX)
-        await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
+        await self._rig.want_previews(
+            cameras=cameras, width=min(max(2 * self.app.size.width, MIN_PX), MAX_PX), fps=fps
+        )
 
 
 def _about(node: NodeStatus) -> Iterator[str]:

@@ -14,7 +14,7 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
-from capture_app.tui.signs import SIGNS, cameras_of
+from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.lines import Lines, fitting
 from capture_app.tui.widgets.picture import NOISE, Picture
 
@@ -69,9 +69,9 @@ class PreviewTile(Vertical):
             (printable(node.name), "bold"),
         )
         rate = "" if node.fps is None else f" {node.fps:.1f} fps"
-        more = Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")
+        parts = title, Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")
         # Parts that do not fit are omitted rather than cut.
-        self._title.show([Content("").join(fitting((title, *more), "", self.size.width))])
+        self._title.show([Content("").join(fitting(parts, "", self.size.width))])
 
     on_resize = _show
 
@@ -116,7 +116,7 @@ class PreviewGrid(Container, can_focus=True):
 
     def show_status(self, status: RigStatus) -> None:
         """Show the cameras of a status."""
-        nodes = {node.name: node for node in cameras_of(status)}
+        nodes = {node.name: node for node in status.cameras}
         if list(nodes) != list(self._tiles):
             before = self._tiles
             self._tiles = {name: before.get(name) or PreviewTile(node) for name, node in nodes.items()}

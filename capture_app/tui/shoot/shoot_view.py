@@ -2,9 +2,9 @@
 
 import asyncio
 from contextlib import aclosing
+from pathlib import Path
 from typing import ClassVar
 
-from msgspec.structs import replace
 from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -12,11 +12,9 @@ from textual.content import Content
 from textual.worker import Worker
 
 from capture_app.common.errors import SimulshotError
-from capture_app.common.node_state import NodeState
 from capture_app.common.text import clock_offset, count, printable
-from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
-from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
+from capture_app.protocol.status import BurstStatus, Preview, RigStatus
 from capture_app.rig.live_depth import live_depth
 from capture_app.rig.rig_link import RigLink
 from capture_app.rig.taking import (
@@ -49,7 +47,6 @@ from capture_app.tui.shoot.takes import (
     progress_words,
     verdict_line,
 )
-from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
 MAX_ANSWERS = 9
@@ -109,8 +106,11 @@ class ShootView(ModeView):
         self.take_panel = TakePanel()
         self.stage = Stage(rig, record)
         self._line = Lines(id="shoot-advice")
-        side = Vertical(self.plan_panel, self.take_panel, id="shoot-side")
-        super().__init__(Horizontal(side, self.stage), self._line, id="shoot")
+        super().__init__(
+            Horizontal(Vertical(self.plan_panel, self.take_panel, id="shoot-side"), self.stage),
+            self._line,
+            id="shoot",
+        )
 
     def on_mount(self) -> None:
         """Show the empty pane and start the updates of elapsed times."""
@@ -197,7 +197,7 @@ class ShootView(ModeView):
         if answer == "trash":
             self._trash(last, last.sheet)
         if answer is not None:
-            self._shoot(plan, retake_of=last.name)
+            self._shoot(plan, retake_of=last.status.name)
 
     def action_edit(self, what: str) -> None:
         """Edit the name or the notes of the following takes."""
@@ -239,10 +239,10 @@ class ShootView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only actions available for the newest take."""
-        run = take_depth.run_of(self._depth_runs, self._newest_sheet)
         return {
             "explain": self._newest_sheet is not None,
-            "open_depth": run is not None and run.report is not None,
+            # Looked for on the disk, and so for no other action.
+            "open_depth": action == "open_depth" and self._depth_report() is not None,
         }.get(action, True)
 
     def action_explain(self) -> None:
@@ -252,8 +252,11 @@ class ShootView(ModeView):
 
     def action_open_depth(self) -> None:
         """Open the interactive 3D page of the newest take's depth."""
+        open_report(self, self._depth_report())
+
+    def _depth_report(self) -> Path | None:
         run = take_depth.run_of(self._depth_runs, self._newest_sheet)
-        open_report(self, None if run is None else run.report)
+        return None if run is None else run.report
 
     @work(group="asking")
     async def action_cancel_burst(self) -> None:
@@ -266,8 +269,9 @@ class ShootView(ModeView):
             Answer(str(burst), str(key), words)
             for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
-        question = Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
-        answer = await self.app.push_screen_wait(question)
+        answer = await self.app.push_screen_wait(
+            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
+        )
         if answer is not None:
             self._order(CancelBurst(burst=int(answer)))
 
@@ -279,11 +283,8 @@ class ShootView(ModeView):
     @work(group="shooting")
     async def _shoot(self, plan: TakePlan, *, retake_of: str = "") -> None:
         """Take once all settling cameras are ready, and show the progress until all is saved."""
-        status, ready = self._record.status, plan
-        if status is not None and any(map(is_settling, cameras_of(status))):
-            cameras = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
-            ready = replace(plan, wait_ready_s=READY_TIMEOUT_S, nodes=len(cameras))
-        self._failure, self._taking = "", (taking := Taking(self._rig, ready))
+        taking = self._taking = Taking(self._rig, plan.when_ready(self._record.status))
+        self._failure = ""
         try:
             async for event in taking:
                 self._show_event(event, plan, retake_of)
@@ -312,7 +313,7 @@ class ShootView(ModeView):
                 self._failure = error.what
                 self.post_message(ActionFailed(error))
                 for take in self.takes:
-                    if status is not None and take.name == status.name:
+                    if status is not None and take.status.name == status.name:
                         take.problem = error.what
         self._show_course()
 
@@ -328,7 +329,7 @@ class ShootView(ModeView):
         Each burst is reported twice: in the reply to the request, which also gives its plan, and in the rig's
         status.
         """
-        take = next((take for take in self.takes if take.name == status.name), None)
+        take = next((take for take in self.takes if take.status.name == status.name), None)
         was_done = take is not None and take.status.done
         if take is None:
             take = Take(status, is_new=not status.done or plan is not None, begun_s=self._record.clock())
@@ -390,7 +391,7 @@ class ShootView(ModeView):
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
         if newest is not None and not newest.status.done and not newest.problem:
-            words = f"◔ {printable(newest.name)}: {progress_words(newest, now_s)}"
+            words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s)}"
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
@@ -410,12 +411,6 @@ class ShootView(ModeView):
             self._depth = self._show_depth(self._record.status)
 
     on_mode_hidden = _want_previews
-
-
-def is_settling(node: NodeStatus) -> bool:
-    """Return whether a take should wait for a camera; not if it is lost or briefly corrects a drift."""
-    in_step = is_settled(node) and node.phase_error_ns is not None
-    return not in_step and node.state not in (NodeState.READY, NodeState.LOST)
 
 
 def cancellable_bursts(status: RigStatus) -> dict[int, str]:

@@ -5,7 +5,6 @@ import textwrap
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack
-from functools import partial
 from typing import ClassVar
 
 import segno
@@ -28,7 +27,6 @@ from capture_app.common.text import printable
 from capture_app.panel.screen import DEFAULT_PORT as PANEL_PORT
 from capture_app.panel.screen import page_html
 from capture_app.protocol.orders import (
-    InvitePhone,
     PhoneInvited,
 )
 from capture_app.protocol.pairing_messages import Invite, Invited
@@ -46,25 +44,17 @@ LOOK_EVERY_S = 1.0
 MAX_LOG_LINES = 2
 INVITE = "invite"
 """Name of the dialog that can show another code."""
-_PHONE_STEPS = (
+PHONE_STEPS = (
     "1  Scan the code with the phone, and open the page.",
     "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
     "3  Start the camera and allow access. Place the phone and plug it in.",
 )
 MONITOR_STEPS = (
     "1  Scan the code with a phone or tablet, and open the page.",
-    _PHONE_STEPS[1],
+    PHONE_STEPS[1],
     "3  It shows all cameras, and takes. It works until this screen ends.",
 )
 _USED = ("The last code was used or has expired. For the next device:", "$success")
-_CHECK = (
-    "Each code admits one device and expires after ten minutes. On an untrusted network, compare the "
-    "certificate's SHA-256 in its browser with:"
-)
-_PANEL_LIMITS = (
-    "An open page keeps running when this is closed. A screen resolves part of its refresh interval "
-    "(16.7 ms at 60 Hz). For microseconds build the LED panel:"
-)
 
 
 def large(code: str) -> list[str]:
@@ -79,14 +69,19 @@ def joining_line(leader: str) -> str:
 
 def joining_place(leader: str) -> str:
     """Return where to type that command."""
-    is_alone = parse_address(leader).host in LOOPBACK_HOSTS
-    return "This rig accepts this machine only. Type here:" if is_alone else "On the camera's machine, type:"
+    return (
+        "This rig accepts this machine only. Type here:"
+        if parse_address(leader).host in LOOPBACK_HOSTS
+        else "On the camera's machine, type:"
+    )
 
 
 def qr_lines(text: str) -> list[Content]:
     """Return a QR code in half blocks; the light modules are drawn, on a dark background."""
-    code = segno.make(text, error="l", boost_error=False, micro=False)
-    light = [[not module for module in row] for row in code.matrix_iter(border=QUIET)]
+    light = [
+        [not module for module in row]
+        for row in segno.make(text, error="l", boost_error=False, micro=False).matrix_iter(border=QUIET)
+    ]
     if len(light) % 2:
         light.append([False] * len(light[0]))
     return [
@@ -154,12 +149,8 @@ class GuideScreen(BoxDialog[None]):
         )
 
 
-def invite_screen(source: RigLink, leader: str) -> GuideScreen:
-    """Return the dialog for another machine: the command, also as a QR code, and the pairing code."""
-    return GuideScreen(INVITE, "Another machine", 36, partial(_invite, source, leader))
-
-
-async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
+async def invite_machine(source: RigLink, leader: str, screen: GuideScreen) -> None:
+    """Show the command for another machine, also as a QR code, and the pairing code."""
     command = joining_line(printable(leader))
     line = (joining_place(leader), ""), (command, "bold $secondary"), ("", "")
     try:
@@ -172,14 +163,9 @@ async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
         f"An unpaired machine asks for this pairing code: {code}. It pairs one machine and expires after "
         f"{invited.good_for_s // 60} minutes. i shows another code; both stay valid."
     )
-    number = [(row, "bold $success") for row in large(code)]
-    screen.show(command, *line, *number, (words, "$foreground-muted"))
-
-
-def phones_screen(source: RigLink) -> GuideScreen:
-    """Return the dialog with the next phone's QR code; the server keeps running when it is closed."""
-    ask = partial(source.ask, InvitePhone(), PhoneInvited)
-    return GuideScreen("phones", "Phones as cameras", 36, partial(show_codes, ask, _PHONE_STEPS))
+    screen.show(
+        command, *line, *((row, "bold $success") for row in large(code)), (words, "$foreground-muted")
+    )
 
 
 async def show_codes(
@@ -198,7 +184,11 @@ async def show_codes(
                     ("", ""),
                     (invited.url, "bold $secondary"),
                     ("", ""),
-                    (_CHECK, "$foreground-muted"),
+                    (
+                        "Each code admits one device and expires after ten minutes. On an untrusted network, "
+                        "compare the certificate's SHA-256 in its browser with:",
+                        "$foreground-muted",
+                    ),
                     (invited.fingerprint, "$foreground-muted"),
                 )
                 shown = invited.url
@@ -208,12 +198,8 @@ async def show_codes(
         await asyncio.sleep(LOOK_EVERY_S)
 
 
-def panel_screen() -> GuideScreen:
-    """Return the dialog; it serves the panel's page while open, and a loaded page keeps running."""
-    return GuideScreen("panel", "Check the rig with a panel", 40, _serve_panel)
-
-
-async def _serve_panel(screen: GuideScreen) -> None:
+async def guide_to_panel(screen: GuideScreen) -> None:
+    """Serve the panel's page, and show how to use it; a loaded page keeps running after the dialog."""
     from capture_app.web.own_page import served_page  # heavy: a web server
 
     where = "Open this page full-screen on ONE screen that all cameras see; a phone scans the code:"
@@ -224,10 +210,9 @@ async def _serve_panel(screen: GuideScreen) -> None:
         except SimulshotError as error:
             where = f"{error}. Type in a terminal: capture-app panel show"
         else:
-            page = await asyncio.to_thread(page_html)
-            await serving.enter_async_context(served_page(listening, page))
-            host = reachable_host(ANY_HOST[1], listening.family)
-            url = f"http://{Address(host, listening.getsockname()[1])}/"
+            await serving.enter_async_context(served_page(listening, await asyncio.to_thread(page_html)))
+            port = listening.getsockname()[1]
+            url = f"http://{Address(reachable_host(ANY_HOST[1], listening.family), port)}/"
         screen.show(
             url,
             (f"1  {where}", ""),
@@ -235,7 +220,11 @@ async def _serve_panel(screen: GuideScreen) -> None:
             ("2  Take a burst of it: key 2, then Space.", ""),
             ("3  Read it: key 3, then a, and choose Panel.", ""),
             ("", ""),
-            (_PANEL_LIMITS, "$foreground-muted"),
+            (
+                "An open page keeps running when this is closed. A screen resolves part of its refresh "
+                "interval (16.7 ms at 60 Hz). For microseconds build the LED panel:",
+                "$foreground-muted",
+            ),
             ("capture-app panel sketch --out panel", "$foreground-muted"),
         )
         await asyncio.Event().wait()

@@ -4,6 +4,7 @@ import asyncio
 import re
 import textwrap
 import time
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -18,14 +19,14 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
 from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
-from capture_app.protocol.orders import AddSimulated, RemoveCamera
+from capture_app.protocol.orders import AddSimulated, PhoneInvited, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.guide_screens import MONITOR_STEPS, GuideScreen, panel_screen, show_codes
+from capture_app.tui.rig.guide_screens import MONITOR_STEPS, GuideScreen, guide_to_panel, show_codes
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
@@ -95,8 +96,6 @@ class RigView(ModeView):
     ) -> None:
         """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
         self._source, self._sessions, self._local = source, sessions, local
-        self._monitor_page: ListeningPage | None = None
-        """Page of the monitors of this screen's rig, served since its code was first shown."""
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(source, record)
@@ -216,9 +215,8 @@ class RigView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Return whether an action is available, given the visible panel and the focus."""
-        if action in ("add", "log", "panel", "phones", "monitor", "invite"):
-            return self._cameras.display
         return {
+            **dict.fromkeys(("add", "log", "panel", "phones", "monitor", "invite"), self._cameras.display),
             "remove": self._cameras.has_focus,
             "start": bool(self._record.lost) and self._local,
             "back": self._adding is not None or self._event_log.has_focus,
@@ -245,8 +243,9 @@ class RigView(ModeView):
         self._starting, connecting = f"starting a leader at {leader} …", ""
         self._draw()
         with showing_errors(self):
-            hosts = LOOPBACK_HOSTS if alone else ANY_HOST
-            await start_rig(sessions=self._sessions, host=hosts[1], port=leader.port)
+            await start_rig(
+                sessions=self._sessions, host=(LOOPBACK_HOSTS if alone else ANY_HOST)[1], port=leader.port
+            )
             nodes = status.nodes if status is not None else ()
             if simulated := sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes):
                 await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
@@ -260,26 +259,29 @@ class RigView(ModeView):
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
-        self.app.push_screen(panel_screen())
+        self.app.push_screen(GuideScreen("panel", "Check the rig with a panel", 40, guide_to_panel))
 
     def action_monitor(self) -> None:
         """Show how a phone or tablet becomes a monitor."""
-        self.app.push_screen(GuideScreen("monitor", "A monitor in your hand", 36, self._guide_monitors))
+        self.app.push_screen(
+            GuideScreen(
+                "monitor",
+                "A monitor in your hand",
+                36,
+                partial(show_codes, self._invite_monitor, MONITOR_STEPS),
+            )
+        )
 
-    async def _guide_monitors(self, screen: GuideScreen) -> None:
-        try:
-            page = self._monitor_page or self._start_monitor()
-        except SimulshotError as error:
-            screen.show("", (str(error), "$warning"))
-        else:
-            await show_codes(page.invitation, MONITOR_STEPS, screen)
+    async def _invite_monitor(self) -> PhoneInvited:
+        return await self._monitor_page.invitation()
 
-    def _start_monitor(self) -> "ListeningPage":
+    @cached_property
+    def _monitor_page(self) -> "ListeningPage":
+        """Page of the monitors of this rig, served since its code was first shown. Raises SimulshotError."""
         from capture_app.web.admission import Admission
         from capture_app.web.paired_page import ListeningPage
 
-        admission = Admission(time.monotonic, "monitor")
-        self._monitor_page = page = ListeningPage(admission, ANY_HOST[1], None, MONITOR_PORT)
+        page = ListeningPage(Admission(time.monotonic, "monitor"), ANY_HOST[1], None, MONITOR_PORT)
         self.app.run_worker(self._serve_monitor(page), group="monitor", exit_on_error=False)
         return page
 
@@ -306,8 +308,10 @@ class RigView(ModeView):
         with showing_errors(self):
             if node.state is not NodeState.LOST:
                 if not node.on_leader and node.camera.kind != PHONE:
-                    words = f"{node.name} runs on another machine, {node.address}"
-                    raise SimulshotError(words, hint="stop it there with Ctrl-C")
+                    raise SimulshotError(
+                        f"{node.name} runs on another machine, {node.address}",
+                        hint="stop it there with Ctrl-C",
+                    )
                 answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
                 question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
                 if await self.app.push_screen_wait(question) != "end":

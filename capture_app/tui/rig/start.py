@@ -17,14 +17,24 @@ from textual.widgets.option_list import Option
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
-from capture_app.protocol.orders import VIEWS, AddCamera, AddSimulated, Order
+from capture_app.protocol.orders import (
+    VIEWS,
+    AddCamera,
+    AddSimulated,
+    InvitePhone,
+    Order,
+    PhoneInvited,
+)
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import (
-    invite_screen,
+    INVITE,
+    PHONE_STEPS,
+    GuideScreen,
+    invite_machine,
     joining_line,
     joining_place,
-    phones_screen,
+    show_codes,
 )
 from capture_app.tui.rig_record import SessionsRequested, showing_errors
 from capture_app.tui.screen_settings import Settings
@@ -136,27 +146,52 @@ class StartPanel(Vertical):
 
     def _choices(self) -> Iterator[_Choice]:
         for key, camera in zip(CAMERA_KEYS, self._found, strict=False):
-            title = f"{camera.model or camera.kind} {Path(camera.spec).name}"
-            what = f"{camera.spec}: {camera.detail}"
-            start = partial(self._start_camera, camera)
-            yield _Choice(camera.spec, key, title, what, start, is_usable=camera.usable)
-        what = "Shows a pairing code. Run the command below on the other machine and enter the code."
-        yield _Choice("invite", "i", "Invite other machines", what, self.action_invite)
-        what = "A phone scans a QR code and becomes a camera while the page is open in its browser."
-        yield _Choice("phones", "h", "Phones by a QR code", what, self.action_phones)
-        what = (
-            f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
-            "+ and - change their number, t the scene."
+            yield _Choice(
+                camera.spec,
+                key,
+                f"{camera.model or camera.kind} {Path(camera.spec).name}",
+                f"{camera.spec}: {camera.detail}",
+                partial(self._start_camera, camera),
+                is_usable=camera.usable,
+            )
+        yield _Choice(
+            "invite",
+            "i",
+            "Invite other machines",
+            "Shows a pairing code. Run the command below on the other machine and enter the code.",
+            self.action_invite,
         )
-        title = f"Simulate {count(self._cameras, 'camera')}"
-        yield _Choice("simulated", "s", title, what, self.action_simulate)
+        yield _Choice(
+            "phones",
+            "h",
+            "Phones by a QR code",
+            "A phone scans a QR code and becomes a camera while the page is open in its browser.",
+            self.action_phones,
+        )
+        yield _Choice(
+            "simulated",
+            "s",
+            f"Simulate {count(self._cameras, 'camera')}",
+            f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
+            "+ and - change their number, t the scene.",
+            self.action_simulate,
+        )
         if self._saved_count:
-            title = f"Open {count(self._saved_count, 'session')}"
-            what = f"Takes in {self._sessions}: view, verify, compare and export them."
-            yield _Choice("sessions", "o", title, what, self.action_sessions)
+            yield _Choice(
+                "sessions",
+                "o",
+                f"Open {count(self._saved_count, 'session')}",
+                f"Takes in {self._sessions}: view, verify, compare and export them.",
+                self.action_sessions,
+            )
         if self._samples:
-            what = f"Takes of simulated cameras, in {self._samples}."
-            yield _Choice("samples", "b", "Browse the samples", what, self.action_samples)
+            yield _Choice(
+                "samples",
+                "b",
+                "Browse the samples",
+                f"Takes of simulated cameras, in {self._samples}.",
+                self.action_samples,
+            )
 
     @property
     def _chosen(self) -> str:
@@ -176,7 +211,6 @@ class StartPanel(Vertical):
     def _explain(self) -> None:
         if not self.is_attached:
             return
-        line = joining_line(self._leader) if self._leader else "…"
         words = next((one.what for one in self._choices() if one.name == self._chosen), "")
         width, style = max(min(self.size.width, MAX_WIDTH) - MARGIN, 20), "$foreground-muted"
         if self._busy:
@@ -185,8 +219,9 @@ class StartPanel(Vertical):
         said = [joining_place(self._leader)] if self._leader else []
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
             said.insert(0, f"The port differs from the default, {DEFAULT_PORT}.")
-        muted = [Content.styled(each, "$foreground-muted") for each in said]
-        self._line.show([*muted, Content.styled(f"  {line}", "bold $secondary")])
+        line = f"  {joining_line(self._leader) if self._leader else '…'}"
+        muted = (Content.styled(each, "$foreground-muted") for each in said)
+        self._line.show([*muted, Content.styled(line, "bold $secondary")])
 
     on_option_list_option_highlighted = _explain
 
@@ -210,17 +245,26 @@ class StartPanel(Vertical):
     def action_invite(self) -> None:
         """Show how other machines join."""
         self._choose("invite")
-        self.app.push_screen(invite_screen(self._source, self._leader))
+        self.app.push_screen(
+            GuideScreen(INVITE, "Another machine", 36, partial(invite_machine, self._source, self._leader))
+        )
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""
         self._choose("phones")
-        self.app.push_screen(phones_screen(self._source))
+        # The server of their page keeps running when the dialog is closed.
+        ask = partial(self._source.ask, InvitePhone(), PhoneInvited)
+        self.app.push_screen(
+            GuideScreen("phones", "Phones as cameras", 36, partial(show_codes, ask, PHONE_STEPS))
+        )
 
     def action_simulate(self) -> None:
         """Start simulated cameras."""
-        order = AddSimulated(cameras=self._cameras, scene=self.scene)
-        self._start("simulated", order, f"Starting {count(self._cameras, 'simulated camera')} …")
+        self._start(
+            "simulated",
+            AddSimulated(cameras=self._cameras, scene=self.scene),
+            f"Starting {count(self._cameras, 'simulated camera')} …",
+        )
 
     def action_more(self, step: int) -> None:
         """Change the number of simulated cameras."""

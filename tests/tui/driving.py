@@ -12,6 +12,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.row_list import RowList
 from tests.tui.fake_rig import FakeRig
 from tests.waiting import TIMEOUT_S, looked_at, time_limit
 
@@ -61,8 +62,12 @@ def screen_of(app: App[None], kind: type[Shown]) -> Shown:
 
 
 def lines(app: SimulshotApp, selector: str) -> tuple[str, ...]:
-    """What a widget of lines on the present screen says."""
-    return app.screen.query_one(selector, Lines).plain
+    """What a widget of lines on the present screen, or a list with all of its rows, says."""
+    widget = app.screen.query_one(selector)
+    if isinstance(widget, RowList):
+        return tuple(strip.text.rstrip() for key in widget.keys for strip in widget._lines(key))
+    assert isinstance(widget, Lines)
+    return widget.plain
 
 
 def text(app: SimulshotApp, selector: str) -> str:

@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from textual import events
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical, VerticalScroll
+from textual.containers import Vertical
 from textual.content import Content
-from textual.geometry import Region
 
 from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
@@ -21,6 +19,7 @@ from capture_app.tui.rig_record import RigRecord, phases_at
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.lines import Lines, chosen_line
 from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_rows, times_of
+from capture_app.tui.widgets.row_list import RowList
 
 MIN_STRIP = 12
 NAME_WIDTH = 12
@@ -44,9 +43,7 @@ class Column:
 
     def fit(self, content: Content) -> Content:
         """Truncate or pad the cell's content to the column's width."""
-        if self.is_left:
-            return content.truncate(self.width, ellipsis=True, pad=True)
-        content = content.truncate(self.width, ellipsis=True)
+        content = content.truncate(self.width, ellipsis=True, pad=self.is_left)
         return content.pad_left(self.width - content.cell_length)
 
 
@@ -130,8 +127,11 @@ def tall_rows(
     if node.camera.kind in WITHOUT_CAMERA:
         words.append(Content.styled(f"  {node.camera.kind}", label))
     else:
-        drops = (count(node.drops, "drop"), _drops_style(node))
-        words.append(Content.assemble(f"  {_fps(node)} fps  {_exposure(node)}  ", drops))
+        words.append(
+            Content.assemble(
+                f"  {_fps(node)} fps  {_exposure(node)}  ", (count(node.drops, "drop"), _drops_style(node))
+            )
+        )
     if node.disk_free_bytes is not None and not node.on_leader:
         # Cameras on the leader's machine share its disk, whose free space is in the header.
         words.append(Content.styled(f"  {_disk(node)} free", label))
@@ -174,9 +174,8 @@ def _name(node: NodeStatus, width: int) -> Content:
 
 def _state(node: NodeStatus) -> Content:
     sign = SIGNS[node.state]
-    if node.state is NodeState.LOST:
-        return Content(f"{sign} {_ago(node.last_seen_ns)}")
-    return Content.styled(str(sign), sign.style)
+    lost = Content(f"{sign} {_ago(node.last_seen_ns)}")
+    return lost if node.state is NodeState.LOST else Content.styled(str(sign), sign.style)
 
 
 def _ago(ns: int) -> str:
@@ -232,8 +231,8 @@ def _disk(node: NodeStatus) -> str:
     return NO_VALUE if node.disk_free_bytes is None else f"{node.disk_free_bytes / 1e9:.0f} GB"
 
 
-class CameraList(Vertical, can_focus=True):
-    """List of all cameras, drawn from the record."""
+class CameraRows(RowList[NodeStatus], inherit_bindings=False):
+    """Rows of the cameras, with a cursor."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "move(-1)", "Previous camera", show=False, id="rig.previous"),
@@ -242,25 +241,22 @@ class CameraList(Vertical, can_focus=True):
         Binding("pagedown", "move(5)", "Five cameras down", show=False, id="rig.page-down"),
         Binding("home", "move(-9999)", "First camera", show=False, id="rig.first"),
         Binding("end", "move(9999)", "Last camera", show=False, id="rig.last"),
+    ]
+
+
+class CameraList(Vertical):
+    """List of all cameras, drawn from the record."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "open", "Details", id="rig.open", tooltip="the camera's clock, phase and picture"),
     ]
 
     def __init__(self, source: RigLink, record: RigRecord) -> None:
         self._source, self._record = source, record
         self._head = Lines(id="cameras-head")
-        self._rows = Lines(id="cameras-rows")
-        self._scroll = VerticalScroll(self._rows, id="cameras-scroll", can_focus=False)
-        self._members: tuple[NodeStatus, ...] = ()
-        self._chosen = ""
-        self._height = 0
-        """Rows per camera; 1 for the compact form."""
-        self._room = 0
-        super().__init__(self._head, self._scroll, id="cameras")
-
-    @property
-    def chosen(self) -> NodeStatus | None:
-        """Camera under the cursor."""
-        return next((node for node in self._members if node.name == self._chosen), None)
+        self.rows = CameraRows(1, self._draw_node, id="cameras-rows")
+        self._axis = PhaseAxis.of((), None)
+        super().__init__(self._head, self.rows, id="cameras")
 
     @staticmethod
     def rows_needed(cameras: int, room: int) -> int:
@@ -270,54 +266,39 @@ class CameraList(Vertical, can_focus=True):
 
     def draw(self, room: int) -> None:
         """Draw the record in `room` rows, including the border."""
-        self._room = room
-        status = self._record.status
-        width = self._scroll.scrollable_content_region.width
+        status, width = self._record.status, self.rows.scrollable_content_region.width
         if status is None or width <= 0:
             return
-        self._members = tuple(in_tree_order(status.nodes))
-        if self.chosen is None and self._members:
-            self._chosen = self._members[0].name
-        self._height = height = _height_for(len(self._members), room - BORDER)
-        axis = PhaseAxis.of([node.tolerance_ns for node in self._members], status.period_ns)
-        strip = tall_strip_width(width) if height > 1 else compact_strip_width(width)
-        times = times_of(strip, self._record.clock())
-        rows: list[Content] = []
-        for node in self._members:
-            errors = phases_at(self._record.phases.get(node.name, ()), times)
-            tall = tall_rows(node, errors, axis, width=width, height=height) if height > 1 else None
-            lines = tall or [compact_row(node, errors, axis, width)]
-            rows += [chosen_line(line, width) for line in lines] if node.name == self._chosen else lines
+        self._axis = PhaseAxis.of([node.tolerance_ns for node in status.nodes], status.period_ns)
+        height = _height_for(len(status.nodes), room - BORDER)
         self._head.show([compact_head(width)] if height == 1 else [])
-        self._rows.show(rows)
+        self.rows.show_items({node.name: node for node in in_tree_order(status.nodes)}, height)
         title = f"{count(len(status.cameras), 'camera')}{_settings(status.cameras)}"
-        subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
+        subtitle = f"phase error over the last {SPAN_S:.0f} s · {self._axis}"
         if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws everything
             self.border_title, self.border_subtitle = title, subtitle
 
-    def action_move(self, steps: int) -> None:
-        """Move the cursor to another camera."""
-        if self._members:
-            at = [node.name for node in self._members].index(self._chosen) + steps
-            self._choose(max(0, min(len(self._members) - 1, at)))
+    def _draw_node(self, node: NodeStatus, width: int, chosen: bool) -> Sequence[Content]:
+        height = self.rows.row_height
+        strip = tall_strip_width(width) if height > 1 else compact_strip_width(width)
+        times = times_of(strip, self._record.clock())
+        errors = phases_at(self._record.phases.get(node.name, ()), times)
+        lines = (
+            tall_rows(node, errors, self._axis, width=width, height=height)
+            if height > 1
+            else [compact_row(node, errors, self._axis, width)]
+        )
+        return [chosen_line(line, width) for line in lines] if chosen else lines
 
     def action_open(self) -> None:
         """Open the selected camera's screen."""
-        if self._chosen:
-            self.app.push_screen(CameraScreen(self._chosen, self._source, self._record))
+        if self.rows.chosen:
+            self.app.push_screen(CameraScreen(self.rows.chosen, self._source, self._record))
 
-    def on_click(self, event: events.Click) -> None:
-        """Select the camera that was clicked; a double click opens it."""
-        at = (event.screen_y - self._rows.region.y) // max(self._height, 1)
-        if event.screen_y >= self._scroll.region.y and 0 <= at < len(self._members):
-            self._choose(at)
-            if event.chain == 2:
-                self.action_open()
-
-    def _choose(self, at: int) -> None:
-        self._chosen = self._members[at].name
-        self.draw(self._room)
-        self._scroll.scroll_to_region(Region(0, at * self._height, 1, self._height), animate=False)
+    def on_row_list_chosen(self, message: RowList.Chosen) -> None:
+        """Open a camera that was double-clicked."""
+        if message.opens:
+            self.action_open()
 
 
 def _height_for(cameras: int, room: int) -> int:

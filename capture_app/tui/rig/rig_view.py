@@ -121,7 +121,7 @@ class RigView(ModeView):
         if self._start.display:
             self._start.focus_first()
         else:
-            self._cameras.focus()
+            self._cameras.rows.focus()
 
     def on_mode_shown(self) -> None:
         """Draw what happened while hidden."""
@@ -217,7 +217,7 @@ class RigView(ModeView):
         """Return whether an action is available, given the visible panel and the focus."""
         return {
             **dict.fromkeys(("add", "log", "panel", "phones", "monitor", "invite"), self._cameras.display),
-            "remove": self._cameras.has_focus,
+            "remove": self._cameras.rows.has_focus,
             "start": bool(self._record.lost) and self._local,
             "back": self._adding is not None or self._event_log.has_focus,
         }.get(action, True)
@@ -255,7 +255,7 @@ class RigView(ModeView):
 
     def action_log(self) -> None:
         """Move the focus to the log for scrolling, or back."""
-        (self._cameras if self._event_log.has_focus else self._event_log).focus()
+        (self._cameras.rows if self._event_log.has_focus else self._event_log).focus()
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
@@ -302,7 +302,7 @@ class RigView(ModeView):
     @work(group="orders")
     async def action_remove(self) -> None:
         """Remove the selected camera from the rig."""
-        node = self._cameras.chosen
+        node = self._cameras.rows.item
         if node is None:
             return
         with showing_errors(self):

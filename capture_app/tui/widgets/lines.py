@@ -65,8 +65,9 @@ def bar_rows(eighths: Sequence[int], height: int) -> list[str]:
 
 def joined_cells(cells: Iterable[tuple[str, str]]) -> Content:
     """Join cells with styles into a line."""
-    runs = groupby(cells, key=itemgetter(1))
-    return Content.assemble(*(("".join(cell for cell, _ in run), style) for style, run in runs))
+    return Content.assemble(
+        *(("".join(cell for cell, _ in run), style) for style, run in groupby(cells, key=itemgetter(1)))
+    )
 
 
 class Lines(Widget):
@@ -96,12 +97,8 @@ class Lines(Widget):
             # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)
             return
-        regions = [
-            Region(span[0], y, span[1] - span[0], 1)
-            for y, (old, new) in enumerate(zip(before, self._strips, strict=True))
-            if (span := _difference(old, new))
-        ]
-        if regions:
+        spans = map(changed_cells, before, self._strips)
+        if regions := [Region(begin, y, end - begin, 1) for y, (begin, end) in enumerate(spans) if end]:
             self.refresh(*regions)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
@@ -136,21 +133,16 @@ class Lines(Widget):
     on_mount = _draw_anew
 
 
-def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:
-    """Return the first differing cell and the last + 1, or None if all are equal."""
+def changed_cells(old: Strip, new: Strip) -> tuple[int, int]:
+    """Return the first differing cell and the last + 1; both are 0 if all are equal."""
     if old == new:
-        return None
-    before, after = _cells(old), _cells(new)
-    if len(before) != len(after):
-        return 0, max(len(before), len(after), 1)
+        return 0, 0
+    before, after = ([(each, style) for text, style, _ in strip for each in text] for strip in (old, new))
+    # A wide character is one entry for two cells: strips with one differ as a whole.
+    if not len(before) == len(after) == old.cell_length == new.cell_length:
+        return 0, max(old.cell_length, new.cell_length, 1)
     differing = [x for x, (one, other) in enumerate(zip(before, after, strict=True)) if one != other]
-    return (differing[0], differing[-1] + 1) if differing else None
-
-
-def _cells(strip: Strip) -> list[tuple[str, object]]:
-    # A wide character is one entry for two cells: a strip with one is compared as a whole.
-    cells: list[tuple[str, object]] = [(each, style) for text, style, _ in strip for each in text]
-    return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
+    return (differing[0], differing[-1] + 1) if differing else (0, 0)
 
 
 def log_lines(log: Iterable[LogLine], width: int) -> list[Content]:

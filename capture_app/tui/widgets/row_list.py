@@ -12,7 +12,7 @@ from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
-from capture_app.tui.widgets.lines import strip_of_line
+from capture_app.tui.widgets.lines import changed_cells, strip_of_line
 
 Item = TypeVar("Item")
 
@@ -65,9 +65,15 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         """Selected item."""
         return self.items.get(self.chosen)
 
-    def show_items(self, items: Mapping[str, Item]) -> None:
-        """Show these items by key; the cursor stays on its row, or at its position if the row is removed."""
+    def show_items(self, items: Mapping[str, Item], row_height: int = 0) -> None:
+        """Show these items by key; the cursor stays on its row, or at its position if the row is removed.
+
+        `row_height`: another height of the rows than until now.
+        """
         before, self.items = self.chosen, dict(items)
+        if row_height not in (0, self.row_height):
+            self.row_height = row_height
+            self._draw_anew()
         if tuple(items) != self.keys:
             self.keys = tuple(items)
             self._at = self.keys.index(before) if before in self.keys else self._at
@@ -86,8 +92,8 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
             return
         top = self.keys.index(key) * self.row_height - self.scroll_offset.y
         for line, (one, other) in enumerate(zip(old, self._lines(key), strict=True)):
-            seen = Region(0, top + line, self.size.width, 1).intersection(self.size.region)
-            if one != other and seen:
+            begin, end = changed_cells(one, other)
+            if seen := Region(begin, top + line, end - begin, 1).intersection(self.size.region):
                 self.refresh(seen)
 
     def show_all_again(self) -> None:
@@ -131,15 +137,16 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
     def render_line(self, y: int) -> Strip:
         """Return line `y` of the widget: one line of one of the rows, or a blank line below them."""
         at, line = divmod(y + self.scroll_offset.y, self.row_height)
-        if not 0 <= at < len(self.keys):
-            return Strip.blank(self.size.width, self.rich_style)
-        return self._lines(self.keys[at])[line]
+        is_row = 0 <= at < len(self.keys)
+        return self._lines(self.keys[at])[line] if is_row else Strip.blank(self.size.width, self.rich_style)
 
     def _lines(self, key: str) -> list[Strip]:
         if key not in self._drawn:
-            width, plain = self.size.width, self.rich_style
-            drawn = self._draw_row(self.items[key], width, key == self.chosen)
-            strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
+            width, plain = self.scrollable_content_region.width, self.rich_style
+            strips = (
+                strip_of_line(self, line) if isinstance(line, Content) else line
+                for line in self._draw_row(self.items[key], width, key == self.chosen)
+            )
             self._drawn[key] = [strip.adjust_cell_length(width, plain) for strip in strips]
         return self._drawn[key]
 
@@ -155,8 +162,9 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         self._scroll_to_chosen()
 
     def _scroll_to_chosen(self) -> None:
-        region = Region(0, self._at * self.row_height, 1, self.row_height)
-        self.scroll_to_region(region, animate=False, x_axis=False)
+        self.scroll_to_region(
+            Region(0, self._at * self.row_height, 1, self.row_height), animate=False, x_axis=False
+        )
 
     def _fit(self) -> None:
         self.virtual_size = Size(self.size.width, len(self.keys) * self.row_height)

@@ -10,7 +10,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.pairing_messages import Invite
-from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
 from capture_app.tui.rig_record import RigRecord
 from tests.facts import make_facts
@@ -41,8 +41,7 @@ async def test_five_cameras_fit_a_small_terminal_with_everything_essential() -> 
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         assert len(lines(app, ROWS)) == 15
-        scroll = app.screen.query_one("#cameras-scroll")
-        assert scroll.max_scroll_y == 0
+        assert app.screen.query_one(ROWS).max_scroll_y == 0
         shown = text(app, ROWS)
         for words in ("phase −45 µs", "error ±9.0 µs", "30 fps", "1/100 s", "3 drops"):
             assert words in shown
@@ -85,10 +84,10 @@ async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:
     app = make_app(FakeRig(20))
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
-        cameras = app.screen.query_one(CameraList)
+        rows = app.screen.query_one(CameraRows)
 
-        def chosen() -> str | None:
-            return cameras.chosen.name if cameras.chosen else None
+        def chosen() -> str:
+            return rows.chosen
 
         assert chosen() == "cam00"
         await pilot.press("down", "j", "up")
@@ -96,7 +95,7 @@ async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:
         await pilot.press("end")
         await settle(pilot)
         assert chosen() == "cam19"
-        assert app.screen.query_one("#cameras-scroll").scroll_y > 0
+        assert rows.scroll_y > 0
         await pilot.press("home")
         await settle(pilot)
         await pilot.click(ROWS, offset=(5, 3))
@@ -139,9 +138,9 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         await pilot.press("n")
         assert app.focused is app.screen.query_one("#log")
         await pilot.press("n")
-        assert isinstance(app.focused, CameraList)
+        assert isinstance(app.focused, CameraRows)
         await pilot.press("n", "escape")
-        assert isinstance(app.focused, CameraList)
+        assert isinstance(app.focused, CameraRows)
 
 
 async def test_the_newest_line_of_the_log_is_visible_after_another_mode() -> None:

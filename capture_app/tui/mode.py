@@ -96,7 +96,7 @@ class ModeScreen(Screen[None]):
         """Yield the header, the view and the footer."""
         yield self._header
         yield self.view
-        yield KeyFooter()
+        yield KeyFooter(id="footer")
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
         """Notify the view that it is visible."""

@@ -101,8 +101,11 @@ class Question(BoxDialog[str | None]):
             Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
             for answer in answers
         ]
-        row = (Horizontal if fits else Vertical)(*buttons, id="answers")
-        super().__init__(title, Static(Content(printable(text)), classes="question"), row)
+        super().__init__(
+            title,
+            Static(Content(printable(text)), classes="question"),
+            (Horizontal if fits else Vertical)(*buttons, id="answers"),
+        )
 
     def on_key(self, event: events.Key) -> None:
         """Return the answer whose key was pressed."""
@@ -180,5 +183,6 @@ def explain_verdict(sheet: TakeSheet) -> BoxDialog[None]:
         GRADE_LIMITS,
     )
     text = "\n\n".join(part[:1].upper() + part[1:] for part in parts if part)
-    words = Static(Content(printable(text)))
-    return BoxDialog(f"Verdict on {sheet.session.name}", words, subtitle="esc closes")
+    return BoxDialog(
+        f"Verdict on {sheet.session.name}", Static(Content(printable(text))), subtitle="esc closes"
+    )

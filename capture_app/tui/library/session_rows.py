@@ -1,9 +1,9 @@
 """List of sessions with filter, order and three-line rows, and the pane of the selected session."""
 
-import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import ClassVar, Literal, get_args
 
@@ -24,11 +24,11 @@ from capture_app.session.reading.verdict import grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
-from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
+from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line
 from capture_app.tui.widgets.look import Motion
-from capture_app.tui.widgets.picture import strip_of_middle
+from capture_app.tui.widgets.picture import draw_for, strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
 
 SAMPLES = "sample_sessions"
@@ -168,8 +168,9 @@ class SessionRows(RowList[Entry]):
             key = self._requested[-1]
             images = self.items[key].card.first_images[:1] if key in self.items else ()
             if images:
-                palette, light = palette_of(self.app), not self.app.current_theme.dark
-                self._thumbs[images] = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
+                self._thumbs[images] = await draw_for(
+                    self.app, partial(load_thumbnail, self._cache, images[0]), Size(THUMB, ROWS)
+                )
             self._requested.remove(key)
             self.show_again(key)
 
@@ -201,19 +202,16 @@ def scatter_of(card: SessionCard) -> Content:
         )
     if is_incomplete(card.missing, card.images + card.missing):
         sign = GRADES["poor"]
-        missing = f"  {card.missing} of {count(card.images + card.missing, 'image')} missing"
-        return Content.assemble((str(sign), f"bold {sign.style}"), missing)
+        return Content.assemble(
+            (str(sign), f"bold {sign.style}"),
+            f"  {card.missing} of {count(card.images + card.missing, 'image')} missing",
+        )
     error_ns = None if card.uncertainty_ns is None else 2 * card.uncertainty_ns
     grade, _ = grade_of(card.spread_ns, error_ns)
     sign = GRADES[grade]
     if error_ns is None:
         return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")
     return Content.assemble((str(sign), f"bold {sign.style}"), f"  within {duration(card.worst_ns)}")
-
-
-def _draw(cache: Path, image: Path, palette: Palette, light: bool) -> CellPicture | None:
-    small = load_thumbnail(cache, image)
-    return None if small is None else draw_fitted(small, THUMB, ROWS, palette, light=light)
 
 
 def _when(created: str) -> str:

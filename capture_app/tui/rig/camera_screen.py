@@ -57,7 +57,7 @@ class CameraScreen(Dialog[None]):
         self._picture = Picture(words="waiting for a picture", id="camera-picture")
         shown = {"wedge": self._wedge, "view": self._picture, "histogram": self._histogram, "log": self._log}
         self._panels = [Vertical(one, id=f"camera-{what}", classes="panel") for what, one in shown.items()]
-        super().__init__(self._facts, Container(*self._panels, id="camera-grid"), KeyFooter())
+        super().__init__(self._facts, Container(*self._panels, id="camera-grid"), KeyFooter(id="footer"))
         self._camera = name
         self._source = source
         self._record = record
@@ -67,8 +67,6 @@ class CameraScreen(Dialog[None]):
 
     def on_mount(self) -> None:
         """Start requesting details."""
-        self._panels[1].border_title = "picture"
-        self._panels[3].border_title = "log"
         self._ask()
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
@@ -120,9 +118,9 @@ class CameraScreen(Dialog[None]):
                 for name, state in found.items()
                 for why in dict.fromkeys(state.problems.values())
             ]
-            words = f"{count(len(found), 'camera')} set like {self._camera}"
+            words = f"{count(len(found), 'camera')} set like {self._camera}{', except:' if problems else ''}"
             self.notify(
-                printable("".join([words, ", except:" if problems else "", *problems])),
+                printable("".join([words, *problems])),
                 severity="warning" if problems else "information",
                 markup=False,
                 timeout=20,
@@ -141,8 +139,9 @@ class CameraScreen(Dialog[None]):
             await asyncio.sleep(ASK_S)
 
     def _watch(self, cameras: tuple[str, ...] | None) -> None:
-        fps = 0.0 if cameras is None else PREVIEW_FPS
-        asking = self._source.want_previews(cameras=cameras, width=PREVIEW_WIDTH, fps=fps)
+        asking = self._source.want_previews(
+            cameras=cameras, width=PREVIEW_WIDTH, fps=0.0 if cameras is None else PREVIEW_FPS
+        )
         self.run_worker(asking, group="previews")
 
     # Drawing
@@ -159,10 +158,12 @@ class CameraScreen(Dialog[None]):
         self._draw_facts()
         node, detail = self._node, self._detail
         tolerance = (node and node.tolerance_ns) or TYPICAL_TOLERANCE_NS
-        wedge, _, histogram, log = self._panels
+        wedge, view, histogram, log = self._panels
         titles = {
             wedge: wedge_title(detail.samples),
+            view: "picture",
             histogram: histogram_title(detail.phase_errors_ns, tolerance),
+            log: "log",
         }
         for panel, title in titles.items():
             if panel.border_title != title:  # setting it redraws the panel

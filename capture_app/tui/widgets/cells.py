@@ -70,9 +70,8 @@ class CellPicture:
         colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
         starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
         text = "".join(QUARTERS[glyph] for glyph in glyphs)
-        eight_bit = self.palette is Palette.EIGHT_BIT
         segments = [
-            Segment(text[start:end], _style(front, back, eight_bit))
+            Segment(text[start:end], _style(front, back, self.palette is Palette.EIGHT_BIT))
             for start, end, (front, back) in zip(
                 starts, [*starts[1:], None], colours[starts].tolist(), strict=True
             )
@@ -103,8 +102,10 @@ def fitted_cells(width: int, height: int, columns: int, rows: int) -> tuple[int,
 def resample(image: Image, width: int, height: int) -> Image:
     """Resize an image; averages over areas when shrinking."""
     shrinks = width <= image.shape[1] and height <= image.shape[0]
-    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (width, height), interpolation=method), np.uint8)
+    return np.asarray(
+        cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR),
+        np.uint8,
+    )
 
 
 def grey_of(image: Image) -> Image:
@@ -128,16 +129,6 @@ def draw_cells(scaled: Image, palette: Palette, *, light: bool = False) -> CellP
     if palette is Palette.EIGHT_BIT:
         inks = _nearest_of_256(inks)
     return CellPicture(palette, glyphs, inks)
-
-
-def draw_fitted(
-    image: Image, columns: int, rows: int, palette: Palette, *, light: bool = False
-) -> CellPicture:
-    """Draw an image as large as possible in this space."""
-    across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
-    return draw_cells(
-        resample(image, across * palette.pixels[0], down * palette.pixels[1]), palette, light=light
-    )
 
 
 def keep_equal_cells(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:

@@ -1,6 +1,6 @@
 """Contact sheet of a take: cameras across, instants down, as large as the space allows."""
 
-import asyncio
+from functools import partial
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -13,9 +13,9 @@ from textual.strip import Strip
 
 from capture_app.common.text import duration, printable
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
+from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.look import LookScreen, Motion
-from capture_app.tui.widgets.picture import strip_of_middle
+from capture_app.tui.widgets.picture import draw_for, strip_of_middle
 
 GUTTER = 9
 """Columns for an instant's time."""
@@ -140,8 +140,7 @@ class ContactSheet(ScrollView, can_focus=True):
             if instant >= sheet.instants:
                 return Strip.blank(width, plain)
             gutter, content = self._gutter(sheet, instant, line), self._row(sheet, cameras, instant, line)
-        cells = [gutter, content.crop(beyond, beyond + room)]
-        return Strip.join(cells).adjust_cell_length(width, plain)
+        return Strip.join([gutter, content.crop(beyond, beyond + room)]).adjust_cell_length(width, plain)
 
     def _lay_out(self) -> None:
         self._thumbs.clear()
@@ -157,10 +156,12 @@ class ContactSheet(ScrollView, can_focus=True):
     on_resize = _lay_out
 
     def _names(self, sheet: TakeSheet, cameras: range) -> Strip:
-        room = self.thumb_size.width + 1
         return Strip.join(
             self._words(
-                sheet.cameras[at], room, "sheet--cursor" if at == self.cursor.x else "sheet--label", gap=1
+                sheet.cameras[at],
+                self.thumb_size.width + 1,
+                "sheet--cursor" if at == self.cursor.x else "sheet--label",
+                gap=1,
             )
             for at in cameras
         )
@@ -248,18 +249,10 @@ class ContactSheet(ScrollView, can_focus=True):
     async def _load(self) -> None:
         """Draw newly visible pictures one by one in a thread."""
         sheet, size = self.sheet, self.thumb_size
-        palette, light = palette_of(self.app), not self.app.current_theme.dark
         while sheet is not None and self._missing_thumbs:
             x, y = self._missing_thumbs[0]
-            drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)
+            drawn = await draw_for(self.app, partial(sheet.load, sheet.cameras[x], y, 2 * size.width), size)
             if (x, y) in self._missing_thumbs and sheet is self.sheet:
                 self._missing_thumbs.remove((x, y))
                 self._thumbs[x, y] = drawn
                 self._refresh_region(self._region(x, y))
-
-
-def _draw(
-    sheet: TakeSheet, camera: str, instant: int, size: Size, palette: Palette, light: bool
-) -> CellPicture | None:
-    image = sheet.load(camera, instant, size.width * palette.pixels[0])
-    return None if image is None else draw_fitted(image, *size, palette, light=light)

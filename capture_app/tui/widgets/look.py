@@ -78,7 +78,9 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._step = 0
         self._timer: Timer | None = None
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
-        self._load = lru_cache(maxsize=MAX_CACHED)(self._load_now)
+        self._load = lru_cache(maxsize=MAX_CACHED)(
+            lambda camera, instant: sheet.load(camera, instant, 2 * self.app.size.width)
+        )
 
     @property
     def shown(self) -> tuple[str, int]:
@@ -179,6 +181,3 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         terminal = sharp_terminal_of(self.app)
         width = 0 if terminal is None else terminal.width_px(self.app.size.width)
         return self._sheet.load(camera, instant, width) if width else None
-
-    def _load_now(self, camera: str, instant: int) -> Image | None:
-        return self._sheet.load(camera, instant, 2 * self.app.size.width)

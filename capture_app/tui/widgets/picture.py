@@ -68,8 +68,8 @@ class SharpTerminal:
         across, down = fitted_cells(width, height, min(columns, MAX_CELLS), min(rows, MAX_CELLS))
         scaled = resample(np.ascontiguousarray(image), across * self._cell[0], down * self._cell[1])
         rgb = cv2.cvtColor(scaled, cv2.COLOR_GRAY2RGB if scaled.ndim == 2 else cv2.COLOR_BGR2RGB)
-        pixels = importlib.import_module("PIL.Image").fromarray(rgb)
-        return SharpPicture(self._picture(pixels, across, down), across, down)
+        sent = self._picture(importlib.import_module("PIL.Image").fromarray(rgb), across, down)
+        return SharpPicture(sent, across, down)
 
 
 class SharpPicture:
@@ -113,8 +113,11 @@ def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ
     Call it before the screen starts: importing textual-image queries the terminal on standard input.
     """
     remote = choice != "sharp" and bool(environment.keys() & {"SSH_CONNECTION", "SSH_TTY"})
-    terminals = (sys.__stdin__, sys.__stdout__)
-    if choice == "glyphs" or remote or not all(end is not None and end.isatty() for end in terminals):
+    if (
+        choice == "glyphs"
+        or remote
+        or not all(end is not None and end.isatty() for end in (sys.__stdin__, sys.__stdout__))
+    ):
         return None
     try:
         found = importlib.import_module("textual_image.renderable")
@@ -212,10 +215,8 @@ class Picture(Widget):
         drawn = 0
         try:
             while drawn != self._request and self.size:
-                drawn, palette, light = self._request, palette_of(self.app), not self.app.current_theme.dark
-                self._put(
-                    await asyncio.to_thread(_fit, self._source, *self.size, self._aids, palette, light=light)
-                )
+                drawn = self._request
+                self._put(await draw_for(self.app, self._source, self.size, self._aids))
         finally:
             self._drawing = False
         if self._sharp_source is not None:
@@ -268,18 +269,21 @@ def _send(terminal: SharpTerminal, source: Source, columns: int, rows: int) -> S
     return None if image is None else terminal.send(image, columns, rows)
 
 
+async def draw_for(
+    app: App[Any], source: Source | None, size: Size, aids: Sequence[Aid] = ()
+) -> CellPicture | None:
+    """Draw an image for an app's terminal, as large as fits into `size`, in a thread; None without image."""
+    return await asyncio.to_thread(
+        _fit, source, size, aids, palette_of(app), light=not app.current_theme.dark
+    )
+
+
 def _fit(
-    source: Source | None,
-    columns: int,
-    rows: int,
-    aids: Sequence[Aid],
-    palette: Palette,
-    *,
-    light: bool,
+    source: Source | None, size: Size, aids: Sequence[Aid], palette: Palette, *, light: bool
 ) -> CellPicture | None:
     image = _load(source)
     if image is None:
         return None
-    across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
+    across, down = fitted_cells(image.shape[1], image.shape[0], *size)
     scaled = resample(np.ascontiguousarray(image), across * palette.pixels[0], down * palette.pixels[1])
     return draw_cells(paint_marks(scaled, image, aids), palette, light=light)

@@ -116,12 +116,14 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     rows: list[Content] = []
     for y in range(height - 1):
         label = f"{labels.get(y, '')[: LABEL_WIDTH - 1]:>{LABEL_WIDTH - 1}} "
-        dots = zip(points.row(y), edges.row(y), strict=True)
-        cells = ((dot, "$primary") if dot != " " else (edge, EDGE) for dot, edge in dots)
+        cells = (
+            (dot, "$primary") if dot != " " else (edge, EDGE)
+            for dot, edge in zip(points.row(y), edges.row(y), strict=True)
+        )
         rows.append(Content.styled(label, "$foreground-muted") + joined_cells(cells))
     left = duration(shortest) if shortest >= MEASURABLE_NS else "0"
-    foot = " " * LABEL_WIDTH + _foot(left, "round trip", duration(longest), width - LABEL_WIDTH)
-    return [*rows, Content.styled(foot, "$foreground-muted")]
+    foot = _foot(left, "round trip", duration(longest), width - LABEL_WIDTH)
+    return [*rows, Content.styled(" " * LABEL_WIDTH + foot, "$foreground-muted")]
 
 
 def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:

@@ -20,9 +20,6 @@ class KeyFooter(Lines):
 
     DEFAULT_CSS = "KeyFooter { dock: bottom; height: 1; background: $panel; color: $foreground; }"
 
-    def __init__(self) -> None:
-        super().__init__(id="footer")
-
     def on_mount(self) -> None:
         """Subscribe to changes of the screen's keys."""
         self.screen.bindings_updated_signal.subscribe(self, self._show)
@@ -51,13 +48,10 @@ class KeyFooter(Lines):
         self.show([line.pad_right(room - line.cell_length) + right])
 
     def _item(self, binding: Binding) -> Content:
-        words = (
+        return Content.assemble(
             (f" {self.app.get_key_display(binding)}", "bold $primary"),
             (f" {binding.description} ", "$foreground"),
-        )
-        return Content.assemble(*words).stylize(
-            Style.from_meta({"@click": f"app.simulate_key('{binding.key}')"})
-        )
+        ).stylize(Style.from_meta({"@click": f"app.simulate_key('{binding.key}')"}))
 
 
 class WholeScreen(Dialog[Result]):
@@ -70,4 +64,4 @@ class WholeScreen(Dialog[Result]):
 
     def __init__(self, *parts: Widget) -> None:
         self.title_line = Lines(classes="title")
-        super().__init__(self.title_line, *parts, KeyFooter())
+        super().__init__(self.title_line, *parts, KeyFooter(id="footer"))

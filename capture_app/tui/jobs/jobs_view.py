@@ -22,10 +22,6 @@ SHOWN = 100
 """Max log lines shown; the complete log is in a file beside the results."""
 LOOK_EVERY_S = 0.25
 """Redraw interval in seconds: a program may print a thousand lines a second."""
-EMPTY = (
-    "No job yet.",
-    "In Sessions (key 3): c compares a take, e exports it, a lists all commands.",
-)
 _STATE_WIDTH, _INDENT = 14, 4
 
 
@@ -79,7 +75,8 @@ class JobsView(ModeView):
     def on_mount(self) -> None:
         """Start following the runs."""
         self.set_interval(LOOK_EVERY_S, self._follow)
-        self._empty.show([Content(line) for line in EMPTY])
+        hint = "In Sessions (key 3): c compares a take, e exports it, a lists all commands."
+        self._empty.show([Content("No job yet."), Content(hint)])
 
     def focus_first(self) -> None:
         """Focus the list; the view itself if there are no runs."""
@@ -139,8 +136,8 @@ class JobsView(ModeView):
         title = Content(printable(f"{run.command.title} · {run.session.name}"))
         if self._log.border_title != title.markup:
             self._log.border_title = title
-        time = f" · {rough_time(run.seconds)}" if run.seconds >= 1 else ""
-        self._log.border_subtitle = f"{SIGNS[run.state]}{time}"
+        elapsed = (rough_time(run.seconds),) if run.seconds >= 1 else ()
+        self._log.border_subtitle = " · ".join((str(SIGNS[run.state]), *elapsed))
         if run is not before:
             self._log.scroll_home(animate=False)
         elif at_end and not run.state.is_over:

@@ -163,8 +163,8 @@ class ResultScreen(WholeScreen[None]):
     def on_mount(self) -> None:
         """Start the timer that blinks the conditions."""
         self.set_interval(BLINK_S, self._blink)
-        title = f" {self._run.command.title} · {self._run.session.name} · {self._run.out}"
-        self.title_line.show([Content.styled(printable(title), "bold")])
+        title = printable(f" {self._run.command.title} · {self._run.session.name} · {self._run.out}")
+        self.title_line.show([Content.styled(title, "bold")])
 
     @property
     def picture(self) -> ResultPicture | None:
@@ -238,15 +238,17 @@ class ResultScreen(WholeScreen[None]):
         path = picture.offset if picture.offset is not None and self.shows_offset else picture.synced
         self.shows_offset = path is picture.offset
         source = self._sources.setdefault(path, partial(_read, path))
-        words = f"{path.name} no longer exists: run the job again"
-        self._picture.show(source, words, sharp=None if self._blinks else source)
-        conditions = (
-            (picture.synced_label, not self.shows_offset, "$success"),
-            (picture.offset_label, self.shows_offset, "$error"),
+        self._picture.show(
+            source,
+            f"{path.name} no longer exists: run the job again",
+            sharp=None if self._blinks else source,
         )
         labels = [
             (f" {'●' if seen else '○'} {label} ", f"reverse bold {style}" if seen else "$foreground-muted")
-            for label, seen, style in conditions
+            for label, seen, style in (
+                (picture.synced_label, not self.shows_offset, "$success"),
+                (picture.offset_label, self.shows_offset, "$error"),
+            )
             if picture.offset is not None
         ]
         place = f" {self._at + 1}/{len(self._result.pictures)}  {printable(picture.title)}"

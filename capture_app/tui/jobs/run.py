@@ -64,24 +64,62 @@ class Command:
         return shlex.join((_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)))
 
 
-COMPARE = Command(
-    "compare",
-    "Compare",
-    "synchronized against offset images",
-    RECONSTRUCT,
-    ("compare",),
-    "--max-multiview-instants 3 --multiview-width 320",
-    result="metrics.json",
+STUDIES = (
+    Command(
+        "compare",
+        "Compare",
+        "synchronized against offset images",
+        RECONSTRUCT,
+        ("compare",),
+        "--max-multiview-instants 3 --multiview-width 320",
+        result="metrics.json",
+    ),
+    Command(
+        "multiview",
+        "Depth from all cameras",
+        "depth maps and a point cloud of one instant",
+        RECONSTRUCT,
+        ("multiview",),
+        "--instant 0 --no-mesh",
+        result="multiview.json",
+    ),
+    Command(
+        "panorama",
+        "Panorama",
+        "one wide picture, synchronized and offset",
+        RECONSTRUCT,
+        ("panorama",),
+        "--instant 0 --offset-ms 66",
+        result="metrics.json",
+    ),
+    Command(
+        "tolerance",
+        "Tolerable delay",
+        "maximum camera delay for good depth",
+        RECONSTRUCT,
+        ("tolerance",),
+        "--max-instants 4",
+        result="metrics.json",
+    ),
+    Command(
+        "clouds",
+        "Clouds of all instants",
+        "point clouds and motion masks",
+        RECONSTRUCT,
+        ("multiview",),
+        result="sequence.json",
+        fixed=("--instants", "all"),
+    ),
+    Command(
+        "panel",
+        "Panel",
+        "time differences seen on a panel",
+        CAPTURE,
+        ("panel", "read"),
+        result="panel.json",
+    ),
 )
-MULTIVIEW = Command(
-    "multiview",
-    "Depth from all cameras",
-    "depth maps and a point cloud of one instant",
-    RECONSTRUCT,
-    ("multiview",),
-    "--instant 0 --no-mesh",
-    result="multiview.json",
-)
+"""Commands offered for their results."""
 MOMENT = Command(
     "moment",
     "Depth of one instant",
@@ -91,41 +129,6 @@ MOMENT = Command(
     "--instant 0",
     result="multiview.json",
     fixed=("--quick", "--page", "--calibrated"),
-)
-CLOUDS = Command(
-    "clouds",
-    "Clouds of all instants",
-    "point clouds and motion masks",
-    RECONSTRUCT,
-    ("multiview",),
-    result="sequence.json",
-    fixed=("--instants", "all"),
-)
-PANORAMA = Command(
-    "panorama",
-    "Panorama",
-    "one wide picture, synchronized and offset",
-    RECONSTRUCT,
-    ("panorama",),
-    "--instant 0 --offset-ms 66",
-    result="metrics.json",
-)
-TOLERANCE = Command(
-    "tolerance",
-    "Tolerable delay",
-    "maximum camera delay for good depth",
-    RECONSTRUCT,
-    ("tolerance",),
-    "--max-instants 4",
-    result="metrics.json",
-)
-PANEL = Command(
-    "panel",
-    "Panel",
-    "time differences seen on a panel",
-    CAPTURE,
-    ("panel", "read"),
-    result="panel.json",
 )
 VERIFY = Command(
     "verify",
@@ -162,8 +165,6 @@ EXPORTS: Mapping[str, Command] = {
     )
     for name in plugin_names(GROUP)
 }
-STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
-"""Commands offered for their results."""
 COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, IMPORT, *EXPORTS.values())}
 
 
@@ -254,9 +255,8 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     def seconds_left(self) -> float | None:
         """Estimated remaining time in seconds, for equal steps; None before a third of them is done."""
         # The first steps are the shortest: extrapolating them turns a quarter of an hour into seconds.
-        if self.fraction is None or self.fraction < MEASURED_FRACTION:
-            return None
-        return self.seconds * (1 - self.fraction) / self.fraction
+        fraction = self.fraction or 0.0
+        return self.seconds * (1 - fraction) / fraction if fraction >= MEASURED_FRACTION else None
 
     def __str__(self) -> str:
         """Return title, session and progress: Compare of burst-001 (11 %)."""

@@ -251,8 +251,8 @@ class Runs:
         write_atomic(path, pretty_json(msgspec.to_builtins(run, enc_hook=shorten)))
         path.with_suffix(".log").unlink(missing_ok=True)
         if run.state.is_over:
-            log = "".join(f"{line}\n" for line in self._said[run.key])
-            write_atomic(path.with_suffix(".log"), log.encode(errors="replace"))
+            log = "".join(f"{line}\n" for line in self._said[run.key]).encode(errors="replace")
+            write_atomic(path.with_suffix(".log"), log)
 
 
 def _processor_s() -> float:
@@ -273,8 +273,10 @@ def _read_all(root: Path) -> list[Run]:
     """Return the stored runs in a sessions folder, latest first."""
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
     found = (run for place in places if (run := _read(place, root)) is not None)
-    newest = datetime.max.replace(tzinfo=UTC)  # one that still runs
-    return sorted(found, key=lambda run: (run.ended or newest, run.key), reverse=True)
+    # One that still runs is the latest.
+    return sorted(
+        found, key=lambda run: (run.ended or datetime.max.replace(tzinfo=UTC), run.key), reverse=True
+    )
 
 
 def _read(place: Path, root: Path) -> Run | None:

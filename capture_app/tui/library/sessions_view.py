@@ -1,6 +1,8 @@
 """Mode Sessions: the sessions on disk, the selected one, and the actions on it."""
 
 import asyncio
+import os
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,27 +13,25 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import Input
 
-from capture_app.common.errors import SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import check_name, free_name
 from capture_app.common.text import count, printable
-from capture_app.session.library.changes import rename_session, restore_session, set_note, trash_session
+from capture_app.session.exporting.exporter import load_exporters
+from capture_app.session.library.changes import (
+    check_note,
+    rename_session,
+    restore_session,
+    set_note,
+    trash_session,
+)
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import show_result
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
+from capture_app.tui.jobs.run import COMMANDS, EXPORTS, IMPORT, REPAIR, STUDIES, VERIFY, Command, Run
 from capture_app.tui.jobs.runs import Runs
-from capture_app.tui.library.forms import (
-    command_list,
-    folder_question,
-    format_list,
-    import_question,
-    name_question,
-    note_question,
-    options_question,
-    typed_path,
-)
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
-from capture_app.tui.question import explain_verdict
+from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
 from capture_app.tui.rig_record import RecordChanged, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
@@ -121,7 +121,7 @@ class SessionsView(ModeView):
     def on_resize(self) -> None:
         """Show the selected session beside the list if there is space."""
         self.set_class(self.size.width >= WIDE, "-wide")
-        self._complete()
+        self.on_row_list_chosen(SessionRows.Chosen())
 
     def focus_first(self) -> None:
         """Focus the list, or the session shown in full."""
@@ -171,9 +171,6 @@ class SessionsView(ModeView):
     @work(group="listing")
     async def look_at_disk(self) -> None:
         """Read the folder in a thread and show changes."""
-        await self._list()
-
-    async def _list(self) -> None:
         async with self._reading:
             listing = self._listing
             cards = await asyncio.to_thread(listing.read)
@@ -200,8 +197,10 @@ class SessionsView(ModeView):
                 self._target = None
         self._rows.display = bool(entries)
         self._empty.display = not entries and self._cards is not None
-        where = printable(str(self._listing.root))
-        text = f"No session in {where} yet: in Shoot (key 2), space takes one; m imports videos."
+        text = (
+            f"No session in {printable(str(self._listing.root))} yet: "
+            "in Shoot (key 2), space takes one; m imports videos."
+        )
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
@@ -219,7 +218,8 @@ class SessionsView(ModeView):
 
     def on_row_list_chosen(self, message: SessionRows.Chosen) -> None:
         """Show the selected session and its actions, or open it."""
-        self._complete()
+        if self.has_class("-wide"):
+            self._show_pane(SETTLED_S)
         self.refresh_bindings()
         if message.opens and self.check_action("on_session", ("look",)):
             self.action_on_session("look")
@@ -227,10 +227,6 @@ class SessionsView(ModeView):
     def on_input_submitted(self) -> None:
         """Move the focus from the search to the list of sessions that match."""
         self._rows.focus()
-
-    def _complete(self) -> None:
-        if self.has_class("-wide"):
-            self._show_pane(SETTLED_S)
 
     @work(exclusive=True, group="pane")
     async def _show_pane(self, after_s: float = 0.0) -> None:
@@ -271,6 +267,8 @@ class SessionsView(ModeView):
         if entry is not None and entry.card.state == "being saved":
             words = f"{printable(entry.card.name)} is being saved: try again when that is done"
             self.app.notify(words, markup=False)
+        elif entry is not None and what in COMMANDS:
+            self._start(COMMANDS[what], entry)
         elif entry is not None:
             getattr(self, f"_{what}")(entry)
 
@@ -325,30 +323,32 @@ class SessionsView(ModeView):
 
     # Starting commands
 
-    def _compare(self, entry: Entry) -> None:
-        """Run Compare with its quick options."""
-        self._start(COMPARE, entry)
-
-    def _verify(self, entry: Entry) -> None:
-        """Check all files of the session."""
-        self._start(VERIFY, entry)
-
     @work
     async def _analyse(self, entry: Entry) -> None:
         """Ask for a command and its options, and run it."""
-        name = await self.app.push_screen_wait(command_list(entry.card))
+        commands = (*STUDIES, VERIFY) if entry.card.state == "complete" else (REPAIR,)
+        rows = {one.name: (one.title, one.what) for one in commands}
+        name = await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.name}", rows))
         if name is not None:
-            command = COMMANDS[name]
-            form = options_question(command, entry.card, self._runs.out(command, entry.card.folder))
-            options = await self.app.push_screen_wait(form)
+            command, folder = COMMANDS[name], entry.card.folder
+            out = self._runs.out(command, folder)
+            options = await self.app.push_screen_wait(
+                TextQuestion(
+                    f"$ {command.line(folder, out, 'OPTIONS')}\n\nOPTIONS; enter starts the job.",
+                    command.quick,
+                    check=partial(command.line, folder, out),
+                    title=command.title,
+                )
+            )
             if options is not None:
                 self._start(command, entry, options)
 
     @work
     async def _export(self, entry: Entry) -> None:
         """Ask for a format and a folder, and export."""
+        rows = {name: (name, one.help) for name, one in load_exporters().items()}
         before = self._settings.recall("sessions.export-format", "colmap")
-        name = await self.app.push_screen_wait(format_list(entry.card, before))
+        name = await self.app.push_screen_wait(ListQuestion(f"Export {entry.card.name}", rows, before))
         if name is None:
             return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
@@ -373,7 +373,7 @@ class SessionsView(ModeView):
             run = self._runs.add(IMPORT, folder, out=self._listing.root)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
-            await self._list()
+            await self.look_at_disk().wait()
             self._rows.choose(next((key for key in self._rows.keys if key not in before), ""))
 
     def _start(
@@ -400,7 +400,13 @@ class SessionsView(ModeView):
     @work
     async def _note(self, entry: Entry) -> None:
         """Ask for a note and store it."""
-        note = await self.app.push_screen_wait(note_question(entry.card))
+        question = TextQuestion(
+            "One line, saved with the session.",
+            entry.card.note,
+            check=check_note,
+            title=f"Note of {entry.card.name}",
+        )
+        note = await self.app.push_screen_wait(question)
         if note is not None:
             with showing_errors(self):
                 await asyncio.to_thread(set_note, entry.card.folder, note)
@@ -425,3 +431,59 @@ class SessionsView(ModeView):
         with showing_errors(self):
             self._look_for(await asyncio.to_thread(restore_session, self._listing.root))
         await self._runs.read()
+
+
+def name_question(card: SessionCard) -> TextQuestion:
+    """Return the dialog that asks for a session's new name."""
+
+    def check(name: str) -> None:
+        check_name(name, "session")
+        if name != card.name and card.folder.with_name(name).exists():
+            raise BadInputError(f"{name} exists already", hint="choose another name")
+
+    return TextQuestion("Renames its folder and its results, too.", card.name, check=check, title="Rename")
+
+
+def import_question(folder: str) -> TextQuestion:
+    """Return the dialog for the folder to import, with `folder` as initial text."""
+
+    def check(text: str) -> None:
+        # `Path.is_dir` raises for impossible names and inaccessible folders.
+        if not text.strip() or not os.path.isdir(typed_path(text)):  # noqa: PTH112
+            raise BadInputError("this folder does not exist")
+
+    return TextQuestion(
+        "A folder of videos, or another program's recording. Clips taken together are found and aligned by "
+        "times, sound, flashes or motion.",
+        folder,
+        check=check,
+        title="Import",
+    )
+
+
+def folder_question(card: SessionCard, folder: Path, format_name: str) -> TextQuestion:
+    """Return the dialog for the export's folder; `folder` is the proposed parent."""
+
+    def check(text: str) -> None:
+        target = typed_path(text)
+        if not text.strip():
+            raise BadInputError("no folder is given", hint="type its path")
+        try:
+            taken = target.exists() and (not target.is_dir() or any(target.iterdir()))
+        except OSError as error:
+            raise BadInputError(f"{target}: {error.strerror}", hint="choose another folder") from error
+        if taken:
+            raise BadInputError(f"{target} exists already", hint="choose another folder")
+
+    return TextQuestion(
+        "Folder to write, new or empty.",
+        str(folder / free_name(f"{card.name}-{format_name}", [one.name for one in folder.glob("*")])),
+        check=check,
+        title=f"Export {card.name} to {format_name}",
+    )
+
+
+def typed_path(text: str) -> Path:
+    """Return the path that a user typed."""
+    # `Path.expanduser` raises for an unknown home directory, such as a half-typed name.
+    return Path(os.path.expanduser(text.strip()))  # noqa: PTH111

@@ -8,17 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.session.library.changes import results_folder
-from capture_app.tui.jobs.run import (
-    CLOUDS,
-    COMMANDS,
-    COMPARE,
-    MULTIVIEW,
-    PANEL,
-    PANORAMA,
-    TOLERANCE,
-    Run,
-    RunState,
-)
+from capture_app.tui.jobs.run import COMMANDS, Run, RunState
 
 TOLERANCE_VERDICT = "This motion tolerates a delay of about 3.9 ms."
 PANEL_VERDICT = "32 µs apart on average, 121 µs at most; the panel resolves ±14 µs"
@@ -74,7 +64,7 @@ def study(name: str, *pictures: dict[str, object], skipped: str = "") -> dict[st
 
 def add_comparison(root: Path, session: str) -> Run:
     """A finished comparison with depth of a pair, a panorama and a table."""
-    job = add_job(root, COMPARE.name, session, message=VERDICT)
+    job = add_job(root, "compare", session, message=VERDICT)
     assert job.out is not None
     table = {
         "caption": "Depth from cameras cam00 and cam01",
@@ -111,7 +101,7 @@ def add_comparison(root: Path, session: str) -> Run:
 
 def add_panorama(root: Path, session: str) -> Run:
     """A panorama in both conditions."""
-    job = add_job(root, PANORAMA.name, session)
+    job = add_job(root, "panorama", session)
     assert job.out is not None
 
     def side(name: str, misfit: float) -> dict[str, object]:
@@ -136,7 +126,7 @@ def add_panorama(root: Path, session: str) -> Run:
 
 def add_dose(root: Path, session: str) -> Run:
     """A curve of three points."""
-    job = add_job(root, TOLERANCE.name, session)
+    job = add_job(root, "tolerance", session)
     assert job.out is not None
     job.out.mkdir(parents=True)
     points = [
@@ -163,7 +153,7 @@ def add_dose(root: Path, session: str) -> Run:
 
 def add_depth(root: Path, session: str) -> Run:
     """Depth maps of two cameras."""
-    job = add_job(root, MULTIVIEW.name, session)
+    job = add_job(root, "multiview", session)
     assert job.out is not None
     views = []
     for camera in ("cam00", "cam01"):
@@ -186,7 +176,7 @@ def add_depth(root: Path, session: str) -> Run:
 
 def add_clouds(root: Path, session: str) -> Run:
     """Clouds of two instants, of which one failed."""
-    job = add_job(root, CLOUDS.name, session)
+    job = add_job(root, "clouds", session)
     assert job.out is not None
     job.out.mkdir(parents=True)
     found = {
@@ -204,7 +194,7 @@ def add_clouds(root: Path, session: str) -> Run:
 
 def add_panel(root: Path, session: str, *, compared: bool = True) -> Run:
     """What a panel showed of two cameras; `compared`: of one instant at least, in both."""
-    job = add_job(root, PANEL.name, session)
+    job = add_job(root, "panel", session)
     assert job.out is not None
     job.out.mkdir(parents=True)
     seen = {

@@ -13,7 +13,7 @@ from textual.geometry import Region
 from capture_app.protocol.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState
+from capture_app.tui.jobs.run import COMMANDS, RunState
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from capture_app.tui.widgets.row_list import RowList
@@ -24,7 +24,7 @@ from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, a
 from tests.tui.takes import make_take
 from tests.tui.widgets.sent import PLACEHOLDER, Sent
 
-QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
+QUICK = replace(COMMANDS["compare"], module="tests.tui.jobs.quick_command", words=("compare",), quick="")
 SIZES = [(80, 24), (120, 40), (200, 50)]
 
 

@@ -14,13 +14,15 @@ from capture_app.common.text import ProgressStep
 from capture_app.session.library.changes import rename_session, results_folder
 from capture_app.session.reading.reader import Session
 from capture_app.tui.jobs.result_screen import read_result
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, PANEL, PANORAMA, VERIFY, Run, RunState
+from capture_app.tui.jobs.run import COMMANDS, EXPORTS, VERIFY, Run, RunState
 from capture_app.tui.jobs.runs import INTERRUPTED, Runs
 from tests.waiting import until
 
 SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 QUICK, QUICK_STITCH, QUICK_DOSE = (
-    replace(COMPARE, name=name, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
+    replace(
+        COMMANDS["compare"], name=name, module="tests.tui.jobs.quick_command", words=("compare",), quick=""
+    )
     for name in ("compare", "panorama", "tolerance")
 )
 
@@ -167,7 +169,7 @@ async def test_a_job_of_another_screen_runs_until_that_screen_ends(session: Sess
     await runs.close()
     assert json.loads(stored.read_text()) == text, "closing this screen leaves it alone"
     with pytest.raises(BadInputError, match="running already"):
-        runs.add(PANORAMA, session.folder)
+        runs.add(COMMANDS["panorama"], session.folder)
     other.kill()
     await other.wait()
     await runs.read()
@@ -233,7 +235,7 @@ def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 async def test_a_panel_is_read_and_its_figures_can_be_looked_at(runs: Runs) -> None:
-    job = runs.add(PANEL, SAMPLES / "led_panel")
+    job = runs.add(COMMANDS["panel"], SAMPLES / "led_panel")
     await runs.wait()
     assert job.state is RunState.DONE, list(runs.log(job))
     assert "apart on average" in job.message

@@ -12,6 +12,7 @@ from capture_app.common.errors import NetworkError
 from capture_app.protocol.orders import StopRig
 from capture_app.protocol.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question
 from capture_app.tui.screen_settings import Settings
@@ -73,7 +74,9 @@ def test_every_key_has_an_action_that_exists() -> None:
         if kind.__module__.startswith("capture_app."):
             for binding in kind.__dict__.get("BINDINGS", ()):
                 action, _, parameter = binding.action.partition("(")
-                method = "_" + parameter.strip("')") if action == "on_session" else f"action_{action}"
+                what = parameter.strip("')")
+                is_method = action == "on_session" and what not in COMMANDS
+                method = f"_{what}" if is_method else f"action_{action}"
                 if "." not in action and not hasattr(kind, method):
                     missing.append(f"{kind.__name__}.{method}")
     assert not missing

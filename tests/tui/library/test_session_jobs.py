@@ -15,7 +15,7 @@ from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, VERIFY, RunState
+from capture_app.tui.jobs.run import COMMANDS, VERIFY, RunState
 from capture_app.tui.widgets.picture import Picture
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts, until
@@ -101,7 +101,7 @@ async def test_how_far_a_job_is_is_told_beside_its_session_at_once(
     sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("capture_app.tui.library.sessions_view.LOOK_AGAIN_S", 3600.0)
-    quick = replace(COMPARE, module="tests.tui.jobs.quick_command")
+    quick = replace(COMMANDS["compare"], module="tests.tui.jobs.quick_command")
     monkeypatch.setitem(COMMANDS, quick.name, quick)
     async with library(sessions) as pilot:
         await choose(pilot, "one")

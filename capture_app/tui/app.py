@@ -68,8 +68,10 @@ def quit_question(
             )
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
-        ends = "ends" if len(jobs) == 1 else "end"
-        lines.append(f"{', '.join(jobs[:NAMED_JOBS])}{more} {ends} with the screen and saves no result.")
+        lines.append(
+            f"{', '.join(jobs[:NAMED_JOBS])}{more} {'ends' if len(jobs) == 1 else 'end'} with the screen "
+            "and saves no result."
+        )
     if not lines:
         return None
     ending = f", end the {'job' if len(jobs) == 1 else 'jobs'}" if jobs else ""
@@ -245,8 +247,11 @@ class SimulshotApp(App[None]):
         for node, binding, enabled, _ in screen.active_bindings.values():
             if enabled and binding.id is not None and binding.id not in seen:
                 seen.add(binding.id)
-                act = partial(self.run_action, binding.action, node)
-                yield SystemCommand(binding.description, f"key {self.get_key_display(binding)}", act)
+                yield SystemCommand(
+                    binding.description,
+                    f"key {self.get_key_display(binding)}",
+                    partial(self.run_action, binding.action, node),
+                )
         yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
 
     # Quitting
@@ -254,8 +259,9 @@ class SimulshotApp(App[None]):
     async def action_quit(self) -> None:
         """Close the screen; ask first if that would end jobs or leave a rig running."""
         status = None if self._record.lost else self._record.status
-        jobs = list(map(str, self.runs.unfinished))
-        question = quit_question(status, started=self._started, local=self._local, jobs=jobs)
+        question = quit_question(
+            status, started=self._started, local=self._local, jobs=list(map(str, self.runs.unfinished))
+        )
         if isinstance(self.screen, Question):
             self.exit()  # quit pressed again without an answer: leave the rig running
         elif question is not None:

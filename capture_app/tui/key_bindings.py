@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
+from operator import itemgetter
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -35,14 +36,14 @@ TERMS = {
 
 def known_actions() -> dict[str, Binding]:
     """Return all actions of this package's imported screens and widgets, with their built-in keys."""
-    found = {
-        binding.id: binding
+    found = (
+        (binding.id, binding)
         for kind in _subclasses(DOMNode)
         if kind.__module__.startswith(OWN)
         for binding in kind.__dict__.get("BINDINGS", ())
         if isinstance(binding, Binding) and binding.id is not None
-    }
-    return dict(sorted(found.items()))
+    )
+    return dict(sorted(found, key=itemgetter(0)))
 
 
 def unknown_names(names: Iterable[str]) -> list[str]:
@@ -98,12 +99,13 @@ def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content
     rooms: dict[str, list[Content]] = {}
     for name, found in by_name.items():
         keys = " ".join(dict.fromkeys(key_names.get(each.key, each.key) for each in found))
-        row = Content.assemble(
-            (f"{keys:<{KEY_WIDTH}} ", "bold $primary"),
-            f"{found[0].description:<{NAME_WIDTH}}",
-            (found[0].tooltip, "$foreground-muted"),
+        rooms.setdefault(name.partition(".")[0], []).append(
+            Content.assemble(
+                (f"{keys:<{KEY_WIDTH}} ", "bold $primary"),
+                f"{found[0].description:<{NAME_WIDTH}}",
+                (found[0].tooltip, "$foreground-muted"),
+            )
         )
-        rooms.setdefault(name.partition(".")[0], []).append(row)
     rows: list[Content] = []
     for room in sorted(rooms, key=lambda room: room == EVERYWHERE):
         title = Content.styled("everywhere" if room == EVERYWHERE else room, "bold $secondary")

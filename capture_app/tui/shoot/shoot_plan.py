@@ -21,11 +21,8 @@ V = TypeVar("V")
 MAX_BEFORE = 60
 """Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
 MAX_FRAMES = 300
-COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
-INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """Durations of a recording; 0: until it is stopped."""
-TAKES = (2, 3, 5, 10, 20, 50, 100)
 REGIONS: dict[str, Region] = {
     "whole picture": WHOLE,
     "left half": (0.0, 0.0, 0.5, 1.0),
@@ -49,6 +46,18 @@ MODES: tuple[TakeMode, ...] = get_args(TakeMode)
 _SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
 _PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
 LABEL = 10
+
+
+def _check_name(name: str) -> None:
+    if name.strip():
+        check_name(name.strip(), "take")
+
+
+TEXTS: dict[str, tuple[str, str, Callable[[str], object]]] = {
+    "name": ("name", "Name of the following takes and of their folders. Default: burst.", _check_name),
+    "notes": ("note", "Note saved with each following take.", check_note),
+}
+"""Rows that are texts, by label: field of the settings, explanation, and check."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,16 +121,17 @@ class TakeSettings:
 
     def plan(self) -> TakePlan:
         """Return the plan of a take with these settings."""
-        plan: dict[str, Any] = {"frames": self.frames, "before": self.before}
-        if self.mode == "recording":
-            plan = {"video": True, "seconds": self.seconds or None}
-        if self.mode in _SERIES:
-            plan["repeat"] = self.takes
-        if self.mode in ("interval", "motion"):
-            plan["every_s"] = self.every_s
-        if self.mode == "motion":
-            plan["on_motion"] = REGIONS[self.region]
-        return TakePlan(name=self.name, note=self.note, countdown_s=self.countdown_s, **plan)
+        pictures: dict[str, Any] = {"frames": self.frames, "before": self.before}
+        video: dict[str, Any] = {"video": True, "seconds": self.seconds or None}
+        return TakePlan(
+            name=self.name,
+            note=self.note,
+            countdown_s=self.countdown_s,
+            repeat=self.takes if self.mode in _SERIES else 1,
+            every_s=self.every_s if self.mode in ("interval", "motion") else None,
+            on_motion=REGIONS[self.region] if self.mode == "motion" else None,
+            **(video if self.mode == "recording" else pictures),
+        )
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -170,13 +180,13 @@ ROWS = (
     _Row(
         "countdown",
         lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
-        lambda p, by: replace(p, countdown_s=stepped(COUNTDOWNS_S, p.countdown_s, by)),
+        lambda p, by: replace(p, countdown_s=stepped((0.0, 3.0, 5.0, 10.0, 20.0), p.countdown_s, by)),
     ),
     _Row("mode", lambda p, _: p.mode, lambda p, by: replace(p, mode=_next(MODES, p.mode, by))),
     _Row(
         "every",
         lambda p, _: f"{p.every_s:g} s",
-        lambda p, by: replace(p, every_s=stepped(INTERVALS_S, p.every_s, by)),
+        lambda p, by: replace(p, every_s=stepped((2.0, 5.0, 10.0, 30.0, 60.0, 300.0), p.every_s, by)),
         ("interval", "motion"),
     ),
     _Row(
@@ -188,7 +198,7 @@ ROWS = (
     _Row(
         "takes",
         lambda p, _: str(p.takes),
-        lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
+        lambda p, by: replace(p, takes=int(stepped((2, 3, 5, 10, 20, 50, 100), p.takes, by))),
         _SERIES,
     ),
     _Row("name", lambda p, _: p.name or ("recording" if p.mode == "recording" else "burst")),
@@ -214,9 +224,6 @@ class PlanPanel(Lines, can_focus=True):
         self.border_title = "Next take"
         self._chosen = 0
         self._period_ns: int | None = None
-
-    def on_mount(self) -> None:
-        """Show the stored settings."""
         self._show()
 
     def watch_has_focus(self, has_focus: bool) -> None:
@@ -263,16 +270,14 @@ class PlanPanel(Lines, can_focus=True):
     async def action_edit(self, what: str = "") -> None:
         """Edit the `name` or the `notes` of the following takes; by default, the selected one."""
         what = what or self._rows()[self._chosen].label
-        if what == "name":
-            text = "Name of the following takes and of their folders. Default: burst."
-            question = TextQuestion(text, self.settings.name, check=_check_name, title="Name")
-            if (name := await self.app.push_screen_wait(question)) is not None:
-                self.change(replace(self.settings, name=name.strip()))
-        elif what == "notes":
-            text = "Note saved with each following take."
-            question = TextQuestion(text, self.settings.note, check=check_note, title="Notes")
-            if (note := await self.app.push_screen_wait(question)) is not None:
-                self.change(replace(self.settings, note=note.strip()))
+        if what in TEXTS:
+            field, words, check = TEXTS[what]
+            question = TextQuestion(
+                words, getattr(self.settings, field), check=check, title=what.capitalize()
+            )
+            if (typed := await self.app.push_screen_wait(question)) is not None:
+                changed: Any = {field: typed.strip()}
+                self.change(replace(self.settings, **changed))
 
     def _rows(self) -> tuple[_Row, ...]:
         return tuple(row for row in ROWS if self.settings.mode in row.modes)
@@ -287,10 +292,7 @@ class PlanPanel(Lines, can_focus=True):
         value = printable(row.text(self.settings, self._period_ns))
         if is_here:
             value = f"{value} …" if row.change is None else f"‹ {value} ›"
-        label = (f"{row.label:<{LABEL}}", "$foreground-muted")
-        return Content.assemble(label, (value, "bold $primary" if is_here else "$foreground"))
-
-
-def _check_name(name: str) -> None:
-    if name.strip():
-        check_name(name.strip(), "take")
+        return Content.assemble(
+            (f"{row.label:<{LABEL}}", "$foreground-muted"),
+            (value, "bold $primary" if is_here else "$foreground"),
+        )

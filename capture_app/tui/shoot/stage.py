@@ -38,8 +38,13 @@ class Stage(ContentSwitcher):
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
         self._words = Lines()
-        countdown = Vertical(self._digits, self._words, id=COUNTDOWN)
-        super().__init__(self.grid, self.sheet, countdown, id="shoot-stage", initial=LIVE)
+        super().__init__(
+            self.grid,
+            self.sheet,
+            Vertical(self._digits, self._words, id=COUNTDOWN),
+            id="shoot-stage",
+            initial=LIVE,
+        )
         self.border_title = "Live"
 
     @property
@@ -52,8 +57,9 @@ class Stage(ContentSwitcher):
         self.grid.show_preview(preview)
         found = collect(self._newest, preview)
         if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._shows_depth:
-            pictures = f"{len(found.previews)} pictures of one instant"
-            self.border_title = f"Live · {pictures}, within {duration(found.spread_ns)}"
+            self.border_title = (
+                f"Live · {len(found.previews)} pictures of one instant, within {duration(found.spread_ns)}"
+            )
 
     def show_depth(self, depth: DepthPreview | None) -> None:
         """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
@@ -110,8 +116,9 @@ class Stage(ContentSwitcher):
 
     def want_previews(self, seen: bool) -> None:
         """Request the previews that are visible, if the request has changed."""
-        looking = seen and self.current == LIVE and bool(self.grid.tiles)
-        request = self.grid.request if looking else (self._asked[0], 0.0)
+        request = (
+            self.grid.request if seen and self.current == LIVE and self.grid.tiles else (self._asked[0], 0.0)
+        )
         if request != self._asked and (request[1] or self._asked[1]):
             self._asked = width, fps = request
             # A coroutine of a worker that is cancelled before it begins would never be awaited.

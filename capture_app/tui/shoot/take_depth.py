@@ -37,8 +37,9 @@ async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
 
 def _is_slow(runs: Runs) -> bool:
     # Wall time would include waiting for other jobs.
-    max_s = SLOW_S * (os.cpu_count() or 1)
-    return any(run.kind == MOMENT.name and run.processor_s > max_s for run in runs.all)
+    return any(
+        run.kind == MOMENT.name and run.processor_s > SLOW_S * (os.cpu_count() or 1) for run in runs.all
+    )
 
 
 def run_of(runs: Runs | None, sheet: TakeSheet | None) -> Run | None:

@@ -41,11 +41,6 @@ class Take:
     retake_of: str = ""
     """Name of the take that this one repeats."""
 
-    @property
-    def name(self) -> str:
-        """Name of its session."""
-        return self.status.name
-
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a finished take; None if it is on another machine. Blocks on the disk.
@@ -135,7 +130,7 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
-    yield Content.styled(printable(takes[-1].name) or "the take", "bold")
+    yield Content.styled(printable(takes[-1].status.name) or "the take", "bold")
     if takes[-1].retake_of:
         yield Content.styled(f"retake of {printable(takes[-1].retake_of)}", "$foreground-muted")
     if takes[-1].trashed:
@@ -171,7 +166,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
 
 
 def _in_short(take: Take, now_s: float) -> Content:
-    name = f"{printable(take.name):<10} "
+    name = f"{printable(take.status.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.sheet is None:

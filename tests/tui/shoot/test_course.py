@@ -93,7 +93,7 @@ async def test_space_while_a_camera_settles_takes_as_soon_as_all_are_ready(tmp_p
         assert (request.wait_ready_s, request.nodes) == (120.0, 2), "the lost one is not waited for"
         assert rig.is_ready is not None
         rig.is_ready.set()
-        await until(pilot, lambda: [take.name for take in studio.view.takes] == ["burst-001"])
+        await until(pilot, lambda: [take.status.name for take in studio.view.takes] == ["burst-001"])
         assert "waiting" not in line_of(studio)
 
 
@@ -134,7 +134,7 @@ async def test_a_camera_that_corrects_a_drift_is_not_waited_for(tmp_path: Path) 
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")
-        await until(pilot, lambda: [take.name for take in studio.view.takes] == ["burst-001"])
+        await until(pilot, lambda: [take.status.name for take in studio.view.takes] == ["burst-001"])
         assert studio.requests[0].wait_ready_s == 0
 
 
@@ -310,7 +310,7 @@ async def test_a_series_on_motion_says_what_it_waits_for_and_is_stopped_by_the_k
         await until(pilot, lambda: "take 1 of 2: waiting for something to move" in line_of(studio))
         show_motion(rig, leader_ns=7 * 10**9)
         await until(pilot, lambda: "take 2 of 2: waiting for something to move" in line_of(studio))
-        assert [take.name for take in studio.view.takes] == ["burst-001"]
+        assert [take.status.name for take in studio.view.takes] == ["burst-001"]
         await pilot.press("space")
         await until(pilot, lambda: "waiting" not in line_of(studio))
         show_motion(rig, leader_ns=9 * 10**9)

@@ -62,10 +62,10 @@ async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(tmp_pa
             key_ns = HostClock().now_ns()
             take = await take_until_whole(app, view)
             await until(lambda: view.stage.is_sheet)
-            assert view.take_panel.plain.startswith(f"{take.name}\n")
-    session = Session.open(tmp_path / take.name)
+            assert view.take_panel.plain.startswith(f"{take.status.name}\n")
+    session = Session.open(tmp_path / take.status.name)
     manifest = session.manifest
-    assert take.name.startswith("jump-")
+    assert take.status.name.startswith("jump-")
     assert manifest.note.startswith("first try")
     assert verify(session) == []
     assert len(manifest.images) == CAMERAS * FRAMES

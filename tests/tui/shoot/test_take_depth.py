@@ -81,7 +81,7 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
         await until(pilot, lambda: len(studio.app.runs.all) == 2 and "94 %" in panel.plain)
         depth, earlier = (panel.query_one(f"#takes-{name}") for name in ("depth", "earlier"))
         await until(pilot, lambda: depth.display and earlier.region.y >= depth.region.bottom > 0)
-        assert panel.plain.splitlines()[-1].startswith(studio.view.takes[0].name)
+        assert panel.plain.splitlines()[-1].startswith(studio.view.takes[0].status.name)
 
 
 async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Studio, tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ async def test_of_takes_that_follow_quickly_the_last_is_not_kept_waiting(
             await pilot.press("space")
             await until(pilot, partial(has_runs, studio, number))
         newest, second, _ = studio.app.runs.all
-        assert newest.session.name == studio.view.takes[-1].name
+        assert newest.session.name == studio.view.takes[-1].status.name
         assert second.state is RunState.CANCELLED
         (tmp_path / "how").write_text("")
         await until(pilot, lambda: newest.state is RunState.DONE)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, PANEL_OF_MARKER, Panel
+from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, PANEL_OF_MARKER, Panel, corners_of_marker
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
 
 def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:
     panel = PANEL_OF_MARKER[next(iter(markers))]
-    at = {marker.number: np.array(marker.corners) for marker in panel.markers}
+    at = {number: np.array(corners_of_marker(left, top)) for number, left, top in panel.markers}
     corners = np.stack([at[number] for number in markers])
     pixels = np.concatenate(list(markers.values()))
     bend, shrink = 0.0, 0.0

@@ -26,19 +26,20 @@ FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> Page:
     """Return the printable frame. Raises BadInputError if it does not fit the paper."""
-    size = panel.width * pitch_mm, panel.height * pitch_mm
-    page = Page(paper, size, "a frame", smaller="smaller --pitch-mm")
+    page = Page(
+        paper, (panel.width * pitch_mm, panel.height * pitch_mm), "a frame", smaller="smaller --pitch-mm"
+    )
 
     def placed(x: float, y: float, width: float, height: float) -> tuple[float, float, float, float]:
         return page.left + x * pitch_mm, page.top + y * pitch_mm, width * pitch_mm, height * pitch_mm
 
     page.black += [placed(*ground) for ground in panel.dark]
-    for marker in panel.markers:
-        page.black.append(placed(marker.x, marker.y, MARKER_SIZE, MARKER_SIZE))
-        squares = marker_squares(marker.number)
+    for number, left, top in panel.markers:
+        page.black.append(placed(left, top, MARKER_SIZE, MARKER_SIZE))
+        squares = marker_squares(number)
         side = MARKER_SIZE / len(squares)
         page.white += [
-            placed(marker.x + column * side, marker.y + row * side, side, side)
+            placed(left + column * side, top + row * side, side, side)
             for row, line in enumerate(squares)
             for column, white in enumerate(line)
             if white

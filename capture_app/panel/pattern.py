@@ -69,21 +69,6 @@ class Lamp:
 
 
 @dataclass(frozen=True, slots=True)
-class Marker:
-    """Marker of the frame: its number in the dictionary and the position of its upper left corner."""
-
-    number: int
-    x: float
-    y: float
-
-    @property
-    def corners(self) -> tuple[tuple[float, float], ...]:
-        """Return the corners in OpenCV's order: upper left, upper right, lower right, lower left."""
-        right, bottom = self.x + MARKER_SIZE, self.y + MARKER_SIZE
-        return ((self.x, self.y), (right, self.y), (right, bottom), (self.x, bottom))
-
-
-@dataclass(frozen=True, slots=True)
 class Panel:
     """Panel definition; `ticks` is each array's duration of a lit column, in ticks.
 
@@ -128,11 +113,11 @@ class Panel:
         return self.cycle_ticks * self.tick_ns
 
     @property
-    def markers(self) -> tuple[Marker, ...]:
-        """Markers, in the order upper left, upper right, lower right, lower left."""
+    def markers(self) -> tuple[tuple[int, float, float], ...]:
+        """Number in the dictionary, left and top of each marker, in the order of `corners_of_marker`."""
         right, bottom = self.width - _MARGIN - MARKER_SIZE, self.height - _MARGIN - MARKER_SIZE
         places = ((_MARGIN, _MARGIN), (right, _MARGIN), (right, bottom), (_MARGIN, bottom))
-        return tuple(Marker(self.first_marker + n, x, y) for n, (x, y) in enumerate(places))
+        return tuple((self.first_marker + n, x, y) for n, (x, y) in enumerate(places))
 
     @property
     def dark(self) -> tuple[tuple[float, float, float, float], ...]:
@@ -160,8 +145,15 @@ class Panel:
     def _lamp(self, x: float, y: float, group: int, index: int, lit: int) -> Lamp:
         across, down = x / self.width, y / self.height
         position = {"none": 0.5, "down": down, "up": 1 - down, "right": across, "left": 1 - across}
-        delay = SCAN_FRACTION * (position[self.scan] - 0.5)
-        return Lamp(x, y, group, index * lit, lit, COUNT * lit, delay)
+        return Lamp(
+            x,
+            y,
+            group,
+            start=index * lit,
+            lit=lit,
+            period=COUNT * lit,
+            delay=SCAN_FRACTION * (position[self.scan] - 0.5),
+        )
 
     def description(self) -> dict[str, Any]:
         """Return the panel as plain data for the page and the sketch that draw it."""
@@ -174,13 +166,8 @@ class Panel:
             "scan": self.scan,
             "marker_size": MARKER_SIZE,
             "markers": [
-                {
-                    "number": marker.number,
-                    "x": marker.x,
-                    "y": marker.y,
-                    "white": marker_squares(marker.number),
-                }
-                for marker in self.markers
+                {"number": number, "x": x, "y": y, "white": marker_squares(number)}
+                for number, x, y in self.markers
             ],
             "dark": [list(ground) for ground in self.dark],
             "lamp_size": self.lamp_size,
@@ -194,6 +181,12 @@ class Panel:
 def nearest_ns(difference_ns: float, cycle_ns: float) -> float:
     """Return the representative nearest to 0 of a time difference known modulo a cycle."""
     return (difference_ns + cycle_ns / 2) % cycle_ns - cycle_ns / 2
+
+
+def corners_of_marker(left: float, top: float) -> tuple[tuple[float, float], ...]:
+    """Return a marker's corners in OpenCV's order: upper left, upper right, lower right, lower left."""
+    right, bottom = left + MARKER_SIZE, top + MARKER_SIZE
+    return ((left, top), (right, top), (right, bottom), (left, bottom))
 
 
 def marker_squares(number: int) -> list[list[int]]:
@@ -211,14 +204,15 @@ def _panels() -> Iterator[Panel]:
     yield Panel("led-10ms", 10_000_000.0, _FIRST_MARKER + _MARKERS)
     yield Panel("led-pair", 200_000.0, _FIRST_MARKER + 2 * _MARKERS, (1, 50))
     for kind, (rate_hz, scan) in enumerate(product(RATES_HZ, SCANS), _LED_KINDS):
-        first = _FIRST_MARKER + _MARKERS * kind
-        yield Panel(f"screen-{rate_hz}hz-{scan}", 1e9 / rate_hz, first, rows=2, scan=scan)
+        yield Panel(
+            f"screen-{rate_hz}hz-{scan}", 1e9 / rate_hz, _FIRST_MARKER + _MARKERS * kind, rows=2, scan=scan
+        )
 
 
 PANELS = {panel.name: panel for panel in _panels()}
 """All panels by name: the paper's with ticks of 200 us or 10 ms, both side by side, and screens."""
 
-PANEL_OF_MARKER = {marker.number: panel for panel in PANELS.values() for marker in panel.markers}
+PANEL_OF_MARKER = {number: panel for panel in PANELS.values() for number, _, _ in panel.markers}
 """The panel that each marker belongs to, by the marker's number."""
 
 

@@ -59,8 +59,8 @@ def _panels() -> dict[str, Any]:
                 "rate_hz": round(1e9 / panel.tick_ns),
                 "scan": panel.scan,
                 "markers": [
-                    "".join(str(white) for row in marker_squares(marker.number) for white in row)
-                    for marker in panel.markers
+                    "".join(str(white) for row in marker_squares(number) for white in row)
+                    for number, _, _ in panel.markers
                 ],
             }
             for panel in screens

@@ -21,7 +21,6 @@ from capture_app.panel.pattern import COUNT, Panel
 SIGMAS_95 = 1.96
 STEPS = 8
 """Search steps per tick."""
-_MIDDLE_LINE = slice(LINES // 2, LINES // 2 + 1)
 _GROUP_STEPS = 16
 """Maximum search steps per lamp of a group; steps are wider for lamps with a longer lit time."""
 SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
@@ -127,7 +126,7 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
 
     def scores(shutter: Shutter) -> Floats:
         """Return log-likelihoods of the times, each the maximum over itself and its neighbours."""
-        shares = model.shares(middles_ns, shutter, of, lines=_MIDDLE_LINE)
+        shares = model.shares(middles_ns, shutter, of, lines=slice(LINES // 2, LINES // 2 + 1))
         variance = model.variance(shares, on, of)
         residual = model.light[of] - off - on * shares
         residual = np.where(model.saturated[of] & (residual < 0), 0.0, residual)
@@ -208,9 +207,14 @@ def _pool(candidates: list[Candidate]) -> list[Candidate]:
 def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Candidate:
     half_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
     for round_number in range(7 if frees_exposure or frees_row else 2):
-        factors = (1 / factor, 1.0, factor) if frees_exposure else (1.0,)
-        steps_ns = (-step_ns, 0.0, step_ns) if frees_row else (0.0,)
-        one = _refine(model, one, half_ns, 33, factors, steps_ns)
+        one = _refine(
+            model,
+            one,
+            half_ns,
+            33,
+            (1 / factor, 1.0, factor) if frees_exposure else (1.0,),
+            (-step_ns, 0.0, step_ns) if frees_row else (0.0,),
+        )
         half_ns = max(half_ns / 2, 0.1 * model.panel.tick_ns)
         if round_number > 1:
             factor, step_ns = factor**0.6, step_ns * 0.6

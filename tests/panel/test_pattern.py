@@ -57,7 +57,7 @@ def test_nothing_of_a_panel_overlaps(panel: Panel) -> None:
             )
             == 1
         )
-    boxes += [(m.x, m.y, m.x + MARKER_SIZE, m.y + MARKER_SIZE) for m in panel.markers]
+    boxes += [(left, top, left + MARKER_SIZE, top + MARKER_SIZE) for _, left, top in panel.markers]
     for one, other in itertools.combinations(boxes, 2):
         assert one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
     for left, top, right, bottom in boxes:
@@ -68,12 +68,12 @@ def test_nothing_of_a_panel_overlaps(panel: Panel) -> None:
 
 
 def test_each_marker_belongs_to_one_panel() -> None:
-    numbers = [marker.number for panel in PANELS.values() for marker in panel.markers]
+    numbers = [number for panel in PANELS.values() for number, _, _ in panel.markers]
     assert len(set(numbers)) == len(numbers)
     assert max(numbers) < 250
     assert min(numbers) >= 50
     assert all(
-        PANEL_OF_MARKER.get(marker.number) is panel for panel in PANELS.values() for marker in panel.markers
+        PANEL_OF_MARKER.get(number) is panel for panel in PANELS.values() for number, _, _ in panel.markers
     )
     assert PANEL_OF_MARKER.get(3) is None
 

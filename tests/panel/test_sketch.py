@@ -12,7 +12,7 @@ import pytest
 
 from capture_app import cli
 from capture_app.panel.led_build import FILES
-from capture_app.panel.pattern import DICTIONARY, PANELS, Panel, panel_named
+from capture_app.panel.pattern import DICTIONARY, PANELS, Panel, corners_of_marker, panel_named
 from tests.board.pages import PX_PER_MM, read_pdf, read_svg
 
 HERE = Path(__file__).parent
@@ -79,17 +79,17 @@ def test_the_frame_is_found_at_its_true_size(panel: Panel, tmp_path: Path) -> No
         corners = dict(
             zip(np.ravel(numbers).tolist(), (np.reshape(one, (4, 2)) for one in found), strict=True)
         )
-        assert sorted(corners) == [marker.number for marker in panel.markers]
-        first = panel.markers[0]
-        for marker in panel.markers:
-            measured = (corners[marker.number] - corners[first.number][0]) / PX_PER_MM
-            expected = (np.array(marker.corners) - (first.x, first.y)) * 9
+        assert sorted(corners) == [number for number, _, _ in panel.markers]
+        first, *place = panel.markers[0]
+        for number, left, top in panel.markers:
+            measured = (corners[number] - corners[first][0]) / PX_PER_MM
+            expected = (np.array(corners_of_marker(left, top)) - place) * 9
             # Corners are found to a pixel, of which there are six a millimetre.
             assert np.abs(measured - expected).max() < 0.5
-        left, top = corners[first.number][0]
+        left, top = corners[first][0]
         scale = 9 * PX_PER_MM
         for lamp in panel.lamps:
-            x, y = left + (lamp.x - first.x) * scale, top + (lamp.y - first.y) * scale
+            x, y = left + (lamp.x - place[0]) * scale, top + (lamp.y - place[1]) * scale
             around = picture[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4]
             assert around.max() > 200, "a cross on the dark ground"
 

@@ -92,13 +92,13 @@ def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Flo
     light = np.where(_is_on(panel, x, y), _WHITE, _WALL)
     for left, top, width, height in panel.dark:
         light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
-    for number, marker in enumerate(panel.markers):
-        squares = np.array(marker_squares(marker.number))
-        column = np.floor((x - marker.x) / MARKER_SIZE * MARKER_MODULES).astype(int)
-        row = np.floor((y - marker.y) / MARKER_SIZE * MARKER_MODULES).astype(int)
+    for corner, (number, left, top) in enumerate(panel.markers):
+        squares = np.array(marker_squares(number))
+        column = np.floor((x - left) / MARKER_SIZE * MARKER_MODULES).astype(int)
+        row = np.floor((y - top) / MARKER_SIZE * MARKER_MODULES).astype(int)
         inside = (column >= 0) & (row >= 0) & (column < MARKER_MODULES) & (row < MARKER_MODULES)
         surface = np.where(squares[row[inside], column[inside]] > 0, _WHITE, _BLACK)
-        light[inside] = _COVER if number in hidden else surface
+        light[inside] = _COVER if corner in hidden else surface
     return np.asarray(light)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import DICTIONARY, PANEL_OF_MARKER, Panel
+from capture_app.panel.pattern import DICTIONARY, PANEL_OF_MARKER, Panel, corners_of_marker
 from tests.browser import CHROMIUM, Browser
 from tests.panel.screen.browser_page import play, shown, start_browser, write_page
 
@@ -40,8 +40,8 @@ def look(picture: NDArray[np.uint8]) -> tuple[Panel, tuple[bool, ...]] | None:
     corners = dict(zip(np.ravel(numbers).tolist(), (np.reshape(one, (4, 2)) for one in found), strict=True))
     panel = PANEL_OF_MARKER.get(min(corners))
     assert panel is not None
-    known = np.array([corner for marker in panel.markers for corner in marker.corners])
-    seen = np.concatenate([corners[marker.number] for marker in panel.markers])
+    known = np.array([corner for _, *place in panel.markers for corner in corners_of_marker(*place)])
+    seen = np.concatenate([corners[number] for number, _, _ in panel.markers])
     matrix, _ = cv2.findHomography(known, seen)
     places = np.array([[(lamp.x, lamp.y) for lamp in panel.lamps]])
     at = cv2.perspectiveTransform(places, matrix)[0].round().astype(int)

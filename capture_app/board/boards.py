@@ -205,6 +205,33 @@ def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options --board, --square-mm, --marker-mm and --dictionary; the command receives `board`."""
 
+    @click.option(
+        "--board",
+        type=_parse_shape,
+        default=DEFAULT_BOARD.shape,
+        metavar="COLUMNSxROWS",
+        help="Squares of the board.",
+    )
+    @click.option(
+        "--square-mm",
+        type=_SIDE,
+        default=1000 * DEFAULT_BOARD.square_m,
+        metavar="MM",
+        help="Side of a square, as measured on the print.",
+    )
+    @click.option(
+        "--marker-mm",
+        type=_SIDE,
+        metavar="MM",
+        show_default="about three quarters of a square",
+        help="Side of a marker.",
+    )
+    @click.option(
+        "--dictionary",
+        default=DEFAULT_BOARD.dictionary,
+        metavar="NAME",
+        help=f"ArUco dictionary of the markers; {PLAIN} for a plain checkerboard.",
+    )
     @wraps(command)
     def with_board(
         board: tuple[int, int], square_mm: float, marker_mm: float | None, dictionary: str, **others: Any
@@ -215,37 +242,6 @@ def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
             return command(board=Checkerboard(*board, square_mm / 1000), **others)
         return command(board=CharucoBoard(*board, square_mm / 1000, marker_m, dictionary), **others)
 
-    options = (
-        click.option(
-            "--board",
-            type=_parse_shape,
-            default=DEFAULT_BOARD.shape,
-            metavar="COLUMNSxROWS",
-            help="Squares of the board.",
-        ),
-        click.option(
-            "--square-mm",
-            type=_SIDE,
-            default=1000 * DEFAULT_BOARD.square_m,
-            metavar="MM",
-            help="Side of a square, as measured on the print.",
-        ),
-        click.option(
-            "--marker-mm",
-            type=_SIDE,
-            metavar="MM",
-            show_default="about three quarters of a square",
-            help="Side of a marker.",
-        ),
-        click.option(
-            "--dictionary",
-            default=DEFAULT_BOARD.dictionary,
-            metavar="NAME",
-            help=f"ArUco dictionary of the markers; {PLAIN} for a plain checkerboard.",
-        ),
-    )
-    for option in reversed(options):
-        with_board = option(with_board)
     return with_board
 
 

@@ -143,9 +143,11 @@ class CoverageCount:
     def coverage(self) -> BoardCoverage:
         """Return the coverage of all images added so far."""
         cameras = {name: counted.coverage() for name, counted in self._cameras.items()}
-        shared = tuple(SharedViews(cameras=pair, views=n) for pair, n in self._shared.items() if n)
-        missing = [*_unjoined(cameras, self._shared), *_missing_views(cameras)]
-        return BoardCoverage(cameras=cameras, shared=shared, missing=tuple(missing))
+        return BoardCoverage(
+            cameras=cameras,
+            shared=tuple(SharedViews(cameras=pair, views=n) for pair, n in self._shared.items() if n),
+            missing=(*_unjoined(cameras, self._shared), *_missing_views(cameras)),
+        )
 
     def _add_view(self, name: str, corners: Corners) -> bool:
         ids = sorted(corners)
@@ -196,21 +198,22 @@ def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, 
 
 def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return head and rows of a table: each camera, and the cameras that it shares views with."""
-    rows: list[tuple[str, ...]] = []
-    for name, seen in found.cameras.items():
-        with_others = [
-            f"{one.cameras[1 - one.cameras.index(name)]} {one.views}"
-            for one in found.shared
-            if name in one.cameras
-        ]
-        numbers = (
+
+    def others(name: str) -> str:
+        shared = (one for one in found.shared if name in one.cameras)
+        return ", ".join(f"{one.cameras[1 - one.cameras.index(name)]} {one.views}" for one in shared)
+
+    return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), [
+        (
+            name,
             str(seen.views),
             f"{100 * seen.covered:.0f} %",
             str(seen.tilted_across),
             str(seen.tilted_along),
+            others(name) or "–",
         )
-        rows.append((name, *numbers, ", ".join(with_others) or "–"))
-    return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), rows
+        for name, seen in found.cameras.items()
+    ]
 
 
 class PreviewCount:
@@ -231,8 +234,10 @@ class PreviewCount:
         if preview is not None and camera in self._sizes:
             grey = np.asarray(cv2.cvtColor(preview, cv2.COLOR_BGR2GRAY), np.uint8)
             scale = np.array(self._sizes[camera]) / grey.shape[::-1]
-            found = self._detectors[camera].detect(grey).items()
-            corners = {number: (at + 0.5) * scale - 0.5 for number, at in found}
+            corners = {
+                number: (at + 0.5) * scale - 0.5
+                for number, at in self._detectors[camera].detect(grey).items()
+            }
             others = {}
             if leader_ns is not None:
                 self._latest[camera] = leader_ns, corners

@@ -36,8 +36,11 @@ class Page:
         Raises BadInputError if it does not fit the page in either orientation.
         """
         needed = size[0] + 2 * MARGIN_MM, size[1] + MARGIN_MM + FOOT_MM
-        turned = PAGES[paper], PAGES[paper][::-1]
-        fitting = [p for p in turned if needed[0] <= p[0] and needed[1] <= p[1]]
+        fitting = [
+            page
+            for page in (PAGES[paper], PAGES[paper][::-1])
+            if needed[0] <= page[0] and needed[1] <= page[1]
+        ]
         if not fitting:
             raise BadInputError(
                 f"{what} of {size[0]:g} x {size[1]:g} mm does not fit {paper.upper()}",
@@ -80,8 +83,8 @@ def to_svg(page: Page) -> bytes:
         f'viewBox="0 0 {width} {height}">'
     )
     ground = f'<rect width="{width}" height="{height}" fill="#fff"/>'
-    font = '<g font-family="Helvetica, Arial, sans-serif">'
-    return "\n".join([head, ground, *paths, font, *words, "</g>", "</svg>", ""]).encode()
+    words = ['<g font-family="Helvetica, Arial, sans-serif">', *words, "</g>"]
+    return "\n".join([head, ground, *paths, *words, "</svg>", ""]).encode()
 
 
 def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
@@ -91,8 +94,7 @@ def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
 
 def to_pdf(page: Page) -> bytes:
     """Encode the page as a PDF at true size (PDF 1.4, ISO 32000; one page, Helvetica)."""
-    scale = POINTS_PER_MM
-    drawn = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {page.height * scale:.4f} cm"]
+    drawn = [f"{POINTS_PER_MM:.6f} 0 0 {-POINTS_PER_MM:.6f} 0 {page.height * POINTS_PER_MM:.4f} cm"]
     for level, rectangles in ((0, page.black), (1, page.white)):
         outlines = (f"{x:.4f} {y:.4f} {width:.4f} {height:.4f} re" for x, y, width, height in rectangles)
         drawn += [f"{level} g", *outlines, "f"]
@@ -100,10 +102,9 @@ def to_pdf(page: Page) -> bytes:
     for left, baseline, text in page.lines:
         escaped = text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
         # The page's y axis points down, the text's own points up.
-        at = f"1 0 0 -1 {left:.4f} {baseline:.4f} Tm"
-        drawn.append(f"BT /F {TEXT_MM:g} Tf {at} ({escaped}) Tj ET")
+        drawn.append(f"BT /F {TEXT_MM:g} Tf 1 0 0 -1 {left:.4f} {baseline:.4f} Tm ({escaped}) Tj ET")
     stream = "\n".join(drawn).encode("latin-1", "replace")
-    box = f"[0 0 {page.width * scale:.4f} {page.height * scale:.4f}]"
+    box = f"[0 0 {page.width * POINTS_PER_MM:.4f} {page.height * POINTS_PER_MM:.4f}]"
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R /ViewerPreferences << /PrintScaling /None >> >>",
         b"<< /Type /Pages /Kids [3 0 R] /Count 1 >>",

@@ -73,11 +73,9 @@ class PatientOutput(io.RawIOBase):
 
     def _take_notice(self) -> bytes:
         count, self._left_out = self._left_out, 0
-        if not count:
-            return b""
-        if self._in_json:
-            return b'{"event":"left-out","lines":%d}\n' % count
-        return b"(%d lines were left out here: they were not read in time)\n" % count
+        as_json = b'{"event":"left-out","lines":%d}\n'
+        as_text = b"(%d lines were left out here: they were not read in time)\n"
+        return (as_json if self._in_json else as_text) % count if count else b""
 
     def _write_all(self) -> None:
         while True:

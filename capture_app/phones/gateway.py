@@ -18,8 +18,6 @@ LEFT = 1000
 """Close code of a page whose user ends its link."""
 REPLACED = 4001
 """Close code for a page that another page of the same phone replaces."""
-_PUT_OFF = b"The leader has put this phone off. To come back, scan the code that it shows now."
-_REPLACED = b"This phone takes part by another page of it. Close one of them."
 
 
 class PhoneGateway(PairedPage):
@@ -47,7 +45,7 @@ class PhoneGateway(PairedPage):
         """Pass a page's messages to its phone; a newer page of the same phone replaces this one."""
         hello, admitted = await _hello(link.socket), link.admitted
         # Two pages would report two different clocks.
-        self._end_link(admitted, _REPLACED)
+        self._end_link(admitted, b"This phone takes part by another page of it. Close one of them.")
         self._link_of[admitted.key] = link
         phone, send = self._phones.get(admitted.key), link.send
         if phone is None:
@@ -57,7 +55,7 @@ class PhoneGateway(PairedPage):
         phone.link_opened(send, hello)
         try:
             async for message in link.socket:
-                received_ns = link.received_ns
+                received_ns = link.connection.received_ns
                 if message.type is WSMsgType.BINARY:
                     report = wire.decode_binary(message.data)
                     if isinstance(report, wire.Ping):
@@ -76,7 +74,8 @@ class PhoneGateway(PairedPage):
         self._admission.put_off(admitted)
         if (phone := self._phones.pop(admitted.key, None)) is not None:
             phone.said_goodbye = True
-        self._end_link(admitted, _PUT_OFF)
+        reason = b"The leader has put this phone off. To come back, scan the code that it shows now."
+        self._end_link(admitted, reason)
 
     def _end_link(self, admitted: Admitted, reason: bytes) -> None:
         if (link := self._link_of.get(admitted.key)) is not None:

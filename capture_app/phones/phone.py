@@ -132,8 +132,8 @@ class FrameTimes:
         self._stream: int | None = None
         self._arrivals: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
         """Start of a time block, and its minimum offset of the page's clock from media time, in us."""
-        self._held: list[FrameReport] = []
-        self._holding = True
+        self._held: list[FrameReport] | None = []
+        """First frames of the stream; None once they are passed on."""
         self._sequence, self._last_us = 0, 0.0
         self._steps_us: list[float] = []
         self.period_ns: int | None = None
@@ -144,17 +144,17 @@ class FrameTimes:
         if report.stream != self._stream:
             self._stream = report.stream
             self._arrivals.clear()
-            self._held, self._holding, self._sequence = [], True, 0
+            self._held, self._sequence = [], 0
         self._note_arrival(report.media_us, report.capture_us or report.arrived_us)
         if self.period_ns is None:
             self._measure_rate(report)
-        if not self._holding:
+        if self._held is None:
             return [self._timed(report, first=False)]
         self._held.append(report)
         if self.period_ns is None or len(self._held) < HELD_FRAMES:
             return []
-        self._holding = False
-        return [self._timed(frame, first=n == 0) for n, frame in enumerate(self._held)]
+        held, self._held = self._held, None
+        return [self._timed(frame, first=n == 0) for n, frame in enumerate(held)]
 
     def _note_arrival(self, media_us: float, seen_us: float) -> None:
         offset_us = seen_us - media_us

@@ -16,7 +16,6 @@ FILE = "phones.pem"
 LASTS = datetime.timedelta(days=800)
 """Apple's browsers reject certificates valid for more than 825 days."""
 RENEWED_BEFORE = datetime.timedelta(days=30)
-_END = "-----END CERTIFICATE-----\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,8 @@ def load_certificate(file: Path) -> PageCertificate:
     """Return a certificate that the user provides. Raises BadInputError if the file lacks it or its key."""
     try:
         text = file.read_text("ascii")
-        der = ssl.PEM_cert_to_DER_cert(text[text.index("-----BEGIN CERT") :].split("-----END CERT")[0] + _END)
+        body = text[text.index("-----BEGIN CERT") :].split("-----END CERT")[0]
+        der = ssl.PEM_cert_to_DER_cert(body + "-----END CERTIFICATE-----\n")
     except (OSError, ValueError) as error:
         raise _unusable(file) from error
     certificate = PageCertificate(file, hashlib.sha256(der).digest().hex(":").upper())

@@ -75,8 +75,9 @@ async def served_page(listening: socket.socket, page: bytes) -> AsyncIterator[No
     async def send(_: web.Request) -> web.Response:
         return web.Response(body=page, headers=_HEADERS, content_type="text/html", charset="utf-8")
 
-    refusal = "Open the page by this machine's address or host name.\n"
-    app = web.Application(middlewares=[only_own_page((), refusal)])
+    app = web.Application(
+        middlewares=[only_own_page((), "Open the page by this machine's address or host name.\n")]
+    )
     app.router.add_get("/", send)
     async with served(app, listening, access_log=None, logger=_faults):
         yield

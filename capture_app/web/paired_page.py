@@ -83,7 +83,8 @@ class Door:
 
     def __init__(self) -> None:
         self._since_s: dict[asyncio.BaseTransport, float] = {}
-        self._trusted: set[asyncio.BaseTransport] = set()
+        self.trusted: set[asyncio.BaseTransport | None] = set()
+        """Connections of admitted devices, which stay open."""
         self._greeting: dict[asyncio.Task[None], None] = {}
         """Connections that have not completed the TLS handshake, oldest first."""
 
@@ -132,11 +133,6 @@ class Door:
             raise
         self._close_unknown(server)
 
-    def trust(self, transport: asyncio.BaseTransport | None) -> None:
-        """Keep a connection open: it belongs to an admitted device."""
-        if transport is not None:
-            self._trusted.add(transport)
-
     async def _sweep(self, server: web.Server) -> None:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
@@ -147,8 +143,8 @@ class Door:
         now_s = asyncio.get_running_loop().time()
         transports = (one.transport for one in server.connections)
         open_now = {one for one in transports if one is not None and not one.is_closing()}
-        self._trusted &= open_now
-        self._since_s = {one: self._since_s.get(one, now_s) for one in open_now - self._trusted}
+        self.trusted &= open_now
+        self._since_s = {one: self._since_s.get(one, now_s) for one in open_now - self.trusted}
         newest_first = sorted(self._since_s.items(), key=itemgetter(1), reverse=True)
         for number, (transport, since_s) in enumerate(newest_first):
             is_late = now_s - since_s >= IDENTIFY_TIMEOUT_S
@@ -160,16 +156,10 @@ class PageLink:
     """WebSocket of an admitted device's page."""
 
     def __init__(self, admitted: Admitted, socket_: web.WebSocketResponse, connection: _Connection) -> None:
-        self.admitted, self.socket = admitted, socket_
-        self._connection = connection
+        self.admitted, self.socket, self.connection = admitted, socket_, connection
         self.reading: asyncio.Task[None]
         """Task that reads the link."""
         self.close_code, self.close_reason = 0, b""
-
-    @property
-    def received_ns(self) -> int:
-        """Arrival of the last bytes, by the monotonic clock: possibly late, never early."""
-        return self._connection.received_ns
 
     async def send(self, message: str | bytes) -> None:
         """Send a message; the reading task notices a link that has just broken."""
@@ -252,8 +242,9 @@ class PairedPage(ABC):
             asked = msgspec.json.decode(await request.read(), type=dict[str, str])
             requested = asked["secret"], asked["key"], asked.get("name", "")
         except (*UNREADABLE, ValueError, KeyError, web.RequestPayloadError):
-            words = "This page is outdated: load it again."
-            return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
+            return web.json_response(
+                {"words": "This page is outdated: load it again."}, status=HTTPStatus.BAD_REQUEST
+            )
         try:
             admitted = self._admission.admit(*requested)
         except UnknownMachineError as error:
@@ -272,7 +263,7 @@ class PairedPage(ABC):
         link = PageLink(admitted, socket_, request.protocol)
         link.reading = asyncio.create_task(self.serve_link(link))
         self._links.add(link)
-        self._door.trust(request.transport)
+        self._door.trusted.add(request.transport)
         try:
             await link.reading
         except asyncio.CancelledError:
@@ -293,8 +284,9 @@ async def _add_headers(request: web.Request, handler: Handler) -> web.StreamResp
     response = await handler(request)
     if not response.prepared:
         # Older browsers do not count a WebSocket to the page's own host as 'self'.
-        policy = f"{_POLICY}; connect-src 'self' wss://{request.host}"
-        response.headers.update(_HEADERS, **{"Content-Security-Policy": policy})
+        response.headers.update(
+            _HEADERS, **{"Content-Security-Policy": f"{_POLICY}; connect-src 'self' wss://{request.host}"}
+        )
     return response
 
 
@@ -336,7 +328,8 @@ class ListeningPage:
     async def invitation(self) -> PhoneInvited:
         """Return the page for the next device."""
         # Read the secret first: it may be a new one, whose validity starts then.
-        url = f"https://{self.address}/#{self.admission.secret}"
         return PhoneInvited(
-            url=url, fingerprint=self._certificate.fingerprint, good_for_s=self.admission.good_for_s
+            url=f"https://{self.address}/#{self.admission.secret}",
+            fingerprint=self._certificate.fingerprint,
+            good_for_s=self.admission.good_for_s,
         )

@@ -17,6 +17,7 @@ from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
+from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import Array
@@ -68,11 +69,11 @@ POINTS = "points.ply"
 FILES = (POINTS, REPORT)
 RESULT = "multiview.json"
 FUSED, WORKSPACE = "fused.ply", "workspace"
-PAIR, PAIR_PX = "pair.png", 320
-"""Picture of two cameras' depth, and its width, which is there while all cameras are matched."""
+PAIR_PX = 320
+"""Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
 OURS = {
     *FILES,
-    PAIR,
+    PAIR_DEPTH,
     RESULT,
     "depth",
     WORKSPACE,
@@ -118,7 +119,7 @@ def model_instant(
     """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
     `motion` is the session's motion, and `still` the still scene found at earlier instants. `early`: the
-    output folder of `part`, which shows two cameras' depth (`PAIR`) until all is done.
+    output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`) until all is done.
 
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
@@ -242,13 +243,13 @@ def _match_instant(
 def _show_pair(
     pair: tuple[CalibratedImage, CalibratedImage], depth_range: tuple[float, float], early: OutputFolder
 ) -> None:
-    """Draw two cameras' depth at a small size as `PAIR`, and show it in the target."""
+    """Draw two cameras' depth at a small size as `PAIR_DEPTH`, and show it in the target."""
     reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
     surface = sweep_view(reference, [other], depth_range, SweepOptions())
     depth = surface.depth_where(surface.cost < MAX_COST)
-    drawn = early.folder / PAIR
+    drawn = early.folder / PAIR_DEPTH
     write_image(drawn, colour_depth(depth, *display_range(depth)))
-    early.show_early(PAIR)
+    early.show_early(PAIR_DEPTH)
     drawn.unlink()
 
 

@@ -26,6 +26,8 @@ GAP, HEAD, GUTTER = 6, 26, 84
 GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
 """Colours, BGR."""
 MAX_PIXELS = 100_000_000
+PAIR_DEPTH = "pair.png"
+"""Picture of two cameras' depth in the folder of a result, until all cameras' depth is done."""
 
 
 def arc_order(session: Session) -> tuple[str, ...]:

@@ -8,13 +8,11 @@ from textual.content import Content
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE, printable
-from capture_app.session.reading.take_sheet import TakeSheet, depth_picture
+from capture_app.session.reading.take_sheet import PAIR_DEPTH, TakeSheet, depth_picture
 from capture_app.tui.jobs.run import MOMENT, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.widgets.picture import Source
 
-PAIR = "pair.png"
-"""Picture of two cameras' depth in a run's folder, until all cameras' depth is done."""
 SLOW_S = 60.0
 """Duration on all processors of this machine beyond which depth is not computed automatically again."""
 
@@ -70,7 +68,7 @@ def picture(runs: Runs | None, sheet: TakeSheet | None) -> Source | None:
     run = run_of(runs, sheet)
     try:
         if run is not None and run.out is not None and not run.state.is_over:
-            return (run.out / PAIR).read_bytes()
+            return (run.out / PAIR_DEPTH).read_bytes()
         return None if run is None or run.result is None else _depth_picture(run.result)
     except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError):
         return None

@@ -88,6 +88,7 @@ class GpuEngine(SweepEngine):
             # wgpu's errors have no common base.
             except Exception as error:  # noqa: BLE001
                 talk(f"the GPU failed ({_cause(error)}): depth goes on with the CPU")
+                self.note += ", and on the CPU from its failure on"
                 self.device = None
                 self._buffers.clear()
                 self._uploads.clear()

@@ -42,7 +42,7 @@ class ChosenMatcher:
     """The chosen matcher and the reason: PatchMatch on a GPU, or the sweep and its engine."""
 
     gpu: CudaGpu | None = None
-    note: str = FINDS_MORE
+    why: str = FINDS_MORE
     engine: SweepEngine = CPU
     quick: bool = False
     """Whether the sweep starts at half the images' size."""
@@ -51,6 +51,11 @@ class ChosenMatcher:
     def name(self) -> str:
         """Name of the matcher in results."""
         return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
+
+    @property
+    def note(self) -> str:
+        """Reason for the matcher, and the hardware on which it ran so far: a GPU may fail."""
+        return "; ".join(filter(None, (self.why, self.engine.note if self.gpu is None else "")))
 
 
 def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
@@ -64,7 +69,7 @@ def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
         return ChosenMatcher(gpu, f"on {gpu[0]}")
     engine = find_engine()
     why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
-    return ChosenMatcher(note="; ".join(filter(None, (why, engine.note))), engine=engine, quick=quick)
+    return ChosenMatcher(why=why, engine=engine, quick=quick)
 
 
 def match_cameras(

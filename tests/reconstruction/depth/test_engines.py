@@ -29,6 +29,7 @@ from reconstruction.depth.sweep_engine import (
     cheapest_depths,
 )
 from reconstruction.depth.sweep_matcher import match_all_views
+from reconstruction.multiview.matcher import ChosenMatcher
 from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at
 
 NUMPY = SweepEngine()
@@ -388,6 +389,7 @@ def test_the_cpu_goes_on_when_a_gpu_is_lost(adapters: list[Any], capsys: pytest.
     assert np.array_equal(engine.costs_along(views, level), CPU.costs_along(views, level))
     said = capsys.readouterr().err
     assert said == "the GPU failed (Parent device is lost): depth goes on with the CPU\n"
+    assert ChosenMatcher(engine=engine).note.endswith(", and on the CPU from its failure on")
 
 
 @pytest.fixture

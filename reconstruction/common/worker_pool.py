@@ -18,9 +18,14 @@ SWEEP_BYTES = 400 << 20
 """Maximum memory of one worker's sweep."""
 
 
+def max_workers() -> int:
+    """Return the workers that half of the memory budget holds, on any machine: results depend on it."""
+    return memory_budget().fit_count(SWEEP_BYTES, MAX_WORKERS, fraction=0.5)
+
+
 def worker_count() -> int:
-    """Return one worker per core, limited by half of the memory budget."""
-    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, len(usable_cores())), fraction=0.5)
+    """Return one worker per core, at most `max_workers`."""
+    return min(max_workers(), len(usable_cores()))
 
 
 def _adopt(context: Context) -> None:

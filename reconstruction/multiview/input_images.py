@@ -11,7 +11,7 @@ from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
-from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
+from reconstruction.common.worker_pool import SWEEP_BYTES, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, dilate
@@ -91,7 +91,7 @@ def load_input_images(
         BadInputError: fewer than two images are usable, or no calibration can be found.
     """
     dataset.require_cameras(2, "depth needs two that see the same from different places")
-    workers = worker_count()
+    workers = max_workers()
     dataset.fit_memory(
         images=len(dataset.cameras),
         bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / len(dataset.cameras),

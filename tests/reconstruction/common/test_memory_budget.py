@@ -1,6 +1,7 @@
 """The memory budget: what takes more is made smaller, and said; and pairs that cannot be rectified."""
 
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import resize_view
 from reconstruction.common.memory import MIN_BYTES, MemoryBudget, limited_memory, memory_budget, parse_size
+from reconstruction.common.worker_pool import max_workers, worker_count
 from reconstruction.pairs import Features, canvas_bounds, choose_stereo_pair
 from reconstruction.stereo.stereo_pair import StereoPair, rectify
 from tests.reconstruction.conftest import Scene, make_view
@@ -45,6 +47,18 @@ def test_what_fits_is_left_as_it_is_and_what_does_not_is_made_smaller_and_said()
         assert budget.fit_count(3e8, 8) == 3
         with pytest.raises(BadInputError, match=r"takes 90000\.0 GB"):
             budget.fit_scale("a world", lambda scale: 9e13 * scale**3)
+
+
+def test_the_size_of_images_follows_from_memory_and_not_from_cores() -> None:
+    """Before, depth from all cameras had smaller images where more cores would have shared the memory."""
+    cores = os.sched_getaffinity(0)
+    with limited_memory(2 << 30):
+        held = max_workers()
+        os.sched_setaffinity(0, {min(cores)})
+        try:
+            assert (max_workers(), worker_count()) == (held, 1)
+        finally:
+            os.sched_setaffinity(0, cores)
 
 
 def test_depth_at_a_smaller_scale_is_still_right(scene: Scene) -> None:

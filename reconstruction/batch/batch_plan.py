@@ -102,9 +102,15 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     If a valid session does not permit depth, unit.json says so; that is a result too.
 
     Raises:
-        SimulshotError: the session cannot be used.
+        SimulshotError: the session cannot be used, or an image that the unit shows is damaged.
     """
     session = Path(unit.session)
+    dataset = Dataset.open(session, unit.time_shifts_ms)
+    # The unit's key was computed from the checksums. Images of other instants only show what moves.
+    with checked_pictures(required=True):
+        for image in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
+            if dataset.has_image(*image):
+                dataset.image(*image)
     options = MultiviewOptions(
         instant=unit.instant,
         offsets_ms=unit.offsets_ms,
@@ -114,8 +120,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         time_shifts_ms=unit.time_shifts_ms,
     )
     try:
-        # The unit's key was computed from the checksums.
-        with checked_pictures(required=True):
+        with checked_pictures(required=False):
             result = msgspec.to_builtins(multiview(session, folder, options))
     except NotApplicableError as error:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}

@@ -88,9 +88,14 @@ class Workers:
         self.where, self.jobs = where, jobs
         self.settings = {**SETTINGS, **dict(map(_parse_setting, settings))}
         if where in QUEUES:
-            # Importing it makes Ctrl-C end the process with a success code.
-            on_interrupt = signal.getsignal(signal.SIGINT)
-            queues = load_optional("dask_jobqueue", "cluster", f"--cluster {where}")
+            # Importing it makes Ctrl-C end the process with a success code, and writes a file beside the
+            # user's settings, unless the place of these is a file.
+            on_interrupt, config = signal.getsignal(signal.SIGINT), import_module("dask").config
+            place, config.PATH = config.PATH, __file__
+            try:
+                queues = load_optional("dask_jobqueue", "cluster", f"--cluster {where}")
+            finally:
+                config.PATH = place
             signal.signal(signal.SIGINT, on_interrupt)
             self.queue = getattr(queues, QUEUES[where])
             program = self.queue.job_cls.submit_command.split()[0]

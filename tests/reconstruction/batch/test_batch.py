@@ -232,17 +232,21 @@ def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: P
     assert not set(keys(program="another version")) & set(first)
 
 
-def test_a_damaged_image_is_no_input(boards: Session, tmp_path: Path) -> None:
+def test_a_damaged_image_is_no_input_of_its_instant_and_spoils_no_other(
+    boards: Session, tmp_path: Path
+) -> None:
+    """Before, what moves at the instants beside it could not be seen, so that these failed, too."""
     copied = shutil.copytree(boards.folder, tmp_path / boards.folder.name)
     image = copied / boards.image_file(boards.images_by_instant()[0]["left"]).relative_to(boards.folder)
     data = bytearray(image.read_bytes())
     data[-20] ^= 1
     image.write_bytes(data)
-    outcomes = [
-        run_unit(DEPTH_TASK, unit, tmp_path / "out") for unit in plan(copied, BatchOptions(instants=(0,)))[0]
-    ]
-    assert [outcome.exit_code for outcome in outcomes] == [ExitCode.INCOMPLETE]
+    units, _ = plan(copied, BatchOptions(instants=(0, 1)))
+    outcomes = [run_unit(DEPTH_TASK, unit, tmp_path / "out") for unit in units]
+    assert [outcome.exit_code for outcome in outcomes] == [ExitCode.INCOMPLETE, ExitCode.OK]
     assert "is damaged" in outcomes[0].error
+    result = json.loads((tmp_path / "out" / units[1].folder / "unit.json").read_bytes())
+    assert result["changed_pictures"] == [str(image)]
 
 
 def test_nothing_is_begun_on_a_full_disk(run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -264,6 +268,19 @@ def test_where_there_is_no_cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         Workers("slum")
     with pytest.raises(BadInputError, match="'gpu' is not a setting"):
         Workers("slurm", settings=["gpu"])
+
+
+def test_a_queue_writes_nothing_beside_the_users_settings(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Before, the first batch with --cluster left ~/.config/dask/jobqueue.yaml."""
+    for name in [one for one in sys.modules if one.startswith("dask_jobqueue")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr("dask.config.PATH", str(tmp_path / "dask"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(NotAvailableError, match="sbatch"):
+        Workers("slurm")
+    assert not (tmp_path / "dask").exists()
 
 
 def test_no_scheduler_at_an_address_is_one_line(run: Callable[..., Any]) -> None:

@@ -20,12 +20,11 @@ def display_range(depth: Array, moving: Array | None = None) -> tuple[float, flo
     """Return the nearest and farthest depth to show, without the outer 1 % but including moving objects."""
     if not len(known := depth[depth > 0]):
         return 1.0, 2.0
-    fast = known[:0] if moving is None else depth[moving & (depth > 0)]
-    near, far = np.percentile(known, [1, 99])
-    if len(fast):
-        first, last = np.percentile(fast, [10, 90])
-        near, far = min(near, first), max(far, last)
-    return float(near), float(max(far, near * 1.05))
+    ends = [np.percentile(known, [1, 99])]
+    if moving is not None and len(fast := depth[moving & (depth > 0)]):
+        ends.append(np.percentile(fast, [10, 90]))
+    near, far = float(np.min(ends)), float(np.max(ends))
+    return near, max(far, near * 1.05)
 
 
 def colour_depth(depth: Array, near: float, far: float) -> Array:

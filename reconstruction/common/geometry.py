@@ -77,11 +77,16 @@ class View:
         flat = undistort_pixels(pixels, self.matrix, self.distortion)
         return np.column_stack([flat, np.ones(len(flat))])
 
+    def undistort(self, pixels: Array) -> Array:
+        """Return pixels (n, 2) without the lens distortion."""
+        return np.asarray((self.rays(pixels) @ self.matrix.T)[:, :2]) if len(pixels) else pixels
+
     def project(self, points: Array) -> Array:
         """Project points (n, 3) in the camera's frame, z > 0, to distorted pixels (n, 2)."""
         if not self.distortion.any():
-            far = np.where(points[:, 2:] == 0, 1.0, points[:, 2:])
-            return np.asarray((points @ self.matrix.T)[:, :2] / far)
+            return np.asarray(
+                (points @ self.matrix.T)[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:])
+            )
         pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
         return np.asarray(pixels).reshape(-1, 2)
 

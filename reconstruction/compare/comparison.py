@@ -114,8 +114,8 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         asked = _chosen(studies, options.studies)
         for study in asked.values():
             study.check()
-        context.progress.total += sum(study.steps for study in asked.values()) + len(options.conditions)
-        context.progress.total += (against is not None) + (len(dataset.cameras) > 2)
+        further = len(options.conditions) + (against is not None) + (len(dataset.cameras) > 2)
+        context.progress.total += sum(study.steps for study in asked.values()) + further
         known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
@@ -263,8 +263,11 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
             with suppress(ValueError, BadInputError):
                 late_ms = context.offset.actual_ms if context.offset else 0.0
                 steps = whole_frame_offsets(context.rig.dataset, max(late_ms, DEFAULT_OFFSET_MS))
-                fewer = min(TOLERANCE_INSTANTS, context.max_instants)
-                quiet = replace(context, max_instants=fewer, progress=Progress(0, silent=True))
+                quiet = replace(
+                    context,
+                    max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
+                    progress=Progress(0, silent=True),
+                )
                 curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
                 found |= {"tolerance": curve, "timing": curve.timing}
     if len(context.rig.views) > 2:
@@ -282,8 +285,13 @@ def _further_conditions(
     for condition in conditions:
         context.progress.step(f"condition {condition.name}")
         compared = tuple(study.compare_condition(condition) for study in made)
-        late_ms = fixed_offsets_ms(condition, context.rig.dataset)
-        found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=compared))
+        found.append(
+            ConditionResult(
+                name=condition.name,
+                offsets_ms=fixed_offsets_ms(condition, context.rig.dataset),
+                studies=compared,
+            )
+        )
     if against is not None:
         context.progress.step(f"session {against.name}")
         # The other session uses its own calibration if it has one, else this session's.

@@ -71,8 +71,9 @@ class Study(StudyReport, ABC):
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
         self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
-        names = self.Options.__struct_fields__
-        self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
+        self.options: Any = self.Options(
+            **{k: v for k, v in context.options.items() if k in self.Options.__struct_fields__}
+        )
         self.known = CompareResult()
         """Results available to the study when it runs: a first look at the session, and what it needs."""
         self.found = self.skipped(UNASKED, unasked=True)
@@ -201,7 +202,6 @@ class PairStudy(ConditionStudy):
     min_cameras = 2
     measures_delay: ClassVar[bool] = False
     """Whether `compare_instants` measures depth, from which a tolerance curve is made."""
-    cameras: Pair
     reason = ""
     """Why these cameras were chosen."""
 
@@ -251,8 +251,9 @@ class PairStudy(ConditionStudy):
             raise ValueError(choice.why)
         self.cameras, self.reason = choice.cameras, self.reason or choice.why
         if offset := self.context.offset:
-            late = ((self.cameras[1], offset.asked_ms),)
-            self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
+            self.condition = Condition(
+                f"{offset.asked_ms:g}ms", named_ms=((self.cameras[1], offset.asked_ms),)
+            )
 
     def instant_pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], dict[str, float]]:
         """Return the instants of both cameras at which something moves, and each camera's delay, ms.
@@ -264,15 +265,14 @@ class PairStudy(ConditionStudy):
         """
         first, second = self.cameras
         if condition == SYNCHRONIZED:
-            found = [(k, k) for k in self.dataset.instants(first, second)]
-            if not found:
+            if not (found := [(k, k) for k in self.dataset.instants(first, second)]):
                 raise ValueError(f"{self.dataset.name} has no images of {first} and {second} of one instant")
             late_ms = None
         else:
             found, late_ms = pair_instants(self.dataset, condition, first, second)
         nows = choose_moving_instants(self.motion, self.cameras, list(dict(found)), self.context.max_instants)
-        offsets_ms = {} if late_ms is None else {first: 0.0, second: late_ms}
-        return [pair for pair in found if pair[0] in nows], offsets_ms
+        pairs = [pair for pair in found if pair[0] in nows]
+        return pairs, {} if late_ms is None else {first: 0.0, second: late_ms}
 
 
 def write_pictures(
@@ -282,9 +282,9 @@ def write_pictures(
 
     The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
     """
-    written = []
-    for one in texts:
-        file = f"{one.key}_{{}}.{'png' if one.key == flat else 'jpg'}"
-        paths = {side: save_picture(out, file.format(side), drawn[side][one.key]) for side in CONDITIONS}
-        written.append(msgspec.structs.replace(one, **paths))
-    return tuple(written)
+    suffixes = {one.key: "png" if one.key == flat else "jpg" for one in texts}
+    paths = {
+        key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
+        for key, suffix in suffixes.items()
+    }
+    return tuple(msgspec.structs.replace(one, **paths[one.key]) for one in texts)

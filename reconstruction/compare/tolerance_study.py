@@ -24,7 +24,7 @@ from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
-from reconstruction.scores.study_result import Interval, Measure, StudyResult
+from reconstruction.scores.study_result import Interval, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
 from reconstruction.scores.timing import Timing, measure_pair_timing, with_curve_peak, with_depth
 from reconstruction.session.conditions import (
@@ -59,13 +59,12 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
     The point at zero is the synchronized value of the point with the most instants.
     """
     widest = max(compared, key=lambda one: one.instants)
-    measures = tuple(
-        Measure(name=one.name, synced=one.synced, offset=one.synced) for one in widest.measures if one.synced
-    )
     zero = structs.replace(
         widest,
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
-        measures=measures,
+        measures=tuple(
+            structs.replace(one, offset=one.synced, difference=None) for one in widest.measures if one.synced
+        ),
         per_instant=(),
         facts={"offset_frames": 0},
     )
@@ -123,8 +122,10 @@ def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: 
 def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
     """Return the known values from zero to the earliest and to the latest point, by absolute offset."""
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
-    early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
-    return [early, [(ms, one) for ms, one in known if ms >= 0]]
+    return [
+        [(-ms, one) for ms, one in reversed(known) if ms <= 0],
+        [(ms, one) for ms, one in known if ms >= 0],
+    ]
 
 
 def measure_tolerance(
@@ -237,9 +238,8 @@ def measure_curve(
     """
     rig = context.rig
     partners = [dict(pairs_with_images(rig.dataset, step.pairs, *cameras)) for step in steps]
-    some = sorted(set().union(*partners))
-    everywhere = [now for now in some if all(now in one for one in partners)]
-    usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
+    everywhere = sorted(set(partners[0]).intersection(*partners))
+    usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else sorted(set().union(*partners))
     if not usable:
         raise ValueError("no instant has its images at any of the offsets")
     nows = choose_moving_instants(rig.motion, cameras, usable, context.max_instants)
@@ -247,12 +247,15 @@ def measure_curve(
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras
     study.prepare()
-    compared = []
-    for step, later in zip(steps, partners, strict=True):
-        if pairs := [(now, later[now]) for now in nows if now in later]:
-            offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
-            one = study.compare_instants(pairs, offsets_ms, range_instants=nows)
-            compared.append(structs.replace(one, facts={"offset_frames": step.frames}))
+    pairs = [[(now, later[now]) for now in nows if now in later] for later in partners]
+    compared = [
+        structs.replace(
+            study.compare_instants(ours, {cameras[0]: 0.0, cameras[1]: step.actual_ms}, range_instants=nows),
+            facts={"offset_frames": step.frames},
+        )
+        for step, ours in zip(steps, pairs, strict=True)
+        if ours
+    ]
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
     peaks = [one.peak_ms for one in instants if one.peak_ms is not None]

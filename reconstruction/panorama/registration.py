@@ -81,8 +81,7 @@ def estimate_cameras(
             for lengths in HELD_FOCALS
         )
         tried = [turned, *(_adjust_by_rounds(trial, used, True) for trial in trials)]
-        known = [one for one in tried if one is not None]
-        turned = min(known, key=lambda one: _residual_px(one, used), default=None)
+        turned = min(filter(None, tried), key=lambda one: _residual_px(one, used), default=None)
     if turned is None:
         raise ValueError("no camera that only rotates explains the pictures")
     return _level(turned)
@@ -230,7 +229,7 @@ def register_pictures(
     views = {
         name: known[name] if calibrated else _plain_view(*sizes[name], max(sizes[name])) for name in points
     }
-    flat = {name: replace(p, positions=flat_pixels(views[name], p.positions)) for name, p in points.items()}
+    flat = {name: replace(p, positions=views[name].undistort(p.positions)) for name, p in points.items()}
     overlaps = {
         (a, b): _find_overlap(match_features(flat[a], flat[b]), views[a], views[b])
         for a, b in combinations(points, 2)
@@ -242,11 +241,6 @@ def register_pictures(
         raise ValueError(few if most_shared < MIN_MATCHES else unfit)
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
     return estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
-
-
-def flat_pixels(view: View, at: Array) -> Array:
-    """Return pixels (n, 2) without the lens distortion."""
-    return np.asarray((view.rays(at) @ view.matrix.T)[:, :2]) if len(at) else at
 
 
 def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
@@ -272,10 +266,11 @@ def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], Pict
             for name in group[b]:
                 group[name] = group[a]
 
-    def support(members: set[str]) -> int:
-        return sum(int(one.fits.sum()) for pair, one in overlaps.items() if members.issuperset(pair))
-
-    best = max(group.values(), key=lambda members: (len(members), support(members)))
+    support = {pair: int(one.fits.sum()) for pair, one in overlaps.items()}
+    best = max(
+        group.values(),
+        key=lambda members: (len(members), sum(support[pair] for pair in support if members >= set(pair))),
+    )
     return [name for name in names if name in best]
 
 

@@ -21,7 +21,6 @@ MIN_COUNT = 30
 MIN_FOR_INTERVAL = 3
 """Minimum number of instants with a value from which an interval is computed."""
 RESAMPLES = 500
-LEVEL_PERCENT = 95.0
 
 
 @dataclass
@@ -38,9 +37,8 @@ class Measurements:
 
     def update(self, other: "Measurements", prefix: str = "") -> None:
         """Add another object's measurements, with a prefix such as `mover_` before their names."""
-        self.shares.update({prefix + name: fraction for name, fraction in other.shares.items()})
-        self.medians.update({prefix + name: values for name, values in other.medians.items()})
-        self.means.update({prefix + name: values for name, values in other.means.items()})
+        for kind, found in vars(other).items():
+            getattr(self, kind).update({prefix + name: values for name, values in found.items()})
 
     @property
     def names(self) -> list[str]:
@@ -79,61 +77,56 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     if truth is not None:
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
-            right = right_depth(depth[known], truth[known], tolerance)
-            found.shares[name] = int(right.sum()), int(known.sum())
+            found.shares[name] = int(right_depth(depth, truth, tolerance)[known].sum()), int(known.sum())
     return found
 
 
+@dataclass
 class Tally:
-    """Measurements of both conditions on the same instants, added one by one."""
+    """Measurements of both conditions on the same instants, given as rows or added one by one."""
 
-    def __init__(self) -> None:
-        self._rows: list[tuple[Mapping[str, Measurements], Mapping[str, float]]] = []
+    rows: list[tuple[Mapping[str, Measurements], Mapping[str, float]]] = field(default_factory=list)
+    """For each instant the measurements in both conditions, and the facts with which its row begins."""
 
     def add(self, measured: Mapping[str, Measurements], facts: Mapping[str, float]) -> None:
-        """Add an instant measured in both conditions; its row begins with the facts."""
-        self._rows.append((measured, facts))
+        """Add an instant's row."""
+        self.rows.append((measured, facts))
 
     @property
     def instants(self) -> int:
         """Number of instants added."""
-        return len(self._rows)
+        return len(self.rows)
 
     @property
     def names(self) -> list[str]:
         """Names of the measures taken at any instant."""
-        by_condition = [measured[side] for measured, _ in self._rows for side in CONDITIONS]
-        return list(dict.fromkeys(name for side in by_condition for name in side.names))
+        return list(
+            dict.fromkeys(n for measured, _ in self.rows for side in CONDITIONS for n in measured[side].names)
+        )
 
     @property
     def measures(self) -> tuple[Measure, ...]:
         """Medians over the instants with intervals; measures without a value are left out."""
-        found = (self._measure(name) for name in self.names)
-        return tuple(one for one in found if one.synced or one.offset)
+        return tuple(one for one in map(self._measure, self.names) if one.synced or one.offset)
 
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
         """Facts of every instant, with its value of each measure in both conditions."""
         measures = [(side, name) for side in CONDITIONS for name in self.names]
-        rows = [
+        rows = (
             {**facts, **{f"{side}_{name}": measured[side].value(name) for side, name in measures}}
-            for measured, facts in self._rows
-        ]
+            for measured, facts in self.rows
+        )
         return tuple({key: None if np.isnan(v) else v for key, v in row.items()} for row in rows)
 
     def _measure(self, name: str) -> Measure:
-        values = [np.array([one[side].value(name) for one, _ in self._rows]) for side in CONDITIONS]
+        values = [np.array([one[side].value(name) for one, _ in self.rows]) for side in CONDITIONS]
         before, after = (_resampled_medians(side) for side in values)
-        synced, offset = _interval(_median(values[0]), before), _interval(_median(values[1]), after)
-        change = None
-        if synced and offset and len(before) and len(after):
-            change = _interval(offset.value - synced.value, after - before)
+        synced, offset = _interval(values[0], before), _interval(values[1], after)
+        if not (synced and offset and len(before) and len(after)):
+            return Measure(name=name, synced=synced, offset=offset)
+        change = _interval(np.array([offset.value - synced.value]), after - before)
         return Measure(name=name, synced=synced, offset=offset, difference=change)
-
-
-def _median(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None
 
 
 def _resampled_medians(values: Array) -> Array:
@@ -150,13 +143,13 @@ def _resampled_medians(values: Array) -> Array:
     return medians
 
 
-def _interval(value: float | None, samples: Array) -> Interval | None:
-    """Return a value with the middle 95 % of the draws around it."""
-    known = samples[np.isfinite(samples)]
-    if value is None:
-        return None
+def _interval(values: Array, draws: Array) -> Interval | None:
+    """Return the median of known values with the middle 95 % of the draws around it; None without values."""
+    known, drawn = values[np.isfinite(values)], draws[np.isfinite(draws)]
     if not len(known):
+        return None
+    value = float(np.median(known))
+    if not len(drawn):
         return Interval(value=value)
-    rest = (100 - LEVEL_PERCENT) / 2
-    low, high = np.percentile(known, [rest, 100 - rest])
+    low, high = np.percentile(drawn, [2.5, 97.5])
     return Interval(value=value, low=float(min(low, value)), high=float(max(high, value)))

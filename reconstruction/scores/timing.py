@@ -100,8 +100,9 @@ def measure_pair_timing(
     times = ImageTimes(dataset, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
     moving = {name: px * spacing_ms / ms for name, (px, ms) in offsets.moving(cameras).items()}
-    fit = fit or offsets.measure(*cameras)
-    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
+    timing = judge_timing(
+        cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
+    )
     return without_common_times(timing, dataset.unsynchronized)
 
 
@@ -109,12 +110,15 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTimin
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
     first = next(name for name, one in found.items() if one.sd_ms == 0)
-    fits = {
-        name: OffsetFit(one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px)
+    judged = (
+        measure_pair_timing(
+            offsets,
+            (first, name),
+            OffsetFit(one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px),
+        )
         for name, one in found.items()
         if name != first
-    }
-    judged = (measure_pair_timing(offsets, (first, name), fit) for name, fit in fits.items())
+    )
     return RigTiming(reference=first, cameras=tuple(judged))
 
 
@@ -241,8 +245,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     max_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
     if is_same_instant(peak_ms, spacing_ms):
-        same_ms = None if timing.offset else min(max_ms, spacing_ms / 2)
-        return structs.replace(timing, same_frame_ms=same_ms)
+        return structs.replace(timing, same_frame_ms=None if timing.offset else min(max_ms, spacing_ms / 2))
     if timing.synchronized or timing.same_frame_ms is not None:
         return _denied(timing, f"depth is found best with the second picture {peak_ms:+.0f} ms later")
     if timing.offset or max_ms < abs(peak_ms) - spacing_ms / 2:

@@ -174,8 +174,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
         return None
     rays = np.array([views[name].rays(pixel)[0] @ views[name].rotation for name, pixel in seen.items()])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    point = nearest_point(np.array([views[name].centre for name in seen]), rays, 1e8)
-    if point is None:
+    if (point := nearest_point(np.array([views[name].centre for name in seen]), rays, 1e8)) is None:
         return None
     pixels = {name: project_point(view, point) for name, view in views.items()}
     inside = (0 <= x < views[name].width and 0 <= y < views[name].height for name, (x, y) in pixels.items())
@@ -214,12 +213,14 @@ def stabilize_views(
         rotation = np.stack([right, np.cross(ahead, right), ahead])
         matrix = np.array([[range_to[name], 0, x], [0, range_to[name], y], [0, 0, 1.0]])
         turned[name] = View(width, height, matrix, np.zeros(5), rotation, np.asarray(-rotation @ view.centre))
-    for zoom in scale * ZOOMS:
-        zooms = np.array([[zoom, 1, 1], [1, zoom, 1], [1, 1, 1]])
-        held = {name: replace(view, matrix=zooms * view.matrix) for name, view in turned.items()}
-        if all(_filled(held[name], view) for name, view in views.items()):
-            return held
-    return None
+    tried = (
+        {
+            name: replace(view, matrix=view.matrix @ np.diag([zoom, zoom, 1.0]))
+            for name, view in turned.items()
+        }
+        for zoom in scale * ZOOMS
+    )
+    return next((held for held in tried if all(_filled(held[name], views[name]) for name in views)), None)
 
 
 def _filled(held: View, view: View) -> bool:
@@ -272,9 +273,7 @@ def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
     right = np.mean([view.rotation[0] for view in views.values()], axis=0)
     # If all cameras are at one spot, the one that looks farthest left is the first.
     across = (last.centre - first.centre) / size if size > 1e-9 else last.axis - first.axis
-    if float(across @ right) < 0:
-        path = path[::-1]
-    return tuple(names[i] for i in path)
+    return tuple(names[i] for i in (reversed(path) if float(across @ right) < 0 else path))
 
 
 def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
@@ -349,8 +348,7 @@ def render_camera_sweep(
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
     order = order[:: -(-len(order) // MAX_CAMERAS)]
-    chosen = _choose_instant(dataset, motion, order)
-    if chosen is None:
+    if (chosen := _choose_instant(dataset, motion, order)) is None:
         return None
     instant, late = chosen
     order = tuple(late)
@@ -408,10 +406,13 @@ def _choose_instant(
         }
         for k, time in enumerate(times)
     }
-    ranks = {}
-    for k, late in found.items():
-        short_ns = sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items())
-        ranks[k] = len(late), len(set(late.values())), -round(short_ns / max(1, dataset.period_ns))
+    short_ns = {
+        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in found.items()
+    }
+    ranks = {
+        k: (len(late), len(set(late.values())), -round(short_ns[k] / max(1, dataset.period_ns)))
+        for k, late in found.items()
+    }
     best = max(ranks.values())
     if min(best[:2]) < 2:
         return None
@@ -434,14 +435,13 @@ def _stabilized_views(
     ours = {name: views[name] for name in order if name in views}
     if len(ours) < len(order):
         return {}
-    masks = {name: motion.detected_moving(name, instant) for name in order}
-    masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= MIN_MOVING_PX}
+    detected = ((name, motion.detected_moving(name, instant)) for name in order)
+    masks = {name: mask for name, mask in detected if int(mask.sum()) >= MIN_MOVING_PX}
     subjects = (
         triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
         for middle in (_largest_centroid, _centroid)
     )
-    placed = [one for one in subjects if one is not None]
-    if not placed:
+    if not (placed := [one for one in subjects if one is not None]):
         return {}
     point, _ = min(placed, key=itemgetter(1))
     return stabilize_views(ours, point, *canvas) or {}
@@ -474,6 +474,5 @@ def _largest_step_px(
 def _canvas_size(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
     """Return width and height of the pictures, px, in the largest camera's aspect ratio."""
     size = max((dataset.size(name) for name in order), key=math.prod)
-    side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX
-    scale = min(1.0, side / max(size))
+    scale = min(1.0, (SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX) / max(size))
     return round(size[0] * scale), round(size[1] * scale)

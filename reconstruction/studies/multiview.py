@@ -17,7 +17,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.depth.mesh import draw_clouds
-from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.input_images import UndistortedSession
@@ -81,9 +81,9 @@ them agree. {{ view.delays|keep_units }}</p>
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
     if len(cameras) < MIN_CAMERAS:
-        names = {why: [c for c, its in left_out.items() if its == why] for why in left_out.values()}
-        text = [f"it takes {MIN_CAMERAS} cameras with overlapping views"]
-        raise ValueError("; ".join(text + [f"{', '.join(ours)}: {why}" for why, ours in names.items()]))
+        names = {why: ", ".join(c for c in left_out if left_out[c] == why) for why in left_out.values()}
+        reasons = "".join(f"; {ours}: {why}" for why, ours in names.items())
+        raise ValueError(f"it takes {MIN_CAMERAS} cameras with overlapping views{reasons}")
 
 
 def save_clouds(
@@ -221,11 +221,12 @@ class MultiviewStudy(ConditionStudy):
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
         """Return values for the names in braces; see `StudyReport.placeholders`."""
         facts, tolerance_m = found.facts, found.facts.tolerance_m
-        patchmatch = facts.matcher == Matcher.PATCHMATCH
         return super().placeholders(found) | {
             "reference": facts.reference,
             "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm",
-            "matcher": "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP",
+            "matcher": "COLMAP's PatchMatch on a GPU"
+            if facts.matcher == Matcher.PATCHMATCH
+            else "our own plane sweep, not by COLMAP",
             "width": f"{facts.width_px}",
         }
 
@@ -233,9 +234,11 @@ class MultiviewStudy(ConditionStudy):
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
         """Return the sentence on depth; see `StudyReport.verdict`."""
         cameras = f"all {len(found.cameras)} cameras"
-        when = f"the pictures of {cameras} are paired as recorded"
-        if result.together(found.cameras):
-            when = f"{cameras} show the same instant"
+        when = (
+            f"{cameras} show the same instant"
+            if result.together(found.cameras)
+            else f"the pictures of {cameras} are paired as recorded"
+        )
         return depth_sentence(found, when, EACH_DELAYED, "several cameras agree on")
 
     @classmethod
@@ -252,14 +255,6 @@ class MultiviewStudy(ConditionStudy):
 
     middle_camera = ""
     """Required middle camera; any other is rejected. Empty accepts all."""
-    reference: str
-    """The central camera, on whose pixels depth is scored."""
-    cameras: tuple[str, ...]
-    """The reference and those whose views overlap most with it."""
-    scene: RoughScene
-    """Coarse scene found by a first look."""
-    left_out: dict[str, str]
-    """Why other cameras take no part."""
 
     @property
     def steps(self) -> int:
@@ -307,6 +302,9 @@ class MultiviewStudy(ConditionStudy):
     def _choose_cameras(self, middle: int) -> None:
         """Choose the cameras from synchronized images around the instant `middle`.
 
+        Sets `reference`, the central camera, on whose pixels depth is scored; `cameras`, with those whose
+        views overlap most with it; `left_out`, the reasons for the others; and `scene`, a coarse first look.
+
         Raises:
             ValueError: fewer than `MIN_CAMERAS` have overlapping views.
         """
@@ -329,8 +327,11 @@ class MultiviewStudy(ConditionStudy):
         self.reference = choose_reference_view(views, points)
         nearest = [c for c in sources[self.reference] if c in views][: MAX_CAMERAS - 1]
         self.cameras = tuple(c for c in names if c == self.reference or c in nearest)
-        enough = f"{MAX_CAMERAS} cameras are enough to compare conditions"
-        self.left_out = left_out | {c: enough for c in views if c not in self.cameras}
+        self.left_out = left_out | {
+            c: f"{MAX_CAMERAS} cameras are enough to compare conditions"
+            for c in views
+            if c not in self.cameras
+        }
         _require_cameras(self.cameras, self.left_out)
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
@@ -359,15 +360,16 @@ class MultiviewStudy(ConditionStudy):
             rest, others = pool.map(list[InstantDepth], (synced, offset))
         found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
         nows = [one.instant for one in instants]
-        together = [maps["synced"] for maps in found]
-        scorer = InstantScorer(self.shots, self.reference, self.rig.unit, nows, together)
-        with worker_pool(AT_A_TIME) as pool:
-            scores = list(pool.map(scorer.measure, nows, [one.shown for one in instants], found))
+        scorer = InstantScorer(
+            self.shots, self.reference, self.rig.unit, nows, [maps["synced"] for maps in found]
+        )
         tally = Tally()
-        for one, measured in zip(instants, scores, strict=True):
-            pixels = measured["synced"].shares["mover_coverage"][1]
-            facts = {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
-            tally.add(measured, facts)
+        with worker_pool(AT_A_TIME) as pool:
+            scores = pool.map(scorer.measure, nows, [one.shown for one in instants], found)
+            for one, measured in zip(instants, scores, strict=True):
+                pixels = measured["synced"].shares["mover_coverage"][1]
+                delays = one.delays_ms(self.dataset)
+                tally.add(measured, {"instant": one.instant, "mover_pixels": pixels, **delays})
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         return StudyResult(
             name=self.text.name,
@@ -401,10 +403,9 @@ class MultiviewStudy(ConditionStudy):
             )
             for k in choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
         ]
-        found = [one for one in usable if reference in one.shown and len(one.shown) >= MIN_CAMERAS]
-        if not found:
-            raise ValueError("no instant has its pictures in both conditions")
-        return found
+        if found := [one for one in usable if reference in one.shown and len(one.shown) >= MIN_CAMERAS]:
+            return found
+        raise ValueError("no instant has its pictures in both conditions")
 
     def _depth(
         self, shown: Sequence[dict[str, int]], planes: Array, still: StillScene, made: list[InstantDepth]
@@ -451,8 +452,7 @@ class MultiviewStudy(ConditionStudy):
         """Write pictures and clouds of the instant with the most moving pixels found."""
         reference = self.reference
         moving = [self.shots.moving(reference, one.instant) for one in instants]
-        pairs = zip(moving, found, strict=True)
-        best = int(np.argmax([int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in pairs]))
+        best = max(range(len(found)), key=lambda k: (moving[k] & (found[k]["synced"].depth > 0)).sum())
         one, mask, maps = instants[best], moving[best], found[best]
         shot = self.shots.image(reference, one.instant)
         pictures = _draw_depth(shot.colours, maps, mask, scorer.true_depth(one.instant), folder)
@@ -476,8 +476,10 @@ def _draw_depth(
     drawn = {}
     for side, found in maps.items():
         right = found.depth > 0 if truth is None else (found.depth > 0) & right_depth(found.depth, truth)
-        depth = colour_depth(found.depth, *limits)
-        drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_moving(photo, moving, right)}
+        drawn[side] = {
+            "multiview_depth": colour_depth(found.depth, *limits),
+            "multiview_movers": mark_moving(photo, moving, right),
+        }
     judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
     texts = (
         Picture(

@@ -107,8 +107,7 @@ class PanoramaStudy(PairStudy):
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
         """Return the panorama's main result; see `StudyReport.claim`."""
-        known = found.first_known(*MEASURES)
-        if known is None:
+        if (known := found.first_known(*MEASURES)) is None:
             return None
         if known[0] == "mover_found":
             return Claim(known[1:], "of moving things in both pictures where these overlap in the panorama")
@@ -137,9 +136,6 @@ class PanoramaStudy(PairStudy):
             f"{when}, and {percent(again[2])} with one picture {late}."
         )
 
-    stitcher: PanoramaStitcher
-    """Registers, projects and composes the pair; set by `prepare`."""
-
     def prepare(self) -> None:
         """Choose the pair, and register its images of the same instant.
 
@@ -157,6 +153,7 @@ class PanoramaStudy(PairStudy):
         )
         known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
         self.stitcher = PanoramaStitcher(images, moving, known)
+        """Registers, projects and composes the pair."""
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
@@ -165,13 +162,11 @@ class PanoramaStudy(PairStudy):
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
         tally = Tally()
-        moving = []
         for now, later in pairs:
             self.progress.step(f"panorama {first}-{second}, instant {now}")
-            shown = {"synced": now, "offset": later}
-            measured = {side: self._measure(now, later, k) for side, k in shown.items()}
-            moving.append(measured["synced"].shares["mover_found"][1])
+            measured = {"synced": self._measure(now, later, now), "offset": self._measure(now, later, later)}
             tally.add(measured, {"instant": now, "offset_instant": later})
+        moving = [measured["synced"].shares["mover_found"][1] for measured, _ in tally.rows]
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
@@ -202,17 +197,13 @@ class PanoramaStudy(PairStudy):
             overlap.crop(self.stitcher.layer_mask(name, self.motion.moving(name, k)), layer.box)
             for name, k, layer in ((first, now, a), (second, shown, b))
         )
-        changing = [(first, k, a) for k in (now, later) if self.dataset.has_image(first, k)]
-        changing += [(second, k, b) for k in (now, later)]
-        still = ~dilate(
-            np.logical_or.reduce(
-                [
-                    overlap.crop(self.stitcher.layer_mask(name, self.motion.changing(name, k)), layer.box)
-                    for name, k, layer in changing
-                ]
-            ),
-            STILL_MARGIN_PX,
-        )
+        changing = [
+            overlap.crop(self.stitcher.layer_mask(name, self.motion.changing(name, k)), layer.box)
+            for name, layer in ((first, a), (second, b))
+            for k in (now, later)
+            if self.dataset.has_image(name, k)
+        ]
+        still = ~dilate(np.logical_or.reduce(changing), STILL_MARGIN_PX)
         return _misalignment_of(overlap, moving, moving | other_moving, still)
 
     def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:

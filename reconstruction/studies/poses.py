@@ -139,12 +139,10 @@ class PoseFinder:
     def _match(self, pairs: Sequence[tuple[ImageKey, ImageKey]]) -> None:
         asked = self.folder / "pairs.txt"
         asked.write_text("".join(f"{_name(*a)} {_name(*b)}\n" for a, b in pairs))
-        verification = self._colmap.TwoViewGeometryOptions()
-        verification.ransac.random_seed = 0
         self._colmap.match_image_pairs(
             self.folder / DATABASE,
             pairing_options=self._colmap.ImportedPairingOptions(match_list_path=str(asked)),
-            verification_options=verification,
+            verification_options=self._colmap.TwoViewGeometryOptions(ransac={"random_seed": 0}),
             device=self._colmap.Device.cpu,
         )
         self.matched.update(pairs)
@@ -295,9 +293,8 @@ class PoseStudy(ConditionStudy):
             wrong = f"only {right} of the pairs are placed correctly"
         elif after is not None:
             wrong = f"these angles are wrong by {after:.0f} degrees"
-        pictures = "the pictures as recorded"
-        if result.together(found.cameras):
-            pictures = "pictures of one instant"
+        together = result.together(found.cameras)
+        pictures = "pictures of one instant" if together else "the pictures as recorded"
         return (
             f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
             f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
@@ -310,7 +307,6 @@ class PoseStudy(ConditionStudy):
 
     reason = ""
     """Why poses are estimated."""
-    cameras: tuple[str, ...]
 
     @property
     def steps(self) -> int:
@@ -349,8 +345,7 @@ class PoseStudy(ConditionStudy):
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in evenly_spaced(instants, MAX_INSTANTS):
-                shown = one.by_condition
-                measured = {side: self._measure(finder, shown[side]) for side in shown}
+                measured = {side: self._measure(finder, shown) for side, shown in one.by_condition.items()}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
             name=self.text.name,

@@ -76,17 +76,13 @@ class StereoInstant:
     """
 
     now: int
-    later: int
+    shown: dict[str, int]
+    """The instant that the second camera shows in each condition."""
     maps: dict[str, DepthMap]
     moving: Array
     static: Array
     truth: Array | None
     matcher: StereoPair
-
-    @property
-    def shown(self) -> dict[str, int]:
-        """The instant that the second camera shows in each condition."""
-        return {"synced": self.now, "offset": self.later}
 
 
 def stereo_pictures(
@@ -96,9 +92,11 @@ def stereo_pictures(
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
     photo = dataset.image(cameras[0], one.now)
     drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], k)) for side, k in one.shown.items()}
-    movers = "Teal: both pictures agree on a distance. Orange: they do not."
-    if one.truth is not None:
-        movers = f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
+    movers = (
+        "Teal: both pictures agree on a distance. Orange: they do not."
+        if one.truth is None
+        else f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
+    )
     texts = (
         Picture(
             key="stereo_late",
@@ -150,8 +148,7 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     a[~seen], b[~seen_b] = EMPTY, EMPTY
     rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
     part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    step = -1 if canvas.mirror else 1
-    a, b, on = (np.ascontiguousarray(image[part][:, ::step]) for image in (a, b, on))
+    a, b, on = (np.ascontiguousarray(image[part][:, :: -1 if canvas.mirror else 1]) for image in (a, b, on))
     _, top, _, bottom = box_around(on > 0, spare=0.0, min_px=8)
     return draw_rows(a, b, [int(y) for y in np.linspace(top, bottom, 3)] if on.any() else [])
 
@@ -216,8 +213,7 @@ class StereoStudy(PairStudy):
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
         """Return the main result on moving objects; see `StudyReport.claim`."""
-        known = found.first_known(*DEPTH_MEASURES)
-        if known is None:
+        if (known := found.first_known(*DEPTH_MEASURES)) is None:
             return None
         if known[0] == DEPTH_MEASURES[0]:
             return Claim(known[1:], "of the moving surface measured correctly")
@@ -242,9 +238,11 @@ class StereoStudy(PairStudy):
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
         """Return the sentence on depth, with the still control unless the cameras moved."""
-        recorded = "the pictures are paired as recorded"
-        if result.together(found.cameras):
-            recorded = "both pictures show the same instant"
+        recorded = (
+            "both pictures show the same instant"
+            if result.together(found.cameras)
+            else "the pictures are paired as recorded"
+        )
         first = depth_sentence(found, recorded, f"one picture {late_text(result)}", "both pictures agree on")
         still = found.first_known("static_coverage")
         if not first or still is None:
@@ -267,8 +265,7 @@ class StereoStudy(PairStudy):
         """Return the sentence on the still control; see `StudyReport.control_sentence`."""
         if result.cameras_moved:
             return "The cameras moved while they recorded, so nothing in the pictures is a control."
-        still = found.first_known("static_within_2pct", "static_coverage")
-        if still is None:
+        if (still := found.first_known("static_within_2pct", "static_coverage")) is None:
             return ""
         values = f"({wording.percentage(still[1])} and {wording.percentage(still[2])})"
         if abs(still[1] - still[2]) >= 0.02:
@@ -319,13 +316,26 @@ class StereoStudy(PairStudy):
         maps = []
         for now, later in pairs:
             self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            shown = {"synced": now, "offset": later}
-            maps.append({side: self._depth(matcher, now, k) for side, k in shown.items()})
+            maps.append(
+                {
+                    "synced": self._depth(matcher, now, now),
+                    "offset": self._depth(matcher, now, later),
+                }
+            )
         instants = self._instants(pairs, maps, matcher)
-        tally = Tally()
-        for one in instants:
-            facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": int(one.moving.sum())}
-            tally.add({side: self._measure(one, side) for side in CONDITIONS}, facts)
+        tally = Tally(
+            [
+                (
+                    {side: self._measure(one, side) for side in CONDITIONS},
+                    {
+                        "instant": one.now,
+                        "offset_instant": one.shown["offset"],
+                        "mover_pixels": int(one.moving.sum()),
+                    },
+                )
+                for one in instants
+            ]
+        )
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
@@ -393,7 +403,11 @@ class StereoStudy(PairStudy):
             )
             loaded = dataset.ground_truth(reference, now)
             truth = None if loaded is None else true_depth_in_unit(loaded[0], self.rig.unit, still, static)
-            instants.append(StereoInstant(now, later, found, mask & inside, static, truth, matcher))
+            instants.append(
+                StereoInstant(
+                    now, {"synced": now, "offset": later}, found, mask & inside, static, truth, matcher
+                )
+            )
         return instants
 
     def _measure(self, one: StereoInstant, side: str) -> Measurements:

@@ -106,10 +106,7 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
         database.write_camera(camera, use_camera_id=True)
         model.add_camera_with_trivial_rig(camera)
         database.write_rig(model.rig(number), use_rig_id=True)
-        places = (
-            view.rays(features.positions) @ view.matrix.T if len(features.positions) else np.zeros((0, 2))
-        )
-        places = places[:, :2] + 0.5
+        places = view.undistort(features.positions) + 0.5
         image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
         pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
         model.add_image_with_trivial_frame(image, pose)
@@ -119,8 +116,7 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
         # As in COLMAP's SIFT: 512 times the root of the L1-normalized values.
         shares = features.descriptors / np.maximum(features.descriptors.sum(1, keepdims=True), 1e-7)
         roots = np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8)
-        sift = colmap.FeatureExtractorType.SIFT
-        database.write_descriptors(number, colmap.FeatureDescriptors(sift, roots))
+        database.write_descriptors(number, colmap.FeatureDescriptors(colmap.FeatureExtractorType.SIFT, roots))
     database.close()
     return model
 
@@ -130,9 +126,9 @@ def _match(colmap: Any, database: Path, model: Any, limit_px: float) -> None:
     matching = colmap.FeatureMatchingOptions(skip_geometric_verification=True, num_threads=1)
     colmap.match_exhaustive(database, matching, device=colmap.Device.cpu)
     # A pair counts however few matches it has: moving objects may be small.
-    verification = colmap.TwoViewGeometryOptions(min_num_inliers=1)
-    verification.ransac.random_seed = 0
-    verification.ransac.max_error = limit_px
+    verification = colmap.TwoViewGeometryOptions(
+        min_num_inliers=1, ransac={"random_seed": 0, "max_error": limit_px}
+    )
     colmap.guided_geometric_verification(
         model, database, two_view_geometry_options=verification, num_threads=1
     )
@@ -146,13 +142,14 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
         extract_colors=False,
         max_focal_length_ratio=NO_LIMIT,
         min_focal_length_ratio=1 / NO_LIMIT,
+        triangulation={
+            "ignore_two_view_tracks": False,
+            "min_angle": MIN_ANGLE_DEG,
+            "merge_max_reproj_error": limit_px,
+            "complete_max_reproj_error": limit_px,
+        },
+        mapper={"filter_min_tri_angle": MIN_ANGLE_DEG, "filter_max_reproj_error": limit_px},
     )
-    options.triangulation.ignore_two_view_tracks = False
-    options.triangulation.min_angle = MIN_ANGLE_DEG
-    options.triangulation.merge_max_reproj_error = limit_px
-    options.triangulation.complete_max_reproj_error = limit_px
-    options.mapper.filter_min_tri_angle = MIN_ANGLE_DEG
-    options.mapper.filter_max_reproj_error = limit_px
     folder = database.parent / "model"
     folder.mkdir()
     return colmap.triangulate_points(model, database, database.parent, folder, options=options)
@@ -262,8 +259,7 @@ class TriangulationStudy(ConditionStudy):
 
     def _choose_cameras(self) -> tuple[str, ...]:
         """Return the depth pair and the cameras nearest to it; without one, those nearest to the centre."""
-        views = self.rig.views
-        if not views:
+        if not (views := self.rig.views):
             raise ValueError("the cameras have no calibration")
         if missing := [c for c in self.cameras if c not in views]:
             raise ValueError(f"no calibration of {', '.join(missing)}")
@@ -274,9 +270,8 @@ class TriangulationStudy(ConditionStudy):
         depth = self.known.study("stereo")
         pair = [c for c in depth.cameras if c in views] if depth is not None else []
         middle = np.mean([views[c].centre for c in pair or views], axis=0)
-        others = (c for c in views if c not in pair)
-        near = sorted(others, key=lambda c: float(np.linalg.norm(views[c].centre - middle)))
-        chosen = [*pair, *near][:MAX_CAMERAS]
+        near = sorted(views, key=lambda c: float(np.linalg.norm(views[c].centre - middle)))
+        chosen = [*pair, *(c for c in near if c not in pair)][:MAX_CAMERAS]
         # Of two cameras the second is delayed, as in the depth pair.
         return tuple(chosen if len(chosen) == 2 else [c for c in views if c in chosen])
 
@@ -290,9 +285,14 @@ class TriangulationStudy(ConditionStudy):
         return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
 
     def _points(self, shown: Mapping[str, int]) -> RigPoints:
-        views = [repr(self.rig.views[camera]) for camera in shown]
-        key = tuple(shown.items()), views, library_versions()["pycolmap"]
-        return self.rig.stages.arrays("triangulation", RigPoints, lambda: triangulate(self.rig, shown), *key)
+        return self.rig.stages.arrays(
+            "triangulation",
+            RigPoints,
+            lambda: triangulate(self.rig, shown),
+            tuple(shown.items()),
+            [repr(self.rig.views[camera]) for camera in shown],
+            library_versions()["pycolmap"],
+        )
 
     def _measure(self, found: RigPoints, one: ShownInstant, side: str) -> Measurements:
         """Measure points on moving objects (in at least half of their images) and on the still control."""
@@ -326,6 +326,8 @@ class TriangulationStudy(ConditionStudy):
         for kind, mask, there in (("mover", on_moving, anything), ("static", still, True)):
             measured.means[f"{kind}_points"] = np.array([float(mask.sum())] * there)
             measured.medians[f"{kind}_reprojection_px"] = found.errors[mask]
-            shares = int((correct & judged & mask).sum()), int((judged & mask).sum())
-            measured.shares[f"{kind}_precision"] = shares
+            measured.shares[f"{kind}_precision"] = (
+                int((correct & judged & mask).sum()),
+                int((judged & mask).sum()),
+            )
         return measured

@@ -49,8 +49,7 @@ class Projection:
             ValueError: the panorama would be too small or too large.
         """
         shape = "cylindrical" if max(map(_steepest, views.values())) < STEEPEST else "spherical"
-        focal = float(np.median([view.focal for view in views.values()]))
-        self._warper = cv2.PyRotationWarper(shape, focal)
+        self._warper = cv2.PyRotationWarper(shape, float(np.median([view.focal for view in views.values()])))
         self.boxes = {name: self._box(view) for name, view in views.items()}
         self._refuse_misalignment(views.values())
         self._maps = {name: self._map(view) for name, view in views.items()}
@@ -94,8 +93,8 @@ class Projection:
         left, top, right, bottom = self.canvas
         width, height = right - left, bottom - top
         sizes = [(view.width, view.height) for view in views]
-        max_area = MAX_GROWTH * sum(map(math.prod, sizes))
-        if min(width, height) < min(map(min, sizes)) // 2 or width * height > max_area:
+        too_large = width * height > MAX_GROWTH * sum(map(math.prod, sizes))
+        if too_large or min(width, height) < min(map(min, sizes)) // 2:
             raise ValueError(f"the pictures do not fit together: a panorama of {width}x{height} pixels")
 
 
@@ -165,12 +164,12 @@ def _shrink(layer: Layer, scale: float) -> Layer:
 
 
 def _match_exposure(layers: Sequence[Layer], compensator: cv2.detail.ExposureCompensator) -> list[Layer]:
-    pictures = (
-        compensator.apply(i, layer.box[:2], layer.picture.copy(), _mask(layer.seen))
-        for i, layer in enumerate(layers)
-    )
     return [
-        replace(layer, picture=np.asarray(picture)) for layer, picture in zip(layers, pictures, strict=True)
+        replace(
+            layer,
+            picture=np.asarray(compensator.apply(i, layer.box[:2], layer.picture.copy(), _mask(layer.seen))),
+        )
+        for i, layer in enumerate(layers)
     ]
 
 

@@ -65,12 +65,11 @@ class Overlap:
 
 def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     """Return the overlap of two layers (BGR) without its outermost pixels; None if it is too small."""
-    low = np.maximum(a.box[:2], b.box[:2])
-    high = np.minimum(a.box[2:], b.box[2:])
-    if (high <= low).any():
+    left, top = map(max, a.box[:2], b.box[:2])
+    right, bottom = map(min, a.box[2:], b.box[2:])
+    if right <= left or bottom <= top:
         return None
-    box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
-    empty = Overlap(box, *(np.zeros((0, 0)),) * 3)
+    empty = Overlap((left, top, right, bottom), *(np.zeros((0, 0)),) * 3)
     both = (empty.crop(a.seen, a.box) & empty.crop(b.seen, b.box)).astype(np.uint8)
     both = cv2.erode(both, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
     if both.sum() < MIN_OVERLAP_PX:
@@ -79,7 +78,7 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
         np.asarray(cv2.cvtColor(np.ascontiguousarray(empty.crop(one.picture, one.box)), cv2.COLOR_BGR2GRAY))
         for one in (a, b)
     )
-    return Overlap(box, first, second, np.asarray(both) > 0)
+    return replace(empty, first=first, second=second, both=np.asarray(both) > 0)
 
 
 def measure_misalignment(overlap: Overlap) -> tuple[Array, Array]:

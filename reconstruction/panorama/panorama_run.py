@@ -4,6 +4,7 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -71,19 +72,12 @@ Pictures = tuple[dict[str, Array], dict[str, Array]]
 """One condition's images (BGR) by name, and the motion masks (bool) where motion is known."""
 
 
-@dataclass(frozen=True)
-class PanoramaInput:
-    """Input of a panorama: one instant, optionally also with every second camera delayed, and known views."""
+Input = tuple[dict[str, Pictures], dict[str, View], list[str], dict[str, Any]]
+"""Input of a panorama: images by condition, known views, delayed cameras, and fields of the result.
 
-    conditions: dict[str, Pictures]
-    """Images by condition: `synced`, and `offset` if requested."""
-    views: dict[str, View] = field(default_factory=dict)
-    late: tuple[str, ...] = ()
-    offset_ms: float = 0.0
-    absent: dict[str, str] = field(default_factory=dict)
-    """Cameras without an image of the instant, with the reason."""
-    calibration: str = ""
-    """Source of the views."""
+The conditions are `synced`, and `offset` if requested. The fields are `left_out` (cameras without an image of
+the instant, with the reason), and for a session `calibration` and `actual_offset_ms`.
+"""
 
 
 def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> PanoramaResult:
@@ -94,27 +88,26 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
     """
     began = time.monotonic()
     with comparison_folder(out) as output:
-        given = _load_input(sources, options)
+        conditions, views, late, facts = _load_input(sources, options)
         with opencv_calls("stitching"):
             try:
-                stitcher = PanoramaStitcher(*given.conditions["synced"], given.views)
+                stitcher = PanoramaStitcher(*conditions["synced"], views)
             except ValueError as error:
                 raise BadInputError(
                     f"the pictures cannot be stitched: {error}",
                     hint="take them from one place, with a third of overlap between neighbours",
                 ) from error
             made = {
-                name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
-                for name, pictures in given.conditions.items()
+                name: _save_panorama(stitcher, late, pictures, name, output.folder)
+                for name, pictures in conditions.items()
             }
+        facts["left_out"] |= stitcher.left_out
         result = PanoramaResult(
             source=" ".join(map(str, sources)),
             used=stitcher.used,
-            left_out=given.absent | stitcher.left_out,
-            calibration=given.calibration,
             synced=made["synced"],
             offset=made.get("offset"),
-            actual_offset_ms=given.offset_ms,
+            **facts,
             time_shifts_ms=dict(options.time_shifts_ms),
             seconds=time.monotonic() - began,
             memory_notes=memory_budget().notes,
@@ -146,7 +139,7 @@ def _save_panorama(
     )
 
 
-def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaInput:
+def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> Input:
     """Read the images; a session must be the only source.
 
     Raises:
@@ -160,12 +153,12 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
             f"{given[0]} needs a session: single pictures have no times",
             hint=f"give a session, or leave out {given[0]}",
         )
-    paths: list[Path] = []
-    for source in sources:
-        if source.is_dir():
-            paths += sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
-        else:
-            paths.append(source)
+    paths = [
+        path
+        for source in sources
+        for path in (sorted(source.iterdir()) if source.is_dir() else (source,))
+        if path == source or path.suffix.lower() in SUFFIXES
+    ]
     if not paths:
         raise BadInputError(
             f"{sources[0]} is not a session and contains no images",
@@ -174,20 +167,18 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
-    return PanoramaInput({"synced": (images, {})})
+    return {"synced": (images, {})}, {}, [], {"left_out": {}}
 
 
-def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
+def _session_input(folder: Path, options: PanoramaOptions) -> Input:
     instant = options.instant
     dataset = Dataset.open(folder, options.time_shifts_ms)
     dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
-    absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
     choose_calibration(dataset)
     calibration = dataset.calibration()
     known = calibrated_views(dataset, calibration) if calibration is not None else {}
     views = {name: known[name] for name in cameras if name in known}
-    source = calibration.source_words if calibration is not None and views else ""
     motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
     shown = {"synced": dict.fromkeys(cameras, instant)}
     late, offset_ms = [], 0.0
@@ -201,7 +192,12 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
             )
         shown["offset"], offset_ms = shown["synced"] | dict.fromkeys(late, later), offset.actual_ms
     conditions = {name: _pictures(dataset, motion, of) for name, of in shown.items()}
-    return PanoramaInput(conditions, views, tuple(late), offset_ms, absent, source)
+    facts = {
+        "left_out": {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras},
+        "calibration": calibration.source_words if calibration is not None and views else "",
+        "actual_offset_ms": offset_ms,
+    }
+    return conditions, views, late, facts
 
 
 def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:

@@ -43,11 +43,10 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
     places = [round(axes.left + 10 + scale * (ms - first), 1) for ms in offsets_ms]
     curves = []
     for kind in ("static", "mover"):
-        name = tolerance.measure.replace("mover", kind)
         drawn = [
             (x, axes.y(one.value), axes.y(one.ends[0]), axes.y(one.ends[1]))
             for x, point in zip(places, points, strict=True)
-            if (one := point.interval(name, "offset")) is not None
+            if (one := point.interval(tolerance.measure.replace("mover", kind), "offset")) is not None
         ]
         curves += [(kind, drawn)] if drawn else []
     what = "right within 2 %" if tolerance.right else "with a distance"

@@ -160,9 +160,11 @@ def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictur
         found.append((10, Section("pictures.html", "pictures", "See the difference")))
     if result.tolerance:
         found.append((40, Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))))
-    for text in (study.text for study, _ in reported(result) if study.text.section):
-        section = Section(
-            as_template(text.section), text.name.replace("_", "-"), text.title, views[text.name]
+    found += [
+        (
+            text.section_place,
+            Section(as_template(text.section), text.name.replace("_", "-"), text.title, views[text.name]),
         )
-        found.append((text.section_place, section))
+        for text in (study.text for study, _ in reported(result) if study.text.section)
+    ]
     return [section for _, section in sorted(found, key=itemgetter(0))]

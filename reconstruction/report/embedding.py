@@ -44,8 +44,7 @@ def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict
             f"the report lacks the picture {path}: {error.strerror or error}",
             hint="compare the session again",
         ) from error
-    found = _as_webp(data, max_px * panels)
-    if found is None:
+    if (found := _as_webp(data, max_px * panels)) is None:
         raise BadInputError(
             f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
         )
@@ -87,8 +86,9 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     read = {condition: read_ply(out / name) for condition, name in found.items() if name}
     places = {condition: (cloud.points - centre) @ rotation.T for condition, cloud in read.items()}
     box = np.percentile(places["synced"], [CROP, 100 - CROP], axis=0)
-    limit = MAX_POINTS // len(read)
-    packed = {one: _pack(places[one], cloud.colours, box, limit) for one, cloud in read.items()}
+    packed = {
+        one: _pack(places[one], cloud.colours, box, MAX_POINTS // len(read)) for one, cloud in read.items()
+    }
     return {
         "files": clouds,
         "reference": reference,

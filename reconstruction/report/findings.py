@@ -31,9 +31,12 @@ def timing_sentences(timing: Timing) -> str:
     late = f"{timing.other} is {offset_text(timing)} against {timing.reference} ({by}; 95 %)"
     if timing.synchronized:
         return f"{late}: the same instant, within what these pictures show."
-    text = "These pictures do not show whether the cameras were synchronized"
-    if (below_ms := timing.same_frame_ms) is not None:
-        text = f"These pictures are of the same frame. Offsets below {below_ms:.0f} ms cannot be measured"
+    below_ms = timing.same_frame_ms
+    text = (
+        "These pictures do not show whether the cameras were synchronized"
+        if below_ms is None
+        else f"These pictures are of the same frame. Offsets below {below_ms:.0f} ms cannot be measured"
+    )
     return f"{text}: {timing.reason}." if timing.late_ms is None else f"{text}: {timing.reason}. {late}."
 
 
@@ -65,8 +68,7 @@ def _offset_sentences(timing: Timing, by: str) -> str:
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
-    late = [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]
-    if not late:
+    if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
         return ""
     shown = [f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
     more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
@@ -96,8 +98,7 @@ def rig_judgement(timing: Timing) -> str:
 
 def motion_sentence(timing: Timing) -> str:
     """Return a sentence about cameras that moved while recording; empty if none did."""
-    moving = timing.moving_cameras
-    if not moving:
+    if not (moving := timing.moving_cameras):
         return ""
     max_px = max(moving.values())
     far = f"by {max_px:.1f} pixels from frame to frame" if max_px < 1e3 else "too far to be tracked"
@@ -139,17 +140,19 @@ def name_conditions(result: CompareResult, cameras: Sequence[str] = ()) -> Condi
     each camera has its own delay.
     """
     asked = cameras or (() if result.timing is None else result.timing.cameras)
-    late = wording.offset_text(result.actual_offset_ms)
-    heads = {"synced": "Recorded", "offset": late[0].upper() + late[1:]}
-    if len(asked) > 2:
-        late = UNSYNCHRONIZED
-        heads["offset"] = "Unsynced"
+    many = len(asked) > 2
+    late = UNSYNCHRONIZED if many else wording.offset_text(result.actual_offset_ms)
+    late_head = "Unsynced" if many else late[0].upper() + late[1:]
     if asked and result.together(asked):
-        heads["synced"] = "Synced"
-        many = "all" if len(asked) > 2 else "both"
-        return ConditionNames("Synchronized", f"when {many} pictures show the same instant", late, heads)
-    when = "in the pictures as they were recorded"
-    return ConditionNames("As recorded", when, late, heads, apart=result.apart(asked))
+        when = f"when {'all' if many else 'both'} pictures show the same instant"
+        return ConditionNames("Synchronized", when, late, {"synced": "Synced", "offset": late_head})
+    return ConditionNames(
+        "As recorded",
+        "in the pictures as they were recorded",
+        late,
+        {"synced": "Recorded", "offset": late_head},
+        apart=result.apart(asked),
+    )
 
 
 def describe_delays(study: StudyResult[Any]) -> str:
@@ -179,7 +182,7 @@ def verdict(result: CompareResult) -> str:
         _guess_sentence(result),
         _skipped_sentence(result),
     )
-    return " ".join(text for text in texts if text)
+    return " ".join(filter(None, texts))
 
 
 def _guess_sentence(result: CompareResult) -> str:
@@ -202,12 +205,11 @@ def _what_was_found(result: CompareResult) -> str:
     timing, made = result.timing, reported(result)
     if timing is not None and timing.offset:
         recorded = (study.as_recorded(found) for study, found in made)
-        text = next((one for one in recorded if one is not None), None)
-        if text is not None:
+        if (text := next((one for one in recorded if one is not None), None)) is not None:
             return f"{timing_sentences(timing)} {text}".strip()
     names = {found.name for _, found in made}
-    clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
-    texts = [text for text in clear if text]
+    clear = (study.verdict(result, found) for study, found in made if study.text.replaces not in names)
+    texts = list(filter(None, clear))
     if not texts and result.moving_share < 0.0005:
         return (
             "Almost nothing moves in this burst, so synchronization makes no visible "
@@ -235,9 +237,8 @@ def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -
     if known is None or known[1] - known[2] < CLEAR_FRACTION:
         return ""
     measure, synced, offset = known
-    what = f"a distance is found that {agreed}"
-    if measure == DEPTH_MEASURES[0]:
-        what = "the right distance is found"
+    correct = measure == DEPTH_MEASURES[0]
+    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
     return f"When {when}, {what} for {percent(synced)} of what moves; with {late}, for {percent(offset)}."
 
 
@@ -315,12 +316,13 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
     """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
-    if result.timing is None:
-        return wording.NOT_AVAILABLE, "whether the pictures show one instant was not measured", ""
-    if not together:
-        return wording.NOT_AVAILABLE, "the pictures do not show one instant", ""
-    if tolerance is None:
-        return wording.NOT_AVAILABLE, "depth against delay was not measured", ""
+    unknown = {
+        "whether the pictures show one instant was not measured": result.timing is None,
+        "the pictures do not show one instant": not together,
+        "depth against delay was not measured": tolerance is None,
+    }
+    if tolerance is None or not together:
+        return wording.NOT_AVAILABLE, next(why for why, holds in unknown.items() if holds), ""
     if tolerance.tolerable_offset_ms is None:
         max_ms = round(max(abs(point.late_ms or 0.0) for point in tolerance.points))
         return f"> {wording.milliseconds(max_ms)}", "less than a tenth of the depth is lost by then", ""

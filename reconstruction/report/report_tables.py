@@ -95,16 +95,20 @@ def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
     reported = study_reports()[study.name]
     text, placeholders = reported.text, reported.placeholders(study)
     groups = WITH_CONTROL if text.control else (("", ""),)
-    rows = []
-    for measure in text.measures:
-        found = [
-            (prefix == "static_", study.interval(prefix + measure.key, side))
-            for prefix, _ in groups
-            for side in CONDITIONS
-        ]
-        if any(one for _, one in found):
-            cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
-            rows.append(Row(measure.name, cells, details=measure.text.format(**placeholders)))
+    sides = [(prefix, side) for prefix, _ in groups for side in CONDITIONS]
+    known = {one.name for one in study.measures if one.synced or one.offset}
+    rows = [
+        Row(
+            one.name,
+            [
+                interval_cell(study.interval(prefix + one.key, side), one.unit, control=prefix == "static_")
+                for prefix, side in sides
+            ],
+            details=one.text.format(**placeholders),
+        )
+        for one in text.measures
+        if any(prefix + one.key in known for prefix, _ in groups)
+    ]
     columns = [Column(head, group, tone) for _, group in groups for tone, head in names.heads.items()]
     return Table(text.caption.format(**placeholders), columns, rows, kind="twin")
 

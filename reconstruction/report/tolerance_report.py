@@ -57,9 +57,10 @@ def tolerance_heading(tolerance: OffsetTolerance) -> str:
 
 
 def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
-    ends = tolerance.points[0], tolerance.points[-1]
     found = [
-        f"{wording.offset_text(ms)}, for {_found(tolerance, one)}" for one in ends if (ms := one.late_ms)
+        f"{wording.offset_text(ms)}, for {_found(tolerance, one)}"
+        for one in (tolerance.points[0], tolerance.points[-1])
+        if (ms := one.late_ms)
     ]
     directions = f"; with the second picture {'; '.join(dict.fromkeys(found))}" if found else ""
     return f"{_found_as_recorded(tolerance)}{directions}."
@@ -81,13 +82,10 @@ def _found(tolerance: OffsetTolerance, point: StudyResult[dict[str, int]]) -> st
 
 
 def _tolerated(tolerance: OffsetTolerance) -> str:
-    tolerated_ms = tolerance.tolerable_offset_ms
-    if tolerated_ms is None:
+    if (tolerated_ms := tolerance.tolerable_offset_ms) is None:
         return "Up to that delay, less than a tenth of it is lost."
-    tolerated = wording.microseconds(1000 * tolerated_ms)
-    if tolerated_ms >= 1:
-        tolerated = wording.milliseconds(round(tolerated_ms, 1))
-    return f"This motion tolerates a delay of about {tolerated}."
+    rounded, exact = wording.milliseconds(round(tolerated_ms, 1)), wording.microseconds(1000 * tolerated_ms)
+    return f"This motion tolerates a delay of about {rounded if tolerated_ms >= 1 else exact}."
 
 
 def _text(tolerance: OffsetTolerance) -> StudyText:
@@ -104,8 +102,12 @@ def _table(tolerance: OffsetTolerance) -> Table:
         )
         for point in tolerance.points
     ]
-    heads = list(map(Column, columns.values()))
-    return Table("Moving things by delay; small print: 95 % intervals", heads, rows, first="Delay")
+    return Table(
+        "Moving things by delay; small print: 95 % intervals",
+        list(map(Column, columns.values())),
+        rows,
+        first="Delay",
+    )
 
 
 def _instants(tolerance: OffsetTolerance) -> Table:

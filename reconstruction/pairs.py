@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations
+from operator import itemgetter
 
 import cv2
 import numpy as np
@@ -74,11 +75,10 @@ def detect_features(
     """
     scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
-    mask = None
     if allowed is not None:
-        mask = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        allowed = cv2.resize(allowed.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=contrast)
-    keypoints, descriptors = sift.detectAndCompute(small, mask)
+    keypoints, descriptors = sift.detectAndCompute(small, allowed)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
     positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
@@ -137,23 +137,10 @@ def fit_homography(
     )
     if matrix is None or int(inliers.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
         return None
-    second = np.full((size_b[1], size_b[0]), 255, np.uint8)
-    covered = cv2.warpPerspective(second, np.linalg.inv(matrix), size_a, flags=cv2.INTER_NEAREST)
-    return float((covered > 0).mean()), float(inliers.mean())
-
-
-def baseline(reference: View, other: View) -> float:
-    """Return the distance of two cameras in the calibration's unit.
-
-    Raises:
-        ValueError: the cameras are at the same place; the message gives the distance.
-    """
-    length = float(np.linalg.norm(other.centre - reference.centre))
-    far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)
-    # Written this way, NaN is refused too.
-    if not length > MIN_BASELINE * far:
-        raise ValueError(f"both cameras stand at the same place by the calibration (baseline {length:.2g})")
-    return length
+    covered = cv2.warpPerspective(
+        np.ones(size_b[::-1], np.uint8), np.linalg.inv(matrix), size_a, flags=cv2.INTER_NEAREST
+    )
+    return float(covered.mean()), float(inliers.mean())
 
 
 def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, float, bool]:
@@ -165,7 +152,11 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
     Raises:
         ValueError: the two cameras are at the same place, or one looks along the baseline.
     """
-    length = baseline(reference, other)
+    length = float(np.linalg.norm(other.centre - reference.centre))
+    far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)
+    # Written this way, NaN is refused too.
+    if not length > MIN_BASELINE * far:
+        raise ValueError(f"both cameras stand at the same place by the calibration (baseline {length:.2g})")
     rotation, translation = other_from_reference(reference, other)
     x = -rotation.T @ translation / length
     mirror = bool(x[np.argmax(np.abs(x[:2]))] < 0)
@@ -197,14 +188,13 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
             f"their pictures have no common plane: it would take a canvas without bounds ({aside})"
         )
     flat = rays[:, :2] / rays[:, 2:] * reference.focal
-    low, high = flat.min(0), flat.max(0)
-    wide, tall = high - low
+    wide, tall = np.ptp(flat, axis=0)
     if wide * tall > MAX_CANVAS_FRACTION * reference.width * reference.height:
         raise ValueError(
             f"rectified, a picture of {reference.width}x{reference.height} pixels would become "
             f"{wide:.0f}x{tall:.0f} ({aside})"
         )
-    return low, high
+    return flat.min(0), flat.max(0)
 
 
 @dataclass(frozen=True)
@@ -230,8 +220,9 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
         f"no two cameras have {MIN_MATCHES} points at rest in common: their views are too different, or the "
         "static scene has no texture"
     )
-    best, choice = -np.inf, PairChoice(None, why)
-    left_out, max_misfits = {}, 0
+    # Pairs that fit come first, by score; then those that do not, by their number of points.
+    ranked: list[tuple[tuple[int, float], PairChoice]] = [((0, 0.0), PairChoice(None, why))]
+    left_out = {}
     for a, b in combinations((name for name in points if name in views), 2):
         try:
             canvas_bounds(views[a], views[b])
@@ -242,15 +233,14 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
         fits = _near_epipolar_lines(views[a], views[b], at_a, at_b)
         if fits.sum() >= MIN_MATCHES:
             score, text = _stereo_score(views[a], views[b], at_a[fits], at_b[fits])
-            if score > best:
-                best, choice = score, PairChoice((a, b), text)
-        elif choice.cameras is None and len(fits) >= max(MIN_MATCHES, max_misfits):
-            max_misfits = len(fits)
+            ranked.append(((2, score), PairChoice((a, b), text)))
+        elif len(fits) >= MIN_MATCHES:
             text = (
                 f"{a} and {b} have {len(fits)} points at rest in common, but only {fits.sum()} within "
                 f"{EPIPOLAR_PX:g} pixels of their epipolar lines: the calibration does not fit the pictures"
             )
-            choice = PairChoice(None, text)
+            ranked.append(((1, len(fits)), PairChoice(None, text)))
+    _, choice = max(ranked, key=itemgetter(0))
     if choice.cameras is None and left_out:
         choice = PairChoice(None, f"{choice.why}; {describe_left_out(left_out)}")
     return replace(choice, left_out=left_out)
@@ -292,18 +282,21 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
     The score is the part of one image that the other does not show, times the fraction of static points that
     one homography explains. That fraction falls as the distance of the cameras grows.
     """
-    best, choice = -np.inf, PairChoice(None, "no two cameras' pictures can be laid over each other")
-    overlaps = []
-    for a, b in combinations(points, 2):
-        found = fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])
-        if found is None:
-            continue
-        overlap, fitting = found
-        overlaps.append(overlap)
-        score = (1 - overlap) * fitting
-        if score > best and OVERLAP_LIMITS[0] <= overlap <= OVERLAP_LIMITS[1]:
-            best, choice = score, PairChoice((a, b), f"{100 * overlap:.0f} % overlap")
-    if overlaps and choice.cameras is None:
-        why = f"the cameras show too much of the same ({100 * min(overlaps):.0f} % or more) for a panorama"
-        choice = PairChoice(None, f"{why} to show anything new")
-    return choice
+    found = {
+        (a, b): fit
+        for a, b in combinations(points, 2)
+        if (fit := fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])) is not None
+    }
+    scores = {
+        pair: (1 - overlap) * fitting
+        for pair, (overlap, fitting) in found.items()
+        if OVERLAP_LIMITS[0] <= overlap <= OVERLAP_LIMITS[1]
+    }
+    if scores:
+        best = max(scores, key=scores.__getitem__)
+        return PairChoice(best, f"{100 * found[best][0]:.0f} % overlap")
+    if found:
+        least = 100 * min(overlap for overlap, _ in found.values())
+        why = f"the cameras show too much of the same ({least:.0f} % or more) for a panorama"
+        return PairChoice(None, f"{why} to show anything new")
+    return PairChoice(None, "no two cameras' pictures can be laid over each other")

@@ -133,7 +133,7 @@ def _sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tupl
             count = int(np.ceil(views[first].focal * baseline / 1.6 / 16)) * 16
             canvas = rectify(views[first], views[second], (0.0, float(count)))
             a, b = canvas.remap(grey[first])[0], canvas.remap(grey[second], other=True)[0]
-            found[first, second] = canvas.depth(np.nan_to_num(match_rectified(a, b, 0, count)))
+            found[first, second] = canvas.depth(match_rectified(a, b, 0, count))
     return found
 
 

@@ -85,9 +85,18 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
             except BadInputError as error:
                 refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))
             else:
-                truth = _truth_checksums(dataset, chosen)
-                made_by = str(matcher), unit.offsets_ms, sorted(shifts.items()), options.program
-                inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
+                inputs = (
+                    source,
+                    _truth_checksums(dataset, chosen),
+                    name,
+                    instant,
+                    condition.name,
+                    chosen,
+                    str(matcher),
+                    unit.offsets_ms,
+                    sorted(shifts.items()),
+                    options.program,
+                )
                 made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
         units += made
         if options.instants is None:

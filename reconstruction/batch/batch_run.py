@@ -78,8 +78,7 @@ def exit_code(result: BatchResult) -> ExitCode:
     OK without failures; the common code if every unit failed with the same one; else INCOMPLETE. BAD_INPUT if
     no unit is applicable; among units that are done, such a unit is not a failure.
     """
-    codes = {row.exit_code for row in result.units if row.error}
-    if not codes:
+    if not (codes := {row.exit_code for row in result.units if row.error}):
         return ExitCode.BAD_INPUT if 0 < len(result.units) == result.not_applicable else ExitCode.OK
     every_one = result.failed == len(result.units) and len(codes) == 1
     return ExitCode(codes.pop()) if every_one else ExitCode.INCOMPLETE
@@ -123,8 +122,7 @@ def _run_units(
                 how = row.problem or f"{outcome.seconds:.1f} s"
                 left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
                 left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
-                text = f"{row.label}: {how}{left}"
-                talk(str(ProgressStep(done + len(outcomes), done + len(units), text)))
+                talk(str(ProgressStep(done + len(outcomes), done + len(units), f"{row.label}: {how}{left}")))
                 if outcome.computed:
                     # Timings are optional: a full disk is reported by the units themselves.
                     with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:

@@ -5,6 +5,7 @@ It contains no times of day and no durations: equal units give equal bytes.
 
 import csv
 from collections.abc import Sequence
+from contextlib import suppress
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -193,27 +194,19 @@ def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
 
     None also if the picture was deleted or damaged since: the figures remain valid.
     """
-    if not path:
-        return None
-    try:
-        return {"path": path, **embed_image(root / path, max_px=THUMBNAIL_PX)}
-    except BadInputError:
-        return None
+    with suppress(BadInputError):
+        return {"path": path, **embed_image(root / path, max_px=THUMBNAIL_PX)} if path else None
+    return None
 
 
 def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
     write_atomic(root / JSON, pretty_json({"groups": result.groups, "units": result.units}) + b"\n")
-    write_atomic(root / CSV, _csv(result.units).encode())
+    table = StringIO()
+    rows = map(msgspec.structs.astuple, result.units)
+    csv.writer(table, lineterminator="\n").writerows([Row.__struct_fields__, *rows])
+    write_atomic(root / CSV, table.getvalue().encode())
     write_atomic(root / HTML, _html(root, result).encode())
-
-
-def _csv(rows: Sequence[Row]) -> str:
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Row.__struct_fields__)
-    writer.writerows(map(msgspec.structs.astuple, rows))
-    return text.getvalue()
 
 
 def _html(root: Path, result: BatchResult) -> str:
@@ -269,5 +262,9 @@ def _row(one: Row | Group, counted: str, *, note: str = "", link: str = "") -> r
         wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%",
         wording.number(one.fused_points),
     )
-    cells = [report.Cell(counted, note=note), *map(report.Cell, words)]
-    return report.Row(one.session, cells, details=one.condition, link=link)
+    return report.Row(
+        one.session,
+        [report.Cell(counted, note=note), *map(report.Cell, words)],
+        details=one.condition,
+        link=link,
+    )

@@ -72,10 +72,8 @@ def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
     try:
         computed = _compute(task, unit, root)
         return Outcome(key=unit.key, seconds=time.monotonic() - began, computed=computed)
-    except SimulshotError as error:
-        text, code = str(error), error.exit_code
-    except OSError as error:
-        text = str(error)
+    except (SimulshotError, OSError) as error:
+        text, code = str(error), getattr(error, "exit_code", code)
     except MemoryError:
         text = "not enough memory; use fewer --jobs"
     except Exception as error:  # noqa: BLE001  (whatever native code throws)

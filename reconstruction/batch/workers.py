@@ -14,7 +14,7 @@ from importlib import import_module
 from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -98,8 +98,7 @@ class Workers:
                 config.PATH = place
             signal.signal(signal.SIGINT, on_interrupt)
             self.queue = getattr(queues, QUEUES[where])
-            program = self.queue.job_cls.submit_command.split()[0]
-            if shutil.which(program) is None:
+            if shutil.which(program := self.queue.job_cls.submit_command.split()[0]) is None:
                 raise NotAvailableError(
                     f"the command {program} is not on this machine",
                     hint="run on a login node of the cluster, or use --cluster local",
@@ -209,8 +208,7 @@ class Workers:
         """Return the finished futures, at least one; meanwhile resubmit jobs that ended early."""
         while True:
             with suppress(TimeoutError):
-                done: set[Any] = self.dask.wait(futures, CHECK_S, return_when="FIRST_COMPLETED").done
-                return done
+                return cast(set[Any], self.dask.wait(futures, CHECK_S, return_when="FIRST_COMPLETED").done)
             if cluster is not None:
                 cluster.scale(count)
             if not client.scheduler_info()["workers"]:
@@ -246,13 +244,14 @@ def _outcome(future: Any, unit: Unit) -> Outcome:
         raise SimulshotError(
             "the Dask scheduler has ended", hint="finished results are saved: repeat the command to continue"
         )
-    error = future.exception()
-    if error is None:
-        outcome: Outcome = future.result()
-        return outcome
-    text = f"{type(error).__name__}: {first_line(error)}"
-    if type(error).__name__ == "KilledWorker":
-        text = "its process died twice, which often means too little memory; use fewer --jobs"
+    if (error := future.exception()) is None:
+        return cast(Outcome, future.result())
+    kind = type(error).__name__
+    text = (
+        "its process died twice, which often means too little memory; use fewer --jobs"
+        if kind == "KilledWorker"
+        else f"{kind}: {first_line(error)}"
+    )
     return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
 
 

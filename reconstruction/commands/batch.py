@@ -93,16 +93,15 @@ def batch(
     inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
     counts = f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
     answer(as_json, result, [counts, f"summary: {out / 'summary.html'}"])
-    code = exit_code(result)
-    if code is not ExitCode.OK:
+    if (code := exit_code(result)) is not ExitCode.OK:
         failure = SimulshotError(
             f"{result.failed} of {len(result.units)} failed",
             hint="fix what the lines above report, then repeat the command: it computes only what failed",
         )
         if not result.failed:
-            reasons = dict.fromkeys(row.not_applicable for row in result.units)
+            reasons = "; ".join(dict.fromkeys(row.not_applicable for row in result.units))
             failure = SimulshotError(
-                f"nothing could be computed: {'; '.join(reasons)}",
+                f"nothing could be computed: {reasons}",
                 hint="use bursts of two or more cameras that see the same scene",
             )
         failure.exit_code = code

@@ -212,8 +212,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
 
     if not isinstance(board, CharucoBoard):
         raise click.BadParameter("only boards with markers can be printed", param_hint="--dictionary")
-    write = {".pdf": to_pdf, ".svg": to_svg}.get(file.suffix.lower())
-    if write is None:
+    if (write := {".pdf": to_pdf, ".svg": to_svg}.get(file.suffix.lower())) is None:
         raise click.BadParameter(f"{file} ends neither in .pdf nor in .svg", param_hint="FILE")
     printed = board_page(board, page)
     try:

@@ -124,9 +124,8 @@ def _lines(result: "OffsetTolerance") -> Iterator[str]:
     from reconstruction.report.findings import late_or_early
 
     yield result.verdict
-    for instant in result.timing.instants if result.timing else ():
-        late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
-        yield f"instant {instant.instant:3d}: {result.cameras[1]} is {late}"
+    for one in result.timing.instants if result.timing else ():
+        yield f"instant {one.instant:3d}: {result.cameras[1]} is {late_or_early(one.late_ms, 2 * one.sd_ms)}"
     for point in result.points:
         found = point.interval(result.measure, "offset")
         value = "n/a" if found is None else f"{100 * found.value:5.1f} %"

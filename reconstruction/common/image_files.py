@@ -68,8 +68,7 @@ def read_small_image(path: Path, longest_px: int) -> Array:
         BadInputError: as `read_image`.
     """
     width, height = image_size(path)
-    if (scale := longest_px / max(width, height)) >= 1:
-        return read_image(path)
+    scale = min(1.0, longest_px / max(width, height))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     image = read_image(path, size)
     # Its EXIF orientation may have rotated it.

@@ -158,8 +158,12 @@ def memory_budget() -> MemoryBudget:
 
 def limited_memory(limit_bytes: int | None = None) -> AbstractContextManager[MemoryBudget]:
     """Set the budget for code in this context; None = `default_budget`."""
-    size = default_budget() if limit_bytes is None else limit_bytes
-    return running(_budget, MemoryBudget(size, asked_for=limit_bytes is not None))
+    return running(
+        _budget,
+        MemoryBudget(
+            default_budget() if limit_bytes is None else limit_bytes, asked_for=limit_bytes is not None
+        ),
+    )
 
 
 _budget: ContextVar[MemoryBudget] = ContextVar("budget")

@@ -118,8 +118,7 @@ class SceneMotion:
 
     def require_several_images(self, cameras: Iterable[str]) -> None:
         """Raise NotApplicableError if one of these cameras has fewer than two images to compare."""
-        few = [camera for camera in cameras if len(self.dataset.instants(camera)) < 2]
-        if few:
+        if few := [camera for camera in cameras if len(self.dataset.instants(camera)) < 2]:
             raise NotApplicableError(
                 f"{', '.join(few)} has fewer than two images: what moves is seen by comparing them",
                 hint="take a burst of several instants",
@@ -151,8 +150,9 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        thinned = there[:: max(1, len(there) // BACKGROUND_FRAMES)]
-        return median_background([self.dataset.grey(camera, k) for k in thinned])
+        return median_background(
+            [self.dataset.grey(camera, k) for k in there[:: max(1, len(there) // BACKGROUND_FRAMES)]]
+        )
 
     def _detect_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels, packed eight to a byte."""
@@ -184,13 +184,15 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
     there, times = dataset.instants(camera), dataset.instants_ns
     later = {k: next((j for j in there if times[j] - times[k] >= apart_ns), None) for k in there}
     pairs = [(k, j) for k, j in later.items() if j is not None]
-    found = []
-    for before, after in evenly_spaced(pairs, PAIRS):
-        moved = _cell_motions(dataset.grey(camera, before), dataset.grey(camera, after))
-        if len(moved) >= MIN_CELLS:
-            ms = (times[after] - times[before]) / 1e6
-            found.append((float((moved < SHAKE_PX).mean()), float(np.median(moved)), ms))
-    return found
+    motions = (
+        (_cell_motions(dataset.grey(camera, k), dataset.grey(camera, j)), (times[j] - times[k]) / 1e6)
+        for k, j in evenly_spaced(pairs, PAIRS)
+    )
+    return [
+        (float((moved < SHAKE_PX).mean()), float(np.median(moved)), ms)
+        for moved, ms in motions
+        if len(moved) >= MIN_CELLS
+    ]
 
 
 def _cell_motions(before: Array, after: Array) -> Array:
@@ -233,17 +235,16 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
     with OutputFolder(out, replaces_nothing) as output:
         for camera in dataset.cameras:
             progress.step(camera)
-            # The dataset may be at a smaller scale than its session if memory is short.
-            facts = dataset.session.camera(camera).facts
             masks = output.folder / camera
             masks.mkdir()
             moving = []
             for instant in dataset.instants(camera):
                 mask = motion.widened_moving(camera, instant)
                 moving.append(float(mask.mean()))
+                # The dataset may be at a smaller scale than its session if memory is short.
                 full = cv2.resize(
                     mask.astype(np.uint8) * 255,
-                    (facts.width, facts.height),
+                    dataset.size_on_disk(camera),
                     interpolation=cv2.INTER_NEAREST,
                 )
                 write_image(masks / f"{instant:06d}.png", full)

@@ -129,9 +129,14 @@ class Rectification:
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
         """Return the image on the canvas, and the canvas pixels that it covers (bool)."""
         xs, ys, seen = self._canvases[other]
-        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        # Edges are replicated: windows across the border match better than with a black frame.
-        return cv2.remap(image, xs, ys, how, borderMode=cv2.BORDER_REPLICATE), seen
+        return cv2.remap(
+            image,
+            xs,
+            ys,
+            cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR,
+            # Windows across the border match better than with a black frame.
+            borderMode=cv2.BORDER_REPLICATE,
+        ), seen
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Return canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
@@ -141,7 +146,7 @@ class Rectification:
 
     def depth(self, disparity: Array) -> Array:
         """Return depth in the reference's pixels (height x width, 0 = none) from the canvas's disparity."""
-        shift = self.to_reference(disparity.astype(np.float32))
+        shift = self.to_reference(np.nan_to_num(disparity).astype(np.float32))
         near = shift > 0
         rectified = np.where(near, self.focal * self.baseline / np.where(near, shift, 1.0), 0.0)
         return np.asarray(rectified / self._reference_pixels[2], np.float32)
@@ -178,9 +183,8 @@ class Rectification:
         where = cv2.undistortPoints(pixels, view.matrix, view.distortion, R=rotation, P=self._projection)
         xs, ys = np.ascontiguousarray(where.reshape(view.height, view.width, 2).transpose(2, 0, 1))
         # With z = 1 on the canvas, the ray's z in the view's own frame is linear in the canvas's pixels.
-        right, down, ahead = (float(value) for value in rotation[:, 2])
-        across = right / float(self._projection[0, 0])
-        own = across * (xs + np.float32(self.left)) + down / self.focal * (ys + np.float32(self.top)) + ahead
+        right, down, ahead = map(float, rotation[:, 2] / (self._projection[0, 0], self.focal, 1.0))
+        own = right * (xs + np.float32(self.left)) + down * (ys + np.float32(self.top)) + ahead
         return xs, ys, 1 / own
 
     @cached_property
@@ -291,8 +295,7 @@ class StereoPair:
         """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
         self.num_disparities = int(np.ceil((high * self.scale - self.min_disparity + 1) / 16)) * 16
-        ends = self.min_disparity, self.min_disparity + self.num_disparities
-        searched = ends[0] / self.scale, ends[1] / self.scale
+        searched = self.min_disparity / self.scale, (self.min_disparity + self.num_disparities) / self.scale
         self.rectification: Rectification = rectify(reference, other, searched, self.scale)
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
@@ -301,7 +304,7 @@ class StereoPair:
         checked = found.check(found.surface, MAX_RESIDUAL_PX)
         marked = self.rectification.to_reference(np.nan_to_num(found.difference, nan=-2.0) + 1.0)
         difference = np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
-        return DepthMap(self._depth(checked), difference)
+        return DepthMap(self.rectification.depth(checked), difference)
 
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
         """Return depth, depth with its holes filled from the background, and confidence.
@@ -321,13 +324,10 @@ class StereoPair:
         hidden = (seen > filled + MAX_LEFT_RIGHT_PX) & (np.abs(occluder - seen) <= MAX_LEFT_RIGHT_PX)
         checked = np.where(hidden & finite, filled, checked)
         return FilledDepthMap(
-            depth=self._depth(checked),
-            filled=self._depth(filled),
+            depth=self.rectification.depth(checked),
+            filled=self.rectification.depth(filled),
             confidence=self._confidence(found, np.isfinite(checked)),
         )
-
-    def _depth(self, disparity: Array) -> Array:
-        return self.rectification.depth(np.nan_to_num(disparity))
 
     def _match_both_ways(self, reference: Array, other: Array) -> _Match:
         a, seen_a = self.rectification.remap(reference)
@@ -451,14 +451,13 @@ def _patch_errors(
     if len(ys) < MIN_PIXELS:
         return []
     errors = []
-    for i in np.linspace(0, len(ys) - 1, PATCHES).astype(int):
-        x, y = int(xs[i]), int(ys[i])
+    chosen = np.linspace(0, len(ys) - 1, PATCHES).astype(int)
+    for x, y in zip(xs[chosen].tolist(), ys[chosen].tolist(), strict=True):
         patch = a[y - half : y + half + 1, x - half : x + half + 1]
         left = max(0, x - pair.min_disparity - pair.num_disparities - half)
         right, top = x - pair.min_disparity + half + 1, max(0, y - half - ROWS_PX)
         strip = b[top : y + half + 1 + ROWS_PX, left : max(0, right)]
-        shown = seen[y, left : max(0, right)].any()
-        if patch.std() < contrast or min(strip.shape) < PATCH_PX or not shown:
+        if patch.std() < contrast or min(strip.shape) < PATCH_PX or not seen[y, left : max(0, right)].any():
             continue
         likeness = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, at = cv2.minMaxLoc(likeness)
@@ -470,6 +469,6 @@ def _patch_errors(
 
 def _peak(values: Array) -> float:
     """Return the offset of a parabola's peak from the middle of three values, in -0.5..0.5."""
-    low, middle, high = (float(value) for value in values)
+    low, middle, high = map(float, values)
     bend = low - 2 * middle + high
     return 0.0 if bend >= 0 else float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5))

@@ -135,8 +135,11 @@ def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) ->
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
     image, other = (rig.dataset.grey(name, instant) for name in cameras)
-    several = len(rig.dataset.instants_ns) > 1
-    moving = rig.motion.detected_moving(cameras[0], instant) if several else np.zeros(image.shape, bool)
+    moving = (
+        rig.motion.detected_moving(cameras[0], instant)
+        if len(rig.dataset.instants_ns) > 1
+        else np.zeros(image.shape, bool)
+    )
     pair = StereoPair(*views, find_disparity_range(views, [(image, other, moving)]))
     return pair.compute_filled_depth(image, rig.dataset.grey(cameras[1], later))
 

@@ -123,11 +123,10 @@ class MemoryBudget:
                     hint="give it more with --memory",
                 )
         if scale < 1.0:
-            note = (
+            self._notes[
                 f"{what} is done at {100 * scale:.0f} % of the full size, which would take "
                 f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used (--memory)"
-            )
-            self._notes[note] = None
+            ] = None
         return scale
 
     def fit_count(self, bytes_each: float, max_count: int, *, fraction: float = 1.0) -> int:

@@ -114,8 +114,12 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         asked = _chosen(studies, options.studies)
         for study in asked.values():
             study.check()
-        further = len(options.conditions) + (against is not None) + (len(dataset.cameras) > 2)
-        context.progress.total += sum(study.steps for study in asked.values()) + further
+        context.progress.total += (
+            sum(study.steps for study in asked.values())
+            + len(options.conditions)
+            + (against is not None)
+            + (len(dataset.cameras) > 2)
+        )
         known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,

@@ -82,8 +82,11 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     """
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
-    found = {"synced": clouds.synced, "offset": clouds.offset}
-    read = {condition: read_ply(out / name) for condition, name in found.items() if name}
+    read = {
+        condition: read_ply(out / name)
+        for condition, name in (("synced", clouds.synced), ("offset", clouds.offset))
+        if name
+    }
     places = {condition: (cloud.points - centre) @ rotation.T for condition, cloud in read.items()}
     box = np.percentile(places["synced"], [CROP, 100 - CROP], axis=0)
     packed = {

@@ -233,8 +233,7 @@ def percent(fraction: float) -> str:
 
 def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
     """Return a sentence with the moving fraction found in each condition; empty without a clear loss."""
-    known = depth.first_known(*DEPTH_MEASURES)
-    if known is None or known[1] - known[2] < CLEAR_FRACTION:
+    if (known := depth.first_known(*DEPTH_MEASURES)) is None or known[1] - known[2] < CLEAR_FRACTION:
         return ""
     measure, synced, offset = known
     correct = measure == DEPTH_MEASURES[0]

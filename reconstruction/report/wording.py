@@ -100,8 +100,10 @@ def walking_distance(offset_ms: float) -> str:
     """Return the distance that a person walks in this time, as a sentence."""
     millimetres = abs(offset_ms) * WALKING_M_PER_S
     far = f"{millimetres:.0f}{GAP}mm" if millimetres < 20 else f"{millimetres / 10:.0f}{GAP}cm"
-    time = offset_text(offset_ms).rpartition(" ")[0]
-    return f"In {time}, a person walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
+    return (
+        f"In {offset_text(offset_ms).rpartition(' ')[0]}, a person walking ({WALKING_M_PER_S}{GAP}m/s) "
+        f"moves {far}."
+    )
 
 
 def keep_units(text: str) -> str:

@@ -227,8 +227,10 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
     """
     if not problem or (not timing.synchronized and timing.same_frame_ms is None):
         return timing
-    name = problem.partition(":")[0]
-    return _denied(timing, f"the recording is {name}, and reconstruct time --apply has not aligned it")
+    return _denied(
+        timing,
+        f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
+    )
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:

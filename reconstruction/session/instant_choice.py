@@ -1,6 +1,6 @@
 """Selection of instants: those that cameras show in a condition, and those with motion to measure."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -138,18 +138,19 @@ def pair_instants(
     Raises:
         ValueError: both cameras have the same delay, or the burst has no images at such an offset.
     """
-    pairs: list[tuple[int, int]] = []
-    late_ms = None
-    if condition.drawn:
-        for instant in range(len(dataset.instants_ns)):
-            with suppress(ValueError):
-                pairs.append((instant, instants_shown(dataset, condition, first, instant)[second]))
-    else:
-        offset = _pair_offset(dataset, condition, first, second)
-        pairs, late_ms = list(offset.pairs), offset.actual_ms
+    offset = None if condition.drawn else _pair_offset(dataset, condition, first, second)
+    pairs = offset.pairs if offset else _drawn_pairs(dataset, condition, first, second)
     if not (found := pairs_with_images(dataset, pairs, first, second)):
         raise ValueError(f"{first} and {second} have no images at this offset")
-    return found, late_ms
+    return found, offset.actual_ms if offset else None
+
+
+def _drawn_pairs(
+    dataset: Dataset, condition: Condition, first: str, second: str
+) -> Iterator[tuple[int, int]]:
+    for instant in range(len(dataset.instants_ns)):
+        with suppress(ValueError):
+            yield instant, instants_shown(dataset, condition, first, instant)[second]
 
 
 def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> FrameOffset:

@@ -1,12 +1,13 @@
 """Detection of motion: moving pixels in the images of a static camera, mask files, and moving cameras."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from capture_app.common.errors import NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from reconstruction.common.geometry import Array
@@ -150,16 +151,21 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        return median_background(
-            [self.dataset.grey(camera, k) for k in there[:: max(1, len(there) // BACKGROUND_FRAMES)]]
-        )
+        thinned = there[:: max(1, len(there) // BACKGROUND_FRAMES)]
+        return median_background(list(self._readable(camera, thinned)))
+
+    def _readable(self, camera: str, instants: Iterable[int]) -> Iterator[Array]:
+        """Yield grey images to compare others with; those that are broken are left out."""
+        for instant in instants:
+            with suppress(BadInputError):
+                yield self.dataset.grey(camera, instant)
 
     def _detect_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels, packed eight to a byte."""
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         near = near or [k for k in there if k != instant][:1]
-        image, *others = (self.dataset.grey(camera, k) for k in (instant, *near))
+        image, others = self.dataset.grey(camera, instant), list(self._readable(camera, near))
         return np.packbits(detect_moving(image, others, self.background(camera)))
 
 

@@ -179,8 +179,13 @@ class Rectification:
     def _reference_pixels(self) -> tuple[Array, Array, Array]:
         """Canvas pixel for each reference pixel (x, y), and its ray's z on the canvas; float32."""
         view, rotation = self.views[0], self.rotations[0]
-        pixels = view.grid().astype(np.float32).reshape(-1, 1, 2)
-        where = cv2.undistortPoints(pixels, view.matrix, view.distortion, R=rotation, P=self._projection)
+        where = cv2.undistortPoints(
+            view.grid().astype(np.float32).reshape(-1, 1, 2),
+            view.matrix,
+            view.distortion,
+            R=rotation,
+            P=self._projection,
+        )
         xs, ys = np.ascontiguousarray(where.reshape(view.height, view.width, 2).transpose(2, 0, 1))
         # With z = 1 on the canvas, the ray's z in the view's own frame is linear in the canvas's pixels.
         right, down, ahead = map(float, rotation[:, 2] / (self._projection[0, 0], self.focal, 1.0))

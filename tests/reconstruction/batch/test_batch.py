@@ -232,6 +232,7 @@ def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: P
     assert not set(keys(program="another version")) & set(first)
 
 
+@pytest.mark.slow
 def test_a_damaged_image_is_no_input_of_its_instant_and_spoils_no_other(
     boards: Session, tmp_path: Path
 ) -> None:

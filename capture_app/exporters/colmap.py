@@ -53,7 +53,6 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         place(burst, image, folder, f"images/{name}")
         # COLMAP detects no features where a mask is black.
         write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
-        burst.put(image, f"images/{name}")
     config = json.dumps(_rig_config(burst.cameras, burst.calibration), indent=1)
     (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
     if burst.calibration is not None:

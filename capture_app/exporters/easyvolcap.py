@@ -39,9 +39,9 @@ def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
     for image in images:
         number, redraw = numbers[image.instant], redraws[image.camera]
         file = f"{names[image.camera]}/{number:06d}"
-        place(burst, image, folder, f"images/{file}{suffix}", redraw or np.asarray if redrawn else None)
+        encoder = redraw or np.asarray if redrawn else None
+        place(burst, image, folder, f"images/{file}{suffix}", encoder, number)
         write_mask(burst, options.masks, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
-        burst.put(image, f"images/{file}{suffix}", number)
     write_cameras(folder, structs.replace(calibration, cameras=straight), names, centre=_HALF_PIXEL)
     burst.notes += renaming_notes(names)
     if len(together) < len({instant for _, instant in burst.images}):

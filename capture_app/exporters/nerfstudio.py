@@ -42,7 +42,6 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
             entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
             write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
         entries.append(entry)
-        burst.put(image, file)
     content: dict[str, object] = {
         "camera_model": "OPENCV",
         "time_origin_leader_ns": burst.origin_ns,

@@ -162,14 +162,20 @@ def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
 
 
 def place(
-    burst: ExportedBurst, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None
+    burst: ExportedBurst,
+    image: ImageRecord,
+    folder: Path,
+    file: str,
+    redraw: Redraw | None = None,
+    frame: int = 0,
 ) -> None:
-    """Write an image into a folder: its own bytes, or its pixels as PNG if the suffix requires it.
+    """Write an image into a folder, and `put` it: its bytes, or its pixels as PNG if the suffix requires it.
 
     A redrawn image is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does if the file is not the
     image that was saved.
     """
     data, pixels = burst.load(image, redraw)
+    burst.put(image, file, frame)
     target = folder / file
     target.parent.mkdir(parents=True, exist_ok=True)
     if redraw is not None or _ending(burst, image) != target.suffix:

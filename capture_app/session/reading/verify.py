@@ -207,12 +207,10 @@ def _journal(session: Session) -> Iterator[Problem]:
     for number, line in enumerate(lines, 1):
         if (record := record_of_line(line, ImageRecord)) is None:
             yield Problem("unreadable", JOURNAL, f"line {number} cannot be read as an image record")
-            continue
-        if (record.camera, record.instant) in saved:
+        elif saved.setdefault((record.camera, record.instant), record) is not record:
             yield _contradiction(
                 JOURNAL, f"line {number} repeats {record.camera} at instant {record.instant}"
             )
-        saved[record.camera, record.instant] = record
     for image in session.stored_manifest.images:
         if (listed := saved.pop((image.camera, image.instant), None)) is None:
             yield _contradiction(JOURNAL, f"has no entry for {image.path}")

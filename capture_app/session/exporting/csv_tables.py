@@ -86,7 +86,7 @@ def camera_table(calibration: Calibration, name: str, unit: str) -> dict[str, ob
         "size": [camera.width, camera.height],
         "matrix": matrix_of(camera).tolist(),
         "distortions": distortion_of(camera).tolist(),
-        "rotation": list(rodrigues(rotation_of(camera))),
+        "rotation": rodrigues(rotation_of(camera)),
         "translation": [float(value) * factor for value in camera.translation],
         "fisheye": False,
     }

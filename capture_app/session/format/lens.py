@@ -93,12 +93,11 @@ def quaternion(rotation: Array) -> tuple[float, float, float, float]:
     return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
 
 
-def rodrigues(rotation: Array) -> tuple[float, float, float]:
+def rodrigues(rotation: Array) -> list[float]:
     """Return the rotation vector in radians of a rotation matrix."""
     import cv2
 
-    x, y, z = cv2.Rodrigues(rotation)[0].ravel().tolist()
-    return x, y, z
+    return [float(value) for value in cv2.Rodrigues(rotation)[0].ravel()]
 
 
 def project_rays(camera: CameraCalibration, rays: Array) -> Array:

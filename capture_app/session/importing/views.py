@@ -58,10 +58,8 @@ def numbers(
     """Return the numbers at a key as a flat array. Raises BadInputError if they are missing or invalid."""
     if content.get(key) is None:
         raise BadInputError(f"{where} has no {key}", hint=hint)
-    try:
+    with rejecting(f"{where}: {key} is not made of numbers", TypeError, ValueError, hint=hint):
         values = np.asarray(content[key], np.float64).ravel()
-    except (TypeError, ValueError):
-        raise BadInputError(f"{where}: {key} is not made of numbers", hint=hint) from None
     if values.size not in counts:
         raise BadInputError(
             f"{where}: {key} has {values.size} numbers, not {' or '.join(map(str, counts))}", hint=hint

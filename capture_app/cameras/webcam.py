@@ -114,7 +114,17 @@ class WebcamCamera(ThreadedCamera):
         webcam: Webcam | None = None
         try:
             webcam = self._open_webcam()
-            self._facts = _facts(webcam, self._next(webcam)[1])
+            height, width = self._next(webcam)[1].shape[:2]
+            # Its exposure and the moment that an arrival marks are unknown.
+            self._facts = CameraFacts(
+                kind=KIND,
+                model=f"Webcam {webcam.index}",
+                width=width,
+                height=height,
+                period_ns=round(1e9 / webcam.fps),
+                timestamp_source=TimestampSource.UNKNOWN,
+                phase_control=PhaseControl.RESET,
+            )
             self._call_in_loop(_complete, self._begun)
             stream, sequence = 0, -1
             while not self._closing.is_set():
@@ -156,20 +166,6 @@ class WebcamCamera(ThreadedCamera):
 def _complete(awaited: asyncio.Future[None] | None) -> None:
     if awaited is not None and not awaited.done():
         awaited.set_result(None)
-
-
-def _facts(webcam: Webcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
-    """Return the webcam's facts; exposure and the moment that an arrival marks are unknown."""
-    height, width = pixels.shape[:2]
-    return CameraFacts(
-        kind=KIND,
-        model=f"Webcam {webcam.index}",
-        width=width,
-        height=height,
-        period_ns=round(1e9 / webcam.fps),
-        timestamp_source=TimestampSource.UNKNOWN,
-        phase_control=PhaseControl.RESET,
-    )
 
 
 def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:

@@ -139,8 +139,11 @@ def _parse_setting(text: str) -> tuple[Control, ControlValue]:
 
 
 def _answer(as_json: bool, found: "CamerasControls") -> None:
-    result = [{"camera": camera, "state": state} for camera, state in found.items()]
-    answer(as_json, {"cameras": result}, _lines(found))
+    answer(
+        as_json,
+        {"cameras": [{"camera": camera, "state": state} for camera, state in found.items()]},
+        _lines(found),
+    )
 
 
 def _lines(found: "CamerasControls") -> Iterator[str]:

@@ -55,9 +55,11 @@ def _show_line(line: str) -> None:
 
 
 def _lines(result: dict[str, Any]) -> Iterator[str]:
-    head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     nodes = (node.values() for node in result["sync"]["nodes"])
-    yield table(head, [(name, *(f"{time_ns / 1000:.1f}" for time_ns in of)) for name, *of in nodes])
+    yield table(
+        ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs"),
+        [(name, *(f"{time_ns / 1000:.1f}" for time_ns in of)) for name, *of in nodes],
+    )
     yield "\n" + textwrap.fill(str(result["compare"].get("verdict", "")), 88) + "\n"
     yield f"session  {result['session']}"
     yield f"report   {result['report']}"

@@ -53,8 +53,12 @@ def list_command(as_json: bool) -> None:
 
     rigs = list_rigs()
     rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
-    lines = [table(("leader", "process", "sessions", "log"), rows)] if rows else []
-    answer(as_json, {"rigs": rigs}, lines, said="" if rigs else "no rig runs on this machine")
+    answer(
+        as_json,
+        {"rigs": rigs},
+        [table(("leader", "process", "sessions", "log"), rows)] if rows else [],
+        said="" if rigs else "no rig runs on this machine",
+    )
 
 
 @rig.command(epilog=examples("capture-app rig stop"))

@@ -96,11 +96,10 @@ def list_trash(root: Path, as_json: bool) -> None:
     """Print what is in the trash of a folder of sessions."""
     found = trashed_sessions(root)
     rows = [(one.id, one.name, format_date(one.trashed)) for one in found]
-    lines = [table(("id", "name", "trashed (UTC)"), rows)] if rows else []
     answer(
         as_json,
         {"root": str(root), "trash": found},
-        lines,
+        [table(("id", "name", "trashed (UTC)"), rows)] if rows else [],
         said="" if found else f"the trash of {root} is empty",
     )
 

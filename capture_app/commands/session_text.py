@@ -65,8 +65,10 @@ def session_lines(session: Session) -> Iterator[str]:
     calibrated = "calibrated" if session.calibration() is not None else "not calibrated"
     yield from filter(None, (skipped, *scatter, judge(manifest).headline, calibrated, manifest.note))
     yield ""
-    head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
-    yield table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
+    yield table(
+        ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped"),
+        [_camera_row(manifest, camera) for camera in manifest.cameras],
+    )
     for camera in manifest.cameras:
         stamp = camera.facts.stamp
         if stamp is not None and not stamp.is_exact:

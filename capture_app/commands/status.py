@@ -91,8 +91,10 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
         shown = [one for one in rows[0] if one != _STAMPS or any(row[one] != NO_TIME for row in rows)]
         yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:
-        head = ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address")
-        yield table(head, map(_phone_row, rig.app_phones))
+        yield table(
+            ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"),
+            map(_phone_row, rig.app_phones),
+        )
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
         burst = f"burst {ahead.burst} ({ahead.name}) begins in {begins}"

@@ -56,11 +56,10 @@ class BootService:
 
     def text(self) -> str:
         """Return the unit file's text; the service uses this Python interpreter, wherever the command is."""
-        # -P: a module in the working directory must not replace one of ours.
-        words = (sys.executable, "-P", "-m", "capture_app.cli", *self.arguments)
         return _UNIT.format(
             title=f"camera {self.name}",
-            command=" ".join(map(_quoted, words)),
+            # -P: a module in the working directory must not replace one of ours.
+            command=" ".join(map(_quoted, (sys.executable, "-P", "-m", "capture_app.cli", *self.arguments))),
             wanted_by="multi-user.target" if _is_root() else "default.target",
         )
 

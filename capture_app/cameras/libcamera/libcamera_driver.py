@@ -152,7 +152,7 @@ class LibcameraCamera(ThreadedCamera):
         stream, layout = configure(self._library.module, camera, self._wishes)
         controls = {control.name: (control, limits) for control, limits in camera.controls.items()}
         period_us, (_, limits) = self._wishes.period_us, controls.get("FrameDurationLimits", (None, None))
-        limits_us = None if limits is None else (limits.min, limits.max)
+        self._limits_us = limits_us = None if limits is None else (limits.min, limits.max)
         if limits_us is None and self._wishes.fps is not None:
             raise CameraError(f"libcamera cannot set the frame rate of {self.id}", hint="leave out fps")
         if limits_us is not None and not limits_us[0] <= period_us <= limits_us[1]:
@@ -160,7 +160,6 @@ class LibcameraCamera(ThreadedCamera):
                 f"{self.id} cannot run at {1e6 / period_us:.4g} frames/s in this size",
                 hint=f"from {1e6 / limits_us[1]:.3g} to {1e6 / limits_us[0]:.4g}",
             )
-        self._limits_us: tuple[int, int] | None = limits_us
         self._controls, self._origin = controls, origin_of(camera)
         self._facts = facts_as_configured(camera, layout, self._wishes, limits_us)
         self._stream = RequestStream(

@@ -161,7 +161,9 @@ class V4L2Camera(ThreadedCamera):
         wanted = buffer_count(layout.buffer_bytes, period_ns, max_count=24, max_bytes=64 << 20)
         buffers = [device.query_buffer(index) for index in range(device.request_buffers(wanted))]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        limits = device.control_range("EXPOSURE_ABSOLUTE")
+        limits, flags = device.control_range("EXPOSURE_ABSOLUTE"), buffers[0].flags
+        if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
+            raise _foreign_clock(device.path)
         driver, model, _ = device.capability()
         self._is_uvc = driver == "uvcvideo"
         self._facts = CameraFacts(
@@ -171,7 +173,7 @@ class V4L2Camera(ThreadedCamera):
             height=layout.height,
             pixel_format=layout.fourcc,
             period_ns=period_ns,
-            timestamp_source=_timestamp_source(device.path, buffers[0].flags),
+            timestamp_source=_SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN),
             phase_control=PhaseControl.RESET,
             min_exposure_ns=limits[0] * _UNIT_NS if limits else None,
             max_exposure_ns=limits[1] * _UNIT_NS if limits else None,
@@ -331,13 +333,6 @@ class V4L2Camera(ThreadedCamera):
     def _fail(self, error: CameraError) -> None:
         if self._end_stream():
             self._on_failure(error)
-
-
-def _timestamp_source(path: str, flags: int) -> TimestampSource:
-    """Return the moment that a driver's timestamps mark. Raises CameraError for another clock."""
-    if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
-        raise _foreign_clock(path)
-    return _SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
 
 
 def _foreign_clock(path: str) -> CameraError:

@@ -118,8 +118,10 @@ class Scene:
 
     def calibration(self) -> Calibration:
         """Return true intrinsics and poses of all views, by name; the rig's frame is the scene's, in m."""
-        cameras = {name: view.calibration() for name, view in self.views.items()}
-        return Calibration(cameras=cameras, source=f"the simulated scene {self.name}")
+        return Calibration(
+            cameras={name: view.calibration() for name, view in self.views.items()},
+            source=f"the simulated scene {self.name}",
+        )
 
     def _views(self, scale: float) -> dict[str, View]:
         return {

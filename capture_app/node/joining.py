@@ -9,7 +9,7 @@ from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachi
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
 from capture_app.net.local_network import power_saving, power_saving_towards
-from capture_app.net.reachability import Obstacle, find_obstacle
+from capture_app.net.reachability import find_obstacle
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import ask_to_enrol
 from capture_app.protocol.log import Log
@@ -93,18 +93,13 @@ class JoinWatch:
 
     def __init__(self, leaders: Sequence[Address], log: Log) -> None:
         self._leaders, self._log = tuple(leaders), log
-        self._look_ahead: asyncio.Task[list[Obstacle | None]] | None = None
-
-    def look_ahead(self) -> None:
-        """Begin the first check now, because a camera may take seconds to open."""
-        self._look_ahead = asyncio.create_task(self._look())
 
     async def run(self, time: TimeClient) -> None:
         """Watch until cancelled; `time` is the node's membership."""
         said, looked = "", False
         while True:
             if time.is_member:
-                said, self._look_ahead = "", None
+                said = ""
                 if not looked:
                     looked = True
                     for leader in self._leaders:
@@ -114,8 +109,7 @@ class JoinWatch:
             if not _is_unanswered(time):
                 await asyncio.sleep(LOOK_EVERY_S)
                 continue
-            ahead, self._look_ahead = self._look_ahead, None
-            found = await (ahead or self._look())
+            found = await asyncio.gather(*map(find_obstacle, self._leaders))
             # What a leader has reported itself is already logged.
             sentence = "; ".join(str(one) for one in found if one and one.what not in time.why_joining)
             if _is_unanswered(time):
@@ -123,9 +117,6 @@ class JoinWatch:
                     self._log.say(sentence)
                     said = sentence
                 await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
-
-    async def _look(self) -> list[Obstacle | None]:
-        return await asyncio.gather(*map(find_obstacle, self._leaders))
 
 
 def _is_unanswered(time: TimeClient) -> bool:

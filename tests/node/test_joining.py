@@ -55,9 +55,7 @@ async def test_what_the_leader_said_itself_is_not_said_again() -> None:
     for _ in range(UNANSWERED):
         client.handle_timer(client.next_timer())
     others = leader, Address("nobody.invalid", 47010)
-    watch = JoinWatch(others, Log(said.append))
-    watch.look_ahead()
-    watching = asyncio.create_task(watch.run(client))
+    watching = asyncio.create_task(JoinWatch(others, Log(said.append)).run(client))
     await until(lambda: said)
     watching.cancel()
     (sentence,) = said

@@ -80,13 +80,11 @@ class CameraNode:
                     f"{' and '.join(map(str, options.leaders))} mix IPv4 and IPv6",
                     hint="give all of them as IPv4, or all as IPv6",
                 )
-            watch = JoinWatch(options.leaders, options.log)
-            watch.look_ahead()
             self._camera = CameraSupervisor(options)
             await self._camera.open()
             try:
                 self._prepare(instance, tuple(peer for _, peer in found))
-                await self._take_part(client_socket(family), watch)
+                await self._take_part(client_socket(family))
             finally:
                 await self._camera.camera.stop()
 
@@ -129,7 +127,7 @@ class CameraNode:
         self._camera.receivers.append(self._viewfinder.add_frame)
         self._host_rate = HostRate()
 
-    async def _take_part(self, sock: socket.socket, watch: JoinWatch) -> None:
+    async def _take_part(self, sock: socket.socket) -> None:
         """Take part over a UDP socket until cancelled."""
         self._pump.start(sock)
         try:
@@ -142,7 +140,7 @@ class CameraNode:
                         self._camera.controls.run(),
                         self._uploader.run(),
                         self._viewfinder.run(),
-                        watch.run(self._engine),
+                        JoinWatch(self.options.leaders, self.options.log).run(self._engine),
                     ):
                         tasks.create_task(work)
         finally:

@@ -242,8 +242,9 @@ class PlanPanel(Lines, can_focus=True):
 
     def show_period(self, period_ns: int | None) -> None:
         """Show the durations of the frame counts at this period."""
-        self._period_ns = period_ns
-        self._show()
+        if period_ns != self._period_ns:
+            self._period_ns = period_ns
+            self._show()
 
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""

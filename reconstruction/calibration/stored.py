@@ -83,8 +83,7 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
     modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
     key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
     path = shelf() / f"{len(modes)}-cameras-{key}.json"
-    known = _read(path)
-    if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
+    if (known := _read(path)) is not None and calibration.unit == "arbitrary" != known.calibration.unit:
         raise BadInputError(
             f"the one kept from {known.session} is in metres, and this one has no scale",
             hint="--mark and --distance-m set it, or --scale-by-board",

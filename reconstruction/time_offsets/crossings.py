@@ -113,8 +113,7 @@ def find_crossings(
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
     offset_ms, across = (np.concatenate([one, -other]) for one, other in zip(later, earlier, strict=True))
-    good = np.isfinite(offset_ms)
-    if not good.any():
+    if not (good := np.isfinite(offset_ms)).any():
         return Crossings.join(())
     at_a, at_b, counts, shared_px = (
         np.concatenate([of, of])[good] for of in (a[0][1], b[0][1], counts, shared_px)
@@ -415,8 +414,7 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
         )
         of_points = np.bincount(point, weights) / np.bincount(point)
         independent = of_points.sum() ** 2 / (of_points @ of_points)
-        count = independent * float(np.average(its.counts[first], weights=of_points))
-        if count < MIN_POINTS:
+        if (count := independent * float(np.average(its.counts[first], weights=of_points))) < MIN_POINTS:
             continue
         middle = _weighted_median(its.offset_ms, weights)
         speed2 = float(np.average(its.across_px_per_ms**2, weights=weights))

@@ -229,8 +229,7 @@ def find_edge_time(edge: BlinkEdge, ramp: Ramp) -> EdgeTime | None:
     if inside.sum() < MIN_ROWS or np.unique(np.floor(part[inside] * 20)).size / 20 < COVERED:
         return None
     miss = (edge.level(part, ramp) - edge.lit)[inside]
-    residual = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
-    if residual > MAX_RESIDUAL:
+    if (residual := float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))) > MAX_RESIDUAL:
         return None
     # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
     precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / SHARED_ROWS)

@@ -108,8 +108,7 @@ def align_cameras(rig: Rig, progress: Progress) -> dict[str, CameraTimes]:
         rough = _rough_offset(offsets, (first, second), activity(first), activity(second))
         if isinstance(rough, str):
             return CameraTimes(reason=rough)
-        fit = offsets.measure(first, second, MAX_INSTANTS, rough=rough)
-        if fit.offset_ms is None:
+        if (fit := offsets.measure(first, second, MAX_INSTANTS, rough=rough)).offset_ms is None:
             return CameraTimes(reason=fit.reason)
         return _line(rig.dataset, first, second, fit)
 

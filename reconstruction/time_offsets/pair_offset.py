@@ -282,8 +282,7 @@ def fit_in_motion(
         if fit.offset_ms is None:
             return fit
         matches = in_motion(fit.offset_ms)
-        left_px = _off_px(pair, matches)
-        if left_px <= MAX_IN_MOTION_PX:
+        if (left_px := _off_px(pair, matches)) <= MAX_IN_MOTION_PX:
             if fits:
                 return fit
             # More than a frame late, or another calibration.

@@ -347,8 +347,7 @@ class PhaseEstimator(FrameLine):
         After a timeout the line need not be shifted; after twice that, the disturbance ends in any case.
         """
         intercepts = self.intercepts_of(self._pending)
-        count = self._frames_as_expected(intercepts)
-        if not count:
+        if not (count := self._frames_as_expected(intercepts)):
             count, last = CALM_FRAMES, intercepts[-CALM_FRAMES:]
             if len(last) < CALM_FRAMES:
                 return

@@ -107,8 +107,7 @@ class InjectionHistory:
 
     def scatter_ns(self, profile: InjectionProfile) -> float:
         """Return the standard deviation of shifts about a profile in ns; 0 before two moves were seen."""
-        misses = [self.miss_rows(profile, *one) for one in self._seen if one[1]]
-        if len(misses) < 2:
+        if len(misses := [self.miss_rows(profile, *one) for one in self._seen if one[1]]) < 2:
             return 0.0
         return (
             SIGMA_FROM_MAD

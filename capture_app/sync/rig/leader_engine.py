@@ -411,8 +411,7 @@ class Leader:
             self._summary.ask(hello)
         if not refusal and principal is not None and hello.via is not None:
             refusal = self.roster.refusal_below(principal, hello)
-        refusal = refusal or ("" if self._summary is None else self._summary.refusal(hello))
-        if refusal:
+        if refusal := refusal or ("" if self._summary is None else self._summary.refusal(hello)):
             self._report_refusal(hello, refusal, address, now_ns)
             return
         # The root decides the grid of a relay.

@@ -120,8 +120,7 @@ def encode(message: Message) -> bytes:
             return request_at(request_before_t0(client, sequence), t0_ns)
         case TimeReply(client, sequence, t0_ns, t1_ns, t2_ns):
             return reply_at(reply_before_t2(TimeRequest(client, sequence, t0_ns), t1_ns), t2_ns)
-    data = _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)
-    if len(data) > MAX_DATAGRAM:
+    if len(data := _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)) > MAX_DATAGRAM:
         raise WireError(f"a {type(message).__name__} of {len(data)} bytes is over {MAX_DATAGRAM}")
     return data
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import errno
 from collections.abc import AsyncIterator
 from typing import Any, cast
 
@@ -9,11 +10,13 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.v4l2.v4l2_driver import V4L2Camera
 from capture_app.common.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
+from tests.cameras.fake_device import MJPG, FakeDevice
 
 
 class StoppedClock:
@@ -111,6 +114,20 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> N
     assert streams == sorted(set(streams))
     assert len(streams) == 4
     assert bench.failures == ["unplugged", ""]
+
+
+async def test_a_camera_that_does_not_start_is_released() -> None:
+    device = FakeDevice()
+    device.stream_on_error = errno.ENOSPC
+    bench = Bench()
+    bench.supervisor = CameraSupervisor(
+        NodeOptions(
+            name="cam", open_camera=lambda: V4L2Camera(device, MJPG, PERIOD_NS), leaders=(), clock=bench.clock
+        )
+    )
+    with pytest.raises(CameraError, match="bandwidth"):
+        await bench.supervisor.open()
+    assert device.calls[-1] == "close", "else the next try finds it in use"
 
 
 async def test_another_camera_in_its_place_is_an_error() -> None:

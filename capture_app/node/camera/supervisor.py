@@ -226,8 +226,13 @@ class CameraSupervisor:
             if not failed.done():
                 failed.set_result(error)
 
-        await self.camera.start(self._deliver, on_failure)
-        self.update_facts()
+        try:
+            await self.camera.start(self._deliver, on_failure)
+            self.update_facts()
+        except BaseException:
+            # A device that stays open cannot be opened again.
+            await self.camera.stop()
+            raise
 
     def update_facts(self) -> None:
         """Read the camera's facts and timestamp accuracy, as the leader and sessions get them."""
@@ -299,7 +304,6 @@ class CameraSupervisor:
                 await self.open()
                 break
             except SimulshotError as reason:
-                await self.camera.stop()
                 self._report_to_engine(str(reason))
         # A camera that was unplugged forgets its exposure; it is still the same camera.
         if replace(self.facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:

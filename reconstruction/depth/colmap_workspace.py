@@ -78,8 +78,8 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
     points = []
     for name, found in depth_views.items():
         rows, columns = rng.permutation(np.argwhere(found.depth > 0))[:POINTS_PER_VIEW].T
-        z = found.depth[rows, columns].astype(float)
-        points.append(views[name].unproject(np.column_stack([columns, rows]), z))
+        depth = found.depth[rows, columns].astype(float)
+        points.append(views[name].unproject(np.column_stack([columns, rows]), depth))
     return np.concatenate(points)
 
 
@@ -114,15 +114,15 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> An
         for place, index in enumerate(np.flatnonzero(inside)):
             seen[index].append((number, place))
         image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number, keypoints=pixel[inside])
-        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
-        model.add_image_with_trivial_frame(image, pose)
-    grey = np.full(3, 128, np.uint8)
+        model.add_image_with_trivial_frame(
+            image, pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
+        )
     for point, elements in zip(points, seen, strict=True):
         if len(elements) >= 2:
             track = pycolmap.Track()
             for image_id, place in elements:
                 track.add_element(image_id, place)
-            model.add_point3D(point, track, grey)
+            model.add_point3D(point, track, np.full(3, 128, np.uint8))
     return model
 
 
@@ -150,8 +150,7 @@ def read_array(path: Path) -> Array:
         SimulshotError: it is missing or truncated.
     """
     try:
-        data = path.read_bytes()
-        *size, values = data.split(b"&", 3)
+        *size, values = path.read_bytes().split(b"&", 3)
         width, height, channels = map(int, size)
         shaped = np.frombuffer(values, np.float32).reshape(channels, height, width).transpose(1, 2, 0)
     except (OSError, ValueError) as error:

@@ -154,10 +154,11 @@ class CompiledEngine(SweepEngine):
         """Return places, normals and colours of points (n, 9), and the maps (n, maps) that each is from."""
         given, arrays = (_Map * len(maps))(), []
         for one, (view, depth, normals, picture) in zip(given, maps, strict=True):
-            onto, turn = view.matrix @ view.rotation, view.rotation
-            back = np.linalg.inv(view.matrix).T @ turn
-            shift = view.matrix @ view.translation
-            numbers = np.concatenate([part.ravel() for part in (onto, shift, back, view.centre, turn)])
+            matrix, turn = view.matrix, view.rotation
+            numbers = (
+                *(matrix @ turn, matrix @ view.translation),
+                *(np.linalg.inv(matrix).T @ turn, view.centre, turn),
+            )
             arrays += [
                 _floats(depth),
                 _floats(normals),
@@ -165,7 +166,8 @@ class CompiledEngine(SweepEngine):
                 np.zeros(depth.shape, bool),
             ]
             one.depth, one.normals, one.colours, one.taken = (array.ctypes.data for array in arrays[-4:])
-            one.width, one.height, one.matrices = view.width, view.height, tuple(numbers)
+            one.width, one.height = view.width, view.height
+            one.matrices = tuple(np.concatenate([part.ravel() for part in numbers]))
         most = sum(depth.size for _, depth, _, _ in maps) // required + 1
         points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
         found = ctypes.c_int64()

@@ -44,8 +44,11 @@ def fuse_maps(
     view.
     """
     having = [name in depth_views for name in views]
-    found = [(view, depth_views[c], pictures[c]) for c, view in views.items() if c in depth_views]
-    maps = [(view, one.depth, one.normals, picture) for view, one, picture in found]
+    maps = [
+        (view, depth_views[name].depth, depth_views[name].normals, pictures[name])
+        for name, view in views.items()
+        if name in depth_views
+    ]
     limits = max(1, min(MIN_VIEWS, group)), MAX_DEPTH_ERROR, MIN_NORMAL_COSINE
     fused, shown = (CPU.fuse if isinstance(CPU, CompiledEngine) else fuse_arrays)(maps, *limits)
     seen = np.zeros((len(fused), len(views)), bool)
@@ -72,8 +75,8 @@ def fuse_arrays(maps: Sequence[PosedMap], required: int, error: float, cosine: f
             at, z, inside = project_points(maps[later][0], first[:, :3])
             depth = maps[later][1].take(at)
             points = np.flatnonzero(inside & free[later].take(at) & (np.abs(z - depth) <= error * depth))
-            alike = np.einsum("ij,ij->i", measured[later][at[points], 3:6], first[points, 3:6]) >= cosine
-            points = points[alike]
+            facing = measured[later][at[points], 3:6], first[points, 3:6]
+            points = points[np.einsum("ij,ij->i", *facing) >= cosine]
             # Of several points that show a pixel the first gets it.
             owner = np.empty(len(free[later]), np.intp)
             owner[at[points[::-1]]] = points[::-1]

@@ -95,8 +95,7 @@ def _confirmed_points(
     agreed = (count >= np.clip(able.astype(np.int16) - 1, 1, 2)) & (surface.cost < MAX_COST)
     agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)
     rows, columns = np.nonzero(agreed)
-    every = max(1, len(rows) // POINTS_PER_VIEW)
-    rows, columns = rows[::every], columns[::every]
+    rows, columns = (axis[:: max(1, len(axis) // POINTS_PER_VIEW)] for axis in (rows, columns))
     depth = 1 / surface.inverse_depth[rows, columns].astype(float)
     return small[name].view.unproject(np.column_stack([columns, rows]).astype(float), depth)
 

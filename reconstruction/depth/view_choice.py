@@ -168,8 +168,8 @@ def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) 
     chosen = {}
     for name, view in views.items():
         scores = {o: score_points(view, seen, points[name]) for o, seen in views.items() if o != name}
-        ranked = sorted(scores, key=lambda other: (-scores[other], other))
-        chosen[name] = tuple(other for other in ranked[:MAX_SOURCES] if scores[other] >= MIN_SCORE)
+        suitable = (other for other in scores if scores[other] >= MIN_SCORE)
+        chosen[name] = tuple(sorted(suitable, key=lambda other: (-scores[other], other))[:MAX_SOURCES])
     # A source must be matched too so that it can confirm; overlap is mutual, so this hardly ever applies.
     while any(not chosen[other] for others in chosen.values() for other in others):
         chosen = {name: tuple(o for o in others if chosen[o]) for name, others in chosen.items()}

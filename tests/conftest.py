@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from tests.compiling import compile_changed_tests
+from tests.first_start import compile_changed_tests
 
 # A busy machine is no bug: nothing here is timed.
 # In CI the same examples every time: a change is judged by what it changed.

@@ -1,4 +1,4 @@
-"""Compiles tests once, on all processors, where each of pytest's workers would compile all of them."""
+"""Computes in a fresh clone, once and on all processors, what each of pytest's workers would compute."""
 
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.assertion import rewrite
+from hypothesis import strategies as st
 
 FEW = 20
 """Fewer new or changed tests than these are compiled where they are imported."""
@@ -14,14 +15,21 @@ _config: pytest.Config
 
 
 def compile_changed_tests(config: pytest.Config) -> None:
-    """In a fresh clone all have changed, which takes 8 s of a processor: their asserts are rewritten."""
+    """Compile tests whose asserts are to be rewritten; where many are, this is the first start of all."""
     global _config
     _config = config  # no process can be sent it, but a forked one has it
     tests = Path(__file__).parent
     changed = [path for path in tests.rglob("test_*.py") if has_changed(path)]
     if len(changed) >= FEW:
         with ProcessPoolExecutor(mp_context=get_context("fork")) as pool:
+            characters = pool.submit(save_characters)
             list(pool.map(compile_test, changed, chunksize=4))
+            characters.result()
+
+
+def save_characters() -> None:
+    """Let Hypothesis save its table of all characters, which takes it two seconds."""
+    st.text().validate()
 
 
 def compiled(path: Path) -> Path:

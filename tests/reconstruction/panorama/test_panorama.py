@@ -32,7 +32,7 @@ def turned(paint: np.ndarray[Any, Any], yaw_deg: float) -> np.ndarray[Any, Any]:
 def tiled(seed: int) -> np.ndarray[Any, Any]:
     """A texture with sharp corners, uint8 1024 x 1024."""
     rng = np.random.default_rng(seed)
-    paint = texture(seed, 1024)
+    paint = texture(seed, 1024).copy()
     for _ in range(900):
         x, y, w, h = (int(v) for v in (*rng.integers(0, 1000, 2), *rng.integers(4, 24, 2)))
         cv2.rectangle(paint, (x, y), (x + w, y + h), int(rng.integers(20, 235)), -1)

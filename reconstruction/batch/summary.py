@@ -212,8 +212,7 @@ def write_summary(root: Path, result: BatchResult) -> None:
 def _html(root: Path, result: BatchResult) -> str:
     """Return the whole page, without times and durations."""
     failures = [row for row in result.units if row.problem]
-    made = count(len(result.units) - len(failures), "unit")
-    verdict = ", ".join([f"{made} computed", *_unmade(result)])
+    verdict = ", ".join([f"{count(len(result.units) - len(failures), 'unit')} computed", *_unmade(result)])
     sections = [Section("problems.html", title="What has no result")] if failures else []
     sheets = depth_sheets(root, result.units)
     sections += [Section("depth_sheets.html", "depth", title="What was found")] if sheets else []

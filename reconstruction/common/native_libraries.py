@@ -83,9 +83,8 @@ def _is_opencv(error: Exception) -> bool:
 
 def _first_words(error: Exception) -> str:
     """Return an exception's message on one line."""
-    words = str(getattr(error, "err", "") or error or type(error).__name__).split()
-    if _is_opencv(error):
-        words = [f"{getattr(error, 'func', '')}:", *words]
+    origin = f"{getattr(error, 'func', '')}: " if _is_opencv(error) else ""
+    words = f"{origin}{getattr(error, 'err', '') or str(error) or type(error).__name__}".split()
     return " ".join(words[:MAX_WORDS]) + (" ..." if len(words) > MAX_WORDS else "")
 
 

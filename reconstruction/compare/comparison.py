@@ -265,8 +265,10 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
             found["timing"] = timing = with_depth(timing, study.found)
             progress.step("depth at different offsets")
             with suppress(ValueError, BadInputError):
-                late_ms = context.offset.actual_ms if context.offset else 0.0
-                steps = whole_frame_offsets(context.rig.dataset, max(late_ms, DEFAULT_OFFSET_MS))
+                steps = whole_frame_offsets(
+                    context.rig.dataset,
+                    max(context.offset.actual_ms if context.offset else 0.0, DEFAULT_OFFSET_MS),
+                )
                 quiet = replace(
                     context,
                     max_instants=min(TOLERANCE_INSTANTS, context.max_instants),

@@ -163,8 +163,13 @@ class StudyReport:
 @cache
 def study_reports() -> Mapping[str, type[StudyReport]]:
     """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    found = load_plugins(GROUP, "text", "placeholders").values()
-    return {one.text.name: one for one in sorted(found, key=lambda one: (one.text.place, one.text.name))}
+    return {
+        one.text.name: one
+        for one in sorted(
+            load_plugins(GROUP, "text", "placeholders").values(),
+            key=lambda one: (one.text.place, one.text.name),
+        )
+    }
 
 
 def reported(result: CompareResult) -> list[tuple[type[StudyReport], StudyResult[Any]]]:

@@ -74,8 +74,10 @@ def match_rectified_back(reference: Array, other: Array, low: int, count: int) -
     Each direction of paths propagates different errors: fewer pixels are wrong where both agree.
     """
     # The matcher leaves out the first low + count columns, so the image is padded by as many.
-    padding = (0, 0), (0, low + count)
-    first, second = (np.ascontiguousarray(np.pad(i, padding)[::-1, ::-1]) for i in (other, reference))
+    first, second = (
+        np.ascontiguousarray(np.pad(image, ((0, 0), (0, low + count)))[::-1, ::-1])
+        for image in (other, reference)
+    )
     return match_rectified(first, second, low, count)[::-1, : low + count - 1 : -1]
 
 

@@ -68,6 +68,9 @@ def test_our_own_errors_and_those_of_the_disk_pass() -> None:
         raise ValueError("ours")
     with pytest.raises(ForeignError, match="OpenCV failed at depth: resize"), opencv_calls("depth"):
         cv2.resize(np.zeros((0, 0), np.uint8), (2, 2))
+    silent = pytest.raises(ForeignError, match="COLMAP failed at a test: RuntimeError")
+    with silent, foreign_calls("COLMAP", "a test"):
+        raise RuntimeError
 
 
 def test_an_unforeseen_error_says_where_it_comes_from() -> None:

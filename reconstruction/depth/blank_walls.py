@@ -359,9 +359,8 @@ def fit_blank_walls(
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     if planes is None:
-        samples = [one for found in pool.map(sample, names) for one in found]
         min_points = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
-        planes = find_scene_planes(samples, min_points)
+        planes = find_scene_planes([one for found in pool.map(sample, names) for one in found], min_points)
 
     def choose_surface(name: str) -> Surface:
         found = _shrunk(surfaces[name].inverse_depth, parts[name].image)

@@ -79,8 +79,8 @@ class CompiledEngine(SweepEngine):
 
     def splat(self, source_view: SourceView, depth: Array, nearest: Array) -> None:
         """Splat depth, bit-identical to NumPy's."""
-        numbers = _floats(source_view.numbers)
-        self._call("splat", *depth.shape, _floats(depth), numbers, *nearest.shape, nearest)
+        shown = _floats(depth), _floats(source_view.numbers)
+        self._call("splat", *depth.shape, *shown, *nearest.shape, nearest)
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Find the cheapest depths, bit-identical to NumPy's."""
@@ -118,8 +118,11 @@ class CompiledEngine(SweepEngine):
         """Fit planes as NumPy's `fit_planes`, except for rounding."""
         border = radius * stride
         padded, planes = pad_planes(inverse_depth, slopes, border, LANES)
-        tolerated = ctypes.c_float(tolerance)
-        self._call("planes", *inverse_depth.shape, radius, stride, rounds, tolerated, padded, planes)
+        self._call(
+            "planes",
+            *(*inverse_depth.shape, radius, stride, rounds),
+            *(ctypes.c_float(tolerance), padded, planes),
+        )
         planes[1:] /= np.float32(border)
         return planes
 
@@ -171,8 +174,11 @@ class CompiledEngine(SweepEngine):
         most = sum(depth.size for _, depth, _, _ in maps) // required + 1
         points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
         found = ctypes.c_int64()
-        limits = ctypes.c_float(error), ctypes.c_float(cosine)
-        self._call("fuse", len(maps), given, required, *limits, points, seen, ctypes.byref(found))
+        self._call(
+            "fuse",
+            *(len(maps), given, required, ctypes.c_float(error), ctypes.c_float(cosine)),
+            *(points, seen, ctypes.byref(found)),
+        )
         return points[: found.value], seen[: found.value]
 
     def _call(self, name: str, *args: object) -> None:

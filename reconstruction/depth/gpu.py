@@ -247,15 +247,16 @@ def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
 def computes_correctly(engine: GpuEngine) -> bool:
     """Return whether the GPU computes a small sweep (costs, scan, choice) as the CPU does, up to rounding."""
     rng = np.random.default_rng(1)
-    places = [np.array([x, 0.05 * x, 0]) for x in (0.0, -0.1, 0.1)]
-    views = (View(64, 48, np.diag([60.0, 60, 1]), np.zeros(5), np.eye(3), place) for place in places)
+    views = (
+        View(64, 48, np.diag([60.0, 60, 1]), np.zeros(5), np.eye(3), np.array([x, 0.05 * x, 0]))
+        for x in (0.0, -0.1, 0.1)
+    )
     # Unlike images: the cheapest depths, and the steps between them, are all there are.
     reference, *sources = (
         CalibratedImage(view, cv2.blur(rng.random((48, 64), np.float32) * 255, (3, 3)), 5, 9.0)
         for view in views
     )
-    source_views = [SourceView(reference, source) for source in sources]
-    volume = source_views, None, np.linspace(0, 1, 9)
+    volume = [SourceView(reference, source) for source in sources], None, np.linspace(0, 1, 9)
     costs, found = engine.costs(volume), engine.cheapest(volume, 20, 800)
     exact = CPU.find_cheapest(costs, reference.grey, 20, 800)
     costs_off = np.abs(costs.astype(int) - CPU.cost_volume(*volume))

@@ -96,8 +96,8 @@ def _confirmed_points(
     agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)
     rows, columns = np.nonzero(agreed)
     rows, columns = (axis[:: max(1, len(axis) // POINTS_PER_VIEW)] for axis in (rows, columns))
-    depth = 1 / surface.inverse_depth[rows, columns].astype(float)
-    return small[name].view.unproject(np.column_stack([columns, rows]).astype(float), depth)
+    pixels = np.column_stack([columns, rows]).astype(float)
+    return small[name].view.unproject(pixels, 1 / surface.inverse_depth[rows, columns].astype(float))
 
 
 def _shared_points(

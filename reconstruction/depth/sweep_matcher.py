@@ -167,8 +167,10 @@ def _confirmed_depths(
 
     def confirm(name: str) -> Array:
         surface = surfaces[name]
-        others = _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
-        voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
+        voters = [
+            (SourceView(images[name], images[other]), surfaces[other])
+            for other in _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
+        ]
         count, able = consistent_and_visible_views(surface, voters, engine=engine)
         return surface.depth_where(consistent_pixels(surface, count, able, len(voters), images[name].blank))
 

@@ -177,8 +177,9 @@ def score_moving(
     index, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
     points = cloud.points[points_on_moving(cloud.points, cloud.seen, views, moving_masks)]
-    precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
-    found = Measurements({"precision": precise, "recall": complete})
+    found = Measurements(
+        {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
+    )
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))
     if math.isnan(recall):
         return None

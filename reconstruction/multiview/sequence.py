@@ -315,8 +315,13 @@ def _make(
     work, out, dataset = folder.empty_work(), folder.out, motion.dataset
     leader_ns = dataset.instants_ns[instant]
     try:
-        offsets_ms = options.condition.offsets_ms(dataset.cameras, instant)
-        each = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False, workspace=False)
+        each = replace(
+            options.each,
+            instant=instant,
+            offsets_ms=options.condition.offsets_ms(dataset.cameras, instant),
+            cloud=False,
+            workspace=False,
+        )
         found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))

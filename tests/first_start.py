@@ -1,6 +1,7 @@
 """Computes in a fresh clone, once and on all processors, what each of pytest's workers would compute."""
 
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -43,6 +44,8 @@ def has_changed(path: Path) -> bool:
 
 
 def compile_test(path: Path) -> None:
-    written, code = rewrite._rewrite_test(path, _config)
-    compiled(path).parent.mkdir(exist_ok=True)
-    rewrite._write_pyc(_config.stash[rewrite.assertstate_key], code, written, compiled(path))
+    """Save the code of a test, where that is possible; otherwise pytest says why when it collects it."""
+    with suppress(SyntaxError):
+        written, code = rewrite._rewrite_test(path, _config)
+        if rewrite.try_makedirs(compiled(path).parent):
+            rewrite._write_pyc(_config.stash[rewrite.assertstate_key], code, written, compiled(path))

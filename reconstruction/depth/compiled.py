@@ -165,11 +165,11 @@ class CompiledEngine(SweepEngine):
             arrays += [
                 _floats(depth),
                 _floats(normals),
-                np.ascontiguousarray(picture),
+                np.ascontiguousarray(picture, np.uint8),
                 np.zeros(depth.shape, bool),
             ]
             one.depth, one.normals, one.colours, one.taken = (array.ctypes.data for array in arrays[-4:])
-            one.width, one.height = view.width, view.height
+            one.height, one.width = depth.shape
             one.matrices = tuple(np.concatenate([part.ravel() for part in numbers]))
         most = sum(depth.size for _, depth, _, _ in maps) // required + 1
         points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)

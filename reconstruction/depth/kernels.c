@@ -539,7 +539,7 @@ int fuse(int count, const Map *maps, int required, float error, float cosine, fl
         if (!(depth > 0.f) || other->taken[at] || fabsf(z - depth) > error * depth) continue;
         float theirs[9];
         measure(other, at, theirs);
-        if (theirs[3] * first[3] + theirs[4] * first[4] + theirs[5] * first[5] < cosine) continue;
+        if (!(theirs[3] * first[3] + theirs[4] * first[4] + theirs[5] * first[5] >= cosine)) continue;
         for (int i = 0; i < 9; i++) total[i] += theirs[i];
         other->taken[at] = showing[later] = 1;
         together++;

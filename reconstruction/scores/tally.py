@@ -77,7 +77,8 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     if truth is not None:
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
-            found.shares[name] = int(right_depth(depth, truth, tolerance)[known].sum()), int(known.sum())
+            right = right_depth(depth[known], truth[known], tolerance)
+            found.shares[name] = int(right.sum()), right.size
     return found
 
 

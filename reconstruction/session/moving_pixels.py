@@ -151,8 +151,9 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        thinned = there[:: max(1, len(there) // BACKGROUND_FRAMES)]
-        return median_background(list(self._readable(camera, thinned)))
+        return median_background(
+            list(self._readable(camera, there[:: max(1, len(there) // BACKGROUND_FRAMES)]))
+        )
 
     def _readable(self, camera: str, instants: Iterable[int]) -> Iterator[Array]:
         """Yield grey images to compare others with; those that are broken are left out."""

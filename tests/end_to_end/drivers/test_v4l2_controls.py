@@ -64,7 +64,7 @@ def test_a_webcams_controls_are_read_in_their_units(out: Path) -> None:
         "focus": "steps of LabCam 0",
     }
     assert state(out, "before", "exposure")["automatic"]
-    assert state(out, "before", "exposure")["most"] == 1_000_000.0
+    assert state(out, "before", "exposure")["maximum"] == 1_000_000.0
 
 
 def test_what_a_webcam_chooses_is_locked_during_a_burst(out: Path) -> None:

@@ -1,7 +1,7 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
-# make test   the quick tests, in 5 minutes            make check   lint, types, architecture
+# make test   the quick tests, in 4.5 minutes          make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test-phones   the page of phones in a real browser (Chromium)

@@ -171,6 +171,9 @@ class SessionsView(ModeView):
     @work(group="listing")
     async def look_at_disk(self) -> None:
         """Read the folder in a thread and show changes."""
+        await self._list()
+
+    async def _list(self) -> None:
         async with self._reading:
             listing = self._listing
             cards = await asyncio.to_thread(listing.read)
@@ -373,7 +376,8 @@ class SessionsView(ModeView):
             run = self._runs.add(IMPORT, folder, out=self._listing.root)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
-            await self.look_at_disk().wait()
+            # To wait for a worker would make an error of the screen's end.
+            await self._list()
             self._rows.choose(next((key for key in self._rows.keys if key not in before), ""))
 
     def _start(

@@ -226,3 +226,18 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
         assert any("3 cameras, 9 images" in line for line in pilot.app.runs.log(jobs(pilot)[0]))
         await until(pilot, lambda: Path(rows(pilot.app).chosen) == sessions / "walk")
     assert len(Session.open(sessions / "walk").manifest.images) == 9
+
+
+async def test_the_screen_may_end_while_an_imported_session_is_read(sessions: Path, tmp_path: Path) -> None:
+    export_session(Session.open(sessions / "one"), "mp4", tmp_path / "walk")
+    async with library(sessions) as pilot:
+        reading = view(pilot.app)._reading
+        await pilot.press("m")
+        await settle(pilot)
+        await type_text(pilot, str(tmp_path / "walk"))
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot))
+        async with reading:
+            await until(pilot, lambda: jobs(pilot)[0].state.is_over and reading._waiters, seconds=60)
+            pilot.app.workers.cancel_all()
+        await settle(pilot)

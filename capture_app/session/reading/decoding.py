@@ -50,7 +50,7 @@ def read_exif(data: bytes) -> Exif:
         for marker, at in _segments(data) if data.startswith(JPEG_BEGIN) else ():
             if marker == 0xE1 and data[at + 2 : at + 8] == b"Exif\0\0":
                 return _exif_of_tiff(data[at + 8 : at + struct.unpack_from(">H", data, at)[0]])
-    except (struct.error, IndexError) as error:
+    except (struct.error, IndexError, OverflowError) as error:
         raise ValueError(str(error)) from error
     return Exif()
 

@@ -124,6 +124,12 @@ def test_how_wide_a_lens_sees_is_read_from_exif() -> None:
     assert read_exif(jpeg).focal_35mm is None
 
 
+def test_exif_that_says_to_be_a_bigtiff_far_away_is_refused() -> None:
+    body = b"Exif\0\0II+\0\x08\0\0\0" + b"\xff" * 8
+    with pytest.raises(ValueError, match="too large"):
+        read_exif(b"\xff\xd8\xff\xe1" + struct.pack(">H", len(body) + 2) + body + b"\xff\xd9")
+
+
 def test_odd_lenses_are_refused(tmp_path: Path) -> None:
     views = {"a": make_view((0, 0, 0)), "b": make_view((0.2, 0, 0))}
     dataset = Dataset(write_session(tmp_path, Scene([]), views, instants=1, calibrated=False, truth=False))

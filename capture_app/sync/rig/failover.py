@@ -36,7 +36,8 @@ class LeaderChoice:
         self, leaders: tuple[Address, ...], time: TimeClient, probe_every_ns: int = PROBE_EVERY_NS
     ) -> None:
         """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
-        self.leaders, self.leader = leaders, leaders[0]
+        # Two names may have one address.
+        self.leaders, self.leader = tuple(dict.fromkeys(leaders)), leaders[0]
         """All leaders, and the one that is followed or currently asked to join."""
         self.time = time
         """Membership and clock of the node."""

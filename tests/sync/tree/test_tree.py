@@ -263,8 +263,9 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
     assert [address for _, address in member.datagrams_to_send(S)] == [("b", 0)]
 
 
-def test_the_next_parent_is_asked_after_some_silence() -> None:
-    member = TreeMember("me", 77, (("a", 0), ("b", 0)), random.Random(1))
+@pytest.mark.parametrize("parents", ["ab", "aab"], ids=["two", "two names of one"])
+def test_the_next_parent_is_asked_after_some_silence(parents: str) -> None:
+    member = TreeMember("me", 77, tuple((one, 0) for one in parents), random.Random(1))
     asked = []
     for _ in range(2 * HELLOS + 1):
         now_ns = max(0, member.next_timer())

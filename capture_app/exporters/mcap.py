@@ -8,7 +8,7 @@ poses in /tf_static; frames look along z, as REP 103 defines for optical frames.
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import chain, count, groupby
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -63,9 +63,10 @@ def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration
             stream, chunk_size=_CHUNK, compression=mcap.CompressionType.NONE, enable_data_crcs=True
         )
         writer.start(library="simulshot")
-        for instant in range(len(burst.instants_ns)):
-            images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
-            for image in sorted(images, key=lambda image: image.leader_ns):
+        images = [image for camera in burst.cameras for image in burst.images_of(camera)]
+        images.sort(key=lambda image: (image.instant, image.leader_ns))
+        for instant, together in groupby(images, key=lambda image: image.instant):
+            for image in together:
                 at_ns = image.leader_ns - zero_ns
                 seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
                 for topic, name, fields in _foxglove_messages(burst, image, calibration):

@@ -33,7 +33,7 @@ def program_checksum() -> str:
     """Return a checksum of this package's source and the library versions, on which results depend."""
     digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
     here = Path(__file__).parents[1]
-    for path in sorted(here.rglob("*.py")):
+    for path in sorted(path for path in here.rglob("*") if path.suffix in (".py", ".c", ".wgsl")):
         digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
     return digest.hexdigest()
 
@@ -119,7 +119,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     with checked_pictures(required=True):
         for image in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
             if dataset.has_image(*image):
-                dataset.image(*image)
+                dataset.checked_bytes(*image)
     options = MultiviewOptions(
         instant=unit.instant,
         offsets_ms=unit.offsets_ms,

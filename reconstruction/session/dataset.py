@@ -194,6 +194,15 @@ class Dataset:
         """Return the bytes of an image's file. Raises OSError if it cannot be read."""
         return self.session.image_bytes(self._records[camera, instant])
 
+    def checked_bytes(self, camera: str, instant: int) -> bytes:
+        """Return the bytes of an image's file, compared with its checksum; see `image` for errors."""
+        record = self._records[camera, instant]
+        path = self.session.image_file(record)
+        with reading(path):
+            data = self.session.image_bytes(record)
+        picture_checks().check(path, data, record.sha256)
+        return data
+
     def grey(self, camera: str, instant: int) -> Array:
         """Return an image's brightness, uint8 height x width."""
         return np.asarray(cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY))
@@ -323,11 +332,8 @@ class Dataset:
         return ByteCache(self._read_image, int(CACHE_FRACTION * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
-        record = self._records[camera, instant]
-        path = self.session.image_file(record)
-        with reading(path):
-            data = self.session.image_bytes(record)
-        picture_checks().check(path, data, record.sha256)
+        path = self.session.image_file(self._records[camera, instant])
+        data = self.checked_bytes(camera, instant)
         size, found = self.size_on_disk(camera), image_size(path, data)
         if sorted(found) == sorted(size):
             image = read_image(path, self.size(camera) if self._scale < 1.0 else None, data)

@@ -39,6 +39,8 @@ class InputImage:
 
 def undistort_nearest(view: View, image: Array) -> Array:
     """Undistort an image of a view's pixels by nearest neighbour."""
+    if not view.distortion.any():
+        return image
     return np.asarray(cv2.remap(image, *_distorted_pixels(view), cv2.INTER_NEAREST))
 
 

@@ -157,6 +157,8 @@ class CompiledEngine(SweepEngine):
         """Return places, normals and colours of points (n, 9), and the maps (n, maps) that each is from."""
         given, arrays = (_Map * len(maps))(), []
         for one, (view, depth, normals, picture) in zip(given, maps, strict=True):
+            if not (*depth.shape, 3) == normals.shape == picture.shape:
+                raise ValueError(f"a depth map of {depth.shape} has normals or a picture of another size")
             matrix, turn = view.matrix, view.rotation
             numbers = (
                 *(matrix @ turn, matrix @ view.translation),

@@ -234,10 +234,14 @@ async def _write_report(burst: BurstUpload, report: CameraReport) -> None:
 
 
 async def _delete(files: Collection[Path]) -> None:
-    for file in files:
-        # On a disk that is now read-only it stays, and is offered again when the node restarts.
-        with contextlib.suppress(OSError):
-            await asyncio.to_thread(file.unlink, missing_ok=True)
+    def delete() -> None:
+        for file in files:
+            # On a disk that is now read-only it stays, and is offered again when the node restarts.
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
+
+    if files:
+        await asyncio.to_thread(delete)
 
 
 class Uploader:

@@ -120,8 +120,8 @@ class CameraDelivery:
         Of images that are sent as they are captured, only those count that the camera reports it still has.
         """
         chosen, plan = choice.chosen or (), self.plan
-        asked = {*plan.instants} if plan.picking or plan.picked is not None else self.instants
-        images = [writer.image(self.name, instant) for instant in sorted(self.instants & asked)]
+        asked = self.instants & {*plan.instants} if plan.picking or plan.picked is not None else self.instants
+        images = [writer.image(self.name, instant) for instant in sorted(asked)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images

@@ -64,7 +64,8 @@ class Scene:
 
         It shares the static parts, and is cached for each scale, rounded to a percent.
         """
-        return _draft(self, max(0.05, round(scale, 2)))
+        with self._lock:  # the cache alone would make two, and lose the layers of one
+            return _draft(self, max(0.05, round(scale, 2)))
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int

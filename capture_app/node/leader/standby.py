@@ -13,7 +13,7 @@ from capture_app.common.address import Address, own_hosts, resolve
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import name_like
-from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.node_state import NodeState
 from capture_app.common.tasks import end
 from capture_app.common.text import duration
 from capture_app.net.asking import ask_all_nodes
@@ -160,12 +160,8 @@ class RankedLeader:
             # Whether the leader is alive is noticed by its datagrams.
             with contextlib.suppress(SimulshotError):
                 async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
-                    nodes = (await ask_all_nodes(channel)).nodes
-                self.cameras = tuple(
-                    node.name
-                    for node in nodes
-                    if node.state is not NodeState.LOST and node.camera.kind not in WITHOUT_CAMERA
-                )
+                    rig = await ask_all_nodes(channel)
+                self.cameras = tuple(one.name for one in rig.cameras if one.state is not NodeState.LOST)
 
 
 async def lead_by_rank(

@@ -224,7 +224,7 @@ class RtspCamera(ThreadedCamera):
         try:
             await work
         except (*DISCONNECTED, CameraError) as error:
-            gone = CameraError(f"is gone: {error or 'it hung up'}")
+            gone = CameraError(f"is gone: {str(error) or 'it hung up'}")
             known = error if isinstance(error, CameraError) else gone
             hint = known.hint or "it is tried again; check its power and cable"
             self._fail(CameraError(f"{self._connection.host} {known.what}", hint=hint))

@@ -80,7 +80,7 @@ def _vertices(data: bytes) -> NDArray[np.void]:
     lines = [line.split() for line in head.decode("ascii").splitlines() if line.strip()]
     if not found or lines[0] != ["ply"]:
         raise ValueError("no header")
-    order = _ORDERS[next((line[1] for line in lines if line[0] == "format"), "")]
+    order = _ORDERS[next((line[1] for line in lines if line[0] == "format"), "no format")]
     elements = [line for line in lines if line[0] == "element"]
     if elements[0][1] != "vertex":
         raise ValueError("vertices are not first")

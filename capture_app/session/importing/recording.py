@@ -147,8 +147,7 @@ def import_recording(
     timeline = make_timeline(sources, options)
     for note in filter(None, (source.note for source in sources)):
         talk(note)
-    own_times = common is not None and common.unknown
-    if common is not None and own_times:
+    if common is not None and common.unknown:
         common = align_recording(
             sources,
             timeline,
@@ -171,6 +170,7 @@ def import_recording(
         OutputFolder(root / name, replaces_nothing) as output,
         SessionWriter(output.folder, name, taken.created if taken else "") as writer,
     ):
+        own_times = common is not None and common.unknown
         sizes = _write_images(writer, sources, instants, options, progress, own_times=own_times)
         record = layout.record if layout else None
         calibration = _calibration_of(record, sizes) if record and not views else None
@@ -325,7 +325,7 @@ def _write_images(
 ) -> dict[str, tuple[int, int]]:
     """Save the frames of all instants; return width and height in px by camera.
 
-    `own_times`: the frames' times were each camera's own, unless they were converted since.
+    `own_times`: the frames' times are each camera's own.
     """
     ms = options.uncertainty_ms
     said = {} if ms is None else {"uncertainty_ns": round(ms * 1e6)}
@@ -344,7 +344,7 @@ def _write_images(
                 )
             for number in numbers[index]:
                 instant, frame = instants[number], instants[number].frames[source.name]
-                local_ns = frame.leader_ns if own_times and frame.local_ns is None else frame.local_ns
+                local_ns = frame.leader_ns if own_times else frame.local_ns
                 writer.add_image(
                     data,
                     camera=source.name,

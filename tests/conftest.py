@@ -1,13 +1,17 @@
 """Fixtures shared by all tests."""
 
+import contextlib
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.first_start import compile_changed_tests
 
 # A busy machine is no bug: nothing here is timed.
 # In CI the same examples every time: a change is judged by what it changed.
@@ -28,6 +32,15 @@ SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 # Imports leave a million objects and no garbage. To search them in each test takes a sixth of the time.
 gc.disable()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile once what as many workers as there are would compile."""
+    many = config.getoption("numprocesses", None) and not hasattr(config, "workerinput")
+    if many and not sys.dont_write_bytecode:
+        # Of another version of pytest, which has no such private functions, each worker compiles for itself.
+        with contextlib.suppress(AttributeError, TypeError):
+            compile_changed_tests(config)
 
 
 def pytest_collection_finish() -> None:

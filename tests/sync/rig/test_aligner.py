@@ -58,7 +58,7 @@ def test_a_drifting_phone_is_held_calmly(name: str, ppm: float) -> None:
 
 def test_a_phone_without_drift_is_aligned_once_and_left_alone() -> None:
     bench = Bench(PROFILES["pi"], 3, 60_000, ppm=0.0)
-    observations = bench.run(30 * S)
+    observations = bench.run(60 * S)
     assert bench.aligner.corrections <= 2
     assert all(seen.aligned for seen in observations if seen.now_ns > 5 * S)
 
@@ -104,10 +104,10 @@ def test_a_webcam_is_held_within_2_ms_even_in_a_virtual_machine(noise_ns: int, p
         PROFILES["webcam"], timestamp_noise_ns=noise_ns, start_latency_ns=(250_000_000, 1_000_000)
     )
     bench = Bench(profile, 3, 2_000_000, ppm=ppm)
-    later = [seen for seen in bench.run(60 * S) if seen.now_ns > 20 * S]
+    later = [seen for seen in bench.run(100 * S) if seen.now_ns > 20 * S]
     assert sum(seen.aligned for seen in later) > 0.9 * len(later)
     assert all(abs(seen.error_ns) < 3_000_000 for seen in later if seen.aligned)
-    assert bench.aligner.corrections < 10
+    assert bench.aligner.corrections < 15
 
 
 @pytest.mark.parametrize("name", ["phone-a", "webcam"])

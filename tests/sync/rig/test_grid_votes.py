@@ -82,7 +82,7 @@ def test_another_phase_in_each_report_leaves_the_others_ready(control: PhaseCont
         )
 
     rig.lie = another_phase
-    assert sum(rig.looks(6)) == 6
+    assert sum(rig.looks(8)) == 8
 
 
 def test_small_steps_of_a_phase_move_the_grid_rarely() -> None:
@@ -109,8 +109,8 @@ def test_a_webcam_with_a_bad_clock_is_named_and_moves_nobody() -> None:
         return structs.replace(report, frame_leader_ns=at_ns and at_ns + rng.randrange(10 * MS))
 
     rig.lie = late
-    rig.run_for(8 * S)
-    assert sum(rig.looks(6)) == 6
+    rig.run_for(10 * S)
+    assert sum(rig.looks(8)) == 8
     report = rig.leader.roster.members["liar"].report
     assert report.state is NodeState.DEGRADED
     assert "its frame times jumped by" in report.message

@@ -75,7 +75,7 @@ def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_mo
     aligning = lambda: in_state(rig, "fine", NodeState.ALIGNING)  # noqa: E731
     assert rig.run_until(aligning, limit_ns=40 * S)
     states, reasons = set(), set()
-    for _ in range(50):
+    for _ in range(100):
         rig.run_for(S // 5)
         told = report(rig, "fine")
         states.add(told.state)

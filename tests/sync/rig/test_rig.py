@@ -74,8 +74,8 @@ def test_five_phones_take_pictures_of_the_same_instant() -> None:
 
 
 def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
-    two = [replace(spec, tolerance_ns=250_000) for spec in specs(2, "phone-a", link=PAPER_LINK, seed=5)]
-    rig = ready_rig(two, seed=6)
+    four = [replace(spec, tolerance_ns=250_000) for spec in specs(4, "phone-a", link=PAPER_LINK, seed=5)]
+    rig = ready_rig(four, seed=6)
     burst = rig.trigger(frames=10)
     rig.run_for(3 * S)
     for node in rig.nodes.values():

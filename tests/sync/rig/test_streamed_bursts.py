@@ -8,8 +8,8 @@ from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig
 
-FRAMES = 150
-"""Two and a half times what the ring buffer holds."""
+FRAMES = 300
+"""Five times what the ring buffer holds."""
 
 
 def rig_of_two(drop_fraction: float = 0.0) -> VirtualRig:
@@ -79,8 +79,8 @@ def test_a_time_lapse_is_aligned_between_its_instants() -> None:
     profile = replace(PROFILES["phone-a"], drop_fraction=0.0, outlier_fraction=0.0)
     rig = ready_rig([NodeSpec("cam0", profile, SimulatedClock(S), LAN)], seed=4)
     node = rig.nodes["cam0"]
-    burst = rig.trigger(frames=3, spacing=450, streamed=True)
+    burst = rig.trigger(frames=4, spacing=450, streamed=True)
     before = node.client.aligner.corrections
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=150 * S)
-    assert [pick.instant for pick in node.bursts[burst.number].frames] == [0, 1, 2]
+    assert [pick.instant for pick in node.bursts[burst.number].frames] == [0, 1, 2, 3]
     assert node.client.aligner.corrections > before

@@ -43,7 +43,7 @@ def test_slots_are_far_from_each_other() -> None:
 )
 def test_clients_that_join_together_do_not_send_together(poll_interval_ns: int, reached_s: float) -> None:
     rng = random.Random(3)
-    clocks = [SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)) for _ in range(5)]
+    clocks = [SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)) for _ in range(8)]
     schedule, phone = (
         partial(SteadySchedule, poll_interval_ns=poll_interval_ns, near_ns=0),
         PROFILES["phone-a"],

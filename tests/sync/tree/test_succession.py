@@ -236,12 +236,12 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
     far.receive_datagram = far_receives
     assert rig.until(lambda: rig.all_follow("a")) < 6.0
     rig.until(rig.all_ready)
-    for _ in rig.steps(3.0):
+    for _ in rig.steps(10.0):
         assert rig.all_follow("a")
     rig.check_burst("a")
 
 
-@pytest.mark.parametrize("frozen_s", [3.0, 8.0])
+@pytest.mark.parametrize("frozen_s", [3.0, 15.0])
 def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: float) -> None:
     rig = ready_rig()
     rig.freeze("a")
@@ -285,7 +285,7 @@ def test_of_three_each_waits_for_the_better_ones() -> None:
 
 def test_all_that_start_together_find_one_leader() -> None:
     rig = StandbyRig("abc", cameras=1)
-    led = [rig.leading() for _ in rig.steps(10.0)]
+    led = [rig.leading() for _ in rig.steps(20.0)]
     assert led[-1] == "a"
     assert set(led) == {"", "a"}
 
@@ -298,7 +298,7 @@ def test_what_is_below_a_relay_keeps_the_time_as_well() -> None:
     rig.tree.add("relay", Relay(member, LeaderConfig(0, 0), rng), rng, parents, member)
     below = rig.camera("below", (("relay", 0),))
     rig.until(lambda: below.client.state == "ready")
-    for _ in rig.steps(3.0):
+    for _ in rig.steps(10.0):
         pass
     rig.kill("a")
     rig.until(lambda: rig.all_follow("b") and member.leader == ("b", 0) and member.time.is_member)
@@ -307,7 +307,7 @@ def test_what_is_below_a_relay_keeps_the_time_as_well() -> None:
         pass
     rig.check_burst("b")
     del rig.cameras["below"]
-    for seconds in rig.steps(5.0):
+    for seconds in rig.steps(10.0):
         assert below.client.time_map is not None, seconds
         error_ns, local_ns = rig.error(below, "b")
         assert abs(error_ns) <= below.client.time_map.hard_bound_at(local_ns)

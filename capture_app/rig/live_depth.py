@@ -16,6 +16,10 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
 
 WIDTH_PX = 320
+MAX_FPS = 15.0
+"""Instants of previews per second, of which the newest is matched."""
+NICENESS = 10
+"""Of the process that matches: a rig's own work goes first."""
 MAX_LACKING = 20
 """Instants in a row without a picture of the chosen camera after which that is reported."""
 COMMAND = ("reconstruction.cli", "live", "--width", str(WIDTH_PX))
@@ -37,7 +41,7 @@ async def live_depth(
         newest.put_nowait(new)
 
     async def follow() -> None:
-        instants = instant_previews(link, cameras=None, width=WIDTH_PX, fps=15.0)
+        instants = instant_previews(link, cameras=None, width=WIDTH_PX, fps=MAX_FPS)
         try:
             async with aclosing(instants):
                 async for instant in instants:
@@ -45,7 +49,7 @@ async def live_depth(
         except SimulshotError as error:
             hand_over(error)
 
-    child = await Child.start("reconstruct live", COMMAND, niceness=10)
+    child = await Child.start("reconstruct live", COMMAND, niceness=NICENESS)
     task = asyncio.create_task(follow())
     try:
         cameras = {node.name: node.camera for node in rig.cameras}

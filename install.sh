@@ -13,7 +13,7 @@ extras=reconstruction with="" remove=""
 usage() { sed -n '2,6s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 while [ $# -gt 0 ]; do
   case $1 in
-    --capture-only) extras="" ;;
+    --capture-only) extras="" SIMULSHOT_CAPTURE_ONLY=1; export SIMULSHOT_CAPTURE_ONLY ;;
     --with) [ $# -gt 1 ] || usage; with=$2; shift ;;
     --remove) remove=yes ;;
     *) usage ;;

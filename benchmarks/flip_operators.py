@@ -124,7 +124,10 @@ def _is_text(node: ast.BinOp | ast.AugAssign) -> bool:
 def copy_checkout(target: Path) -> None:
     """Copy the tracked files, and the compiled kernels, which git ignores."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True, text=True)
-    for name in (*filter(None, listed.stdout.split("\0")), "reconstruction/depth/kernels.library"):
+    for name in (
+        *filter(None, listed.stdout.split("\0")),
+        *(str(one.relative_to(ROOT)) for one in ROOT.glob("reconstruction/depth/kernels.*.library")),
+    ):
         if (ROOT / name).is_file():
             (target / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, target / name)

@@ -31,11 +31,10 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
-from reconstruction.depth.compiled import CPU, CompiledEngine
 from reconstruction.depth.fusion import fuse_maps
 from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import SweepEngine
+from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
@@ -143,8 +142,6 @@ METHODS: dict[str, Callable[..., Result]] = {
     "multiview without planes": partial(ours, planes=False),
     "SGBM, best pair": sgbm,
 }
-if isinstance(CPU, CompiledEngine):
-    METHODS["multiview by NumPy"] = partial(ours, engine=SweepEngine())
 if isinstance(find_engine(), GpuEngine):
     METHODS["multiview on a GPU"] = partial(ours, engine=find_engine())
 

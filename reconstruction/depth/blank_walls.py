@@ -6,7 +6,7 @@ matched with wide windows at a small scale. It takes one of the planes or keeps 
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
@@ -14,9 +14,8 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
-from reconstruction.depth.sweep_engine import WORST_COST, combine_likeness, correlate_windows
+from reconstruction.depth.sweep_engine import CPU, WORST_COST
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
@@ -275,9 +274,19 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
     warped = [CPU.warp(one, level) for one in source_views]
     seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
     # Areas outside an image are neutral rather than a mismatch: wide windows often reach there.
-    inside = [np.where(one < MIDDLE / 2, np.float32(MIDDLE), one) for one in warped]
-    likeness = [correlate_windows(one, part) for one, part in zip(source_views, inside, strict=True)]
-    return 1 - combine_likeness(likeness), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
+    shown = [
+        SourceView(
+            view.reference,
+            replace(
+                view.reference,
+                grey=np.where(one < MIDDLE / 2, np.float32(MIDDLE), one),
+                noise=view.source.noise,
+            ),
+        )
+        for view, one in zip(source_views, warped, strict=True)
+    ]
+    costs = CPU.costs_along(shown, np.zeros_like(level)) / np.float32(WORST_COST)
+    return costs, np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
 
 
 def evident_patches(number: Array, likeness: Array) -> Array:

@@ -138,23 +138,3 @@ class SourceView:
         x, y, z = (a * xs + b * ys + c + d * inverse_depth for a, b, c, d in matrix)
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
         return x * far, y * far, z
-
-    def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
-        """Return the motion in the reference, px, per unit of inverse depth of the source's pixel x, y."""
-        back = -self.rotation.T @ self.translation
-        inverse = np.linalg.inv(self.source.view.matrix)
-        ray = np.stack([inverse[0, 0] * x + inverse[0, 2], inverse[1, 1] * y + inverse[1, 2]])
-        rotation = self.rotation.T.astype(np.float32)
-        direction = [rotation[i, 0] * ray[0] + rotation[i, 1] * ray[1] + rotation[i, 2] for i in range(3)]
-        far = np.maximum(np.abs(direction[2]), 1e-3)
-        moved = [back[i] - direction[i] / far * back[2] for i in range(2)]
-        return np.asarray(self.reference.view.focal * np.hypot(*moved) / far, np.float32)
-
-    def cosine(self, inverse_depth: Array) -> Array:
-        """Return the cosine of the angle between both views' rays at the reference's inverse depths."""
-        rays = self.reference.rays
-        to_source = (
-            rays - (-self.rotation.T @ self.translation).astype(np.float32)[:, None, None] * inverse_depth
-        )
-        lengths = np.sqrt((rays * rays).sum(0) * (to_source * to_source).sum(0))
-        return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))

@@ -9,11 +9,10 @@ import shutil
 import subprocess
 import sys
 import zlib
+from importlib.util import find_spec
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
-# Not kernels.so, which Python would take for an extension module.
-LIBRARY = Path(__file__).with_name("kernels.library")
 # Without fused multiply-add all machines give the same depth; the other flags change no result.
 FLAGS = (
     "-std=gnu11",
@@ -26,25 +25,35 @@ FLAGS = (
 )
 
 
-def source_checksum() -> int:
-    """Return the checksum that a library has in itself if it was compiled from today's source."""
-    return zlib.crc32(SOURCE.read_bytes()) >> 1
+def library_of(source: Path = SOURCE) -> Path:
+    """Return the path of the source's library; another source's would be called with wrong arguments."""
+    # Not .so, which Python would take for an extension module.
+    return source.with_suffix(f".{zlib.crc32(source.read_bytes()):08x}.library")
 
 
-def compile_kernels(library: Path = LIBRARY) -> bool:
-    """Compile the sweep's hot loops into a library; False if no C compiler can."""
-    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
-    if compiler is None:
+def find_compiler() -> list[str]:
+    """Return the C compiler's command: the system's, or that of PyPI's ziglang; empty if there is none."""
+    named = os.environ.get("CC", "cc"), "cc", "gcc", "clang"
+    if found := next(filter(None, map(shutil.which, named)), None):
+        return [found]
+    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else []
+
+
+def compile_kernels(source: Path = SOURCE) -> bool:
+    """Compile the hot loops of depth into a library; False if no C compiler can."""
+    if not (compiler := find_compiler()):
         return False
+    library = library_of(source)
     # Gathers are worth it from Haswell on; generic tuning avoids them.
     tuned = ["-mtune=haswell"] if platform.machine() == "x86_64" else []
     part = library.with_suffix(f".{os.getpid()}")
-    checksum = f"-DSOURCE_CHECKSUM={source_checksum()}"
-    command = [compiler, *FLAGS, *tuned, checksum, "-o", str(part), str(SOURCE), "-lm"]
+    command = [*compiler, *FLAGS, *tuned, "-o", str(part), str(source), "-lm"]
     # A compiler without support for several processor versions builds a single one.
     for plain in ([], ["-DONE_VERSION"]):
         if subprocess.run([*command, *plain], capture_output=True, check=False).returncode == 0:  # noqa: S603
             part.replace(library)
+            for older in {*source.parent.glob(f"{source.stem}.*.library")} - {library}:
+                older.unlink(missing_ok=True)
             return True
     return False
 

@@ -1,13 +1,13 @@
 """Cloud fused from all depth maps, and the test of its points against what other views measured."""
 
+import ctypes
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.compiled import CPU, CompiledEngine, PosedMap
+from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.sweep_matcher import ViewDepth
 
 MIN_VIEWS = 3
@@ -18,6 +18,35 @@ SLACK = 0.005
 """Maximum relative depth difference of the same surface."""
 BEHIND = -0.3
 """Maximum cosine between a point's normal and the direction to a view that sees it from behind."""
+
+
+PosedMap = tuple[View, Array, Array, Array]
+"""A view, its depth (float32, 0 = none), normals in its frame (float32) and picture (uint8 BGR)."""
+
+
+class _Map(ctypes.Structure):
+    _fields_ = (
+        ("depth", ctypes.c_void_p),
+        ("normals", ctypes.c_void_p),
+        ("colours", ctypes.c_void_p),
+        ("taken", ctypes.c_void_p),
+        ("width", ctypes.c_int),
+        ("height", ctypes.c_int),
+        ("matrices", ctypes.c_float * 33),
+    )
+
+    @classmethod
+    def of(cls, view: View, *arrays: Array) -> "_Map":
+        """Return a view's map for the kernels, of its depth and what else they read or write of it."""
+        matrix, turn = view.matrix, view.rotation
+        numbers = (
+            *(matrix @ turn, matrix @ view.translation),
+            *(np.linalg.inv(matrix).T @ turn, view.centre, turn),
+        )
+        made = cls(*(array.ctypes.data for array in arrays))
+        made.height, made.width = arrays[0].shape
+        made.matrices = tuple(np.concatenate([part.ravel() for part in numbers]))
+        return made
 
 
 class FusedCloud(NamedTuple):
@@ -43,16 +72,14 @@ def fuse_maps(
     `pictures` (uint8 BGR) give the colours. `group`: size of the smallest group of cameras with a common
     view.
     """
-    having = [name in depth_views for name in views]
     maps = [
         (view, depth_views[name].depth, depth_views[name].normals, pictures[name])
         for name, view in views.items()
         if name in depth_views
     ]
-    limits = max(1, min(MIN_VIEWS, group)), MAX_DEPTH_ERROR, MIN_NORMAL_COSINE
-    fused, shown = (CPU.fuse if isinstance(CPU, CompiledEngine) else fuse_arrays)(maps, *limits)
+    fused, shown = fuse_posed_maps(maps, max(1, min(MIN_VIEWS, group)), MAX_DEPTH_ERROR, MIN_NORMAL_COSINE)
     seen = np.zeros((len(fused), len(views)), bool)
-    seen[:, having] = shown
+    seen[:, [name in depth_views for name in views]] = shown
     points, normals, colours = np.split(fused, 3, axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     accepted = ~find_denied(points, normals, views, depth_views)
@@ -61,41 +88,27 @@ def fuse_maps(
     )
 
 
-def fuse_arrays(maps: Sequence[PosedMap], required: int, error: float, cosine: float) -> tuple[Array, Array]:
-    """Fuse as `CompiledEngine.fuse`, except for rounding, where no library was built."""
-    free = [depth.ravel() > 0 for _, depth, _, _ in maps]
-    measured = [_measurements(*one) for one in maps]
-    parts = []
-    # A later map cannot be in enough others.
-    for place in range(max(1, len(maps) + 1 - required)):
-        first = measured[place][free[place]]
-        total, seen = first.copy(), np.zeros((len(first), len(maps)), bool)
-        seen[:, place] = True
-        for later in range(place + 1, len(maps)):
-            at, z, inside = project_points(maps[later][0], first[:, :3])
-            depth = maps[later][1].take(at)
-            points = np.flatnonzero(inside & free[later].take(at) & (np.abs(z - depth) <= error * depth))
-            facing = measured[later][at[points], 3:6], first[points, 3:6]
-            points = points[np.einsum("ij,ij->i", *facing) >= cosine]
-            # Of several points that show a pixel the first gets it.
-            owner = np.empty(len(free[later]), np.intp)
-            owner[at[points[::-1]]] = points[::-1]
-            points = points[owner[at[points]] == points]
-            total[points] += measured[later][at[points]]
-            seen[points, later], free[later][at[points]] = True, False
-        count = seen.sum(1)
-        enough = count >= required
-        parts.append((total[enough] / count[enough, None].astype(np.float32), seen[enough]))
-    points, seen = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return points, seen
-
-
-def _measurements(view: View, depth: Array, normals: Array, picture: Array) -> Array:
-    """Return place, normal and colour (n, 9), float32, that a map has at each pixel."""
-    rows, columns = np.divmod(np.arange(depth.size), view.width)
-    points = surface_points(view, rows, columns, depth.ravel())
-    facing = normals.reshape(-1, 3) @ view.rotation.astype(np.float32)
-    return np.hstack([points, facing, picture.reshape(-1, 3)[:, ::-1]])
+def fuse_posed_maps(
+    maps: Sequence[PosedMap], required: int, error: float, cosine: float
+) -> tuple[Array, Array]:
+    """Return places, normals and colours of points (n, 9), and the maps (n, maps) that each is from."""
+    arrays = [
+        (floats(depth), floats(normals), np.ascontiguousarray(picture, np.uint8), np.zeros(depth.shape, bool))
+        for _, depth, normals, picture in maps
+    ]
+    for depth, normals, picture, _ in arrays:
+        if not (*depth.shape, 3) == normals.shape == picture.shape:
+            raise ValueError(f"a depth map of {depth.shape} has normals or a picture of another size")
+    given = [_Map.of(view, *parts) for (view, *_), parts in zip(maps, arrays, strict=True)]
+    most = sum(depth.size for depth, *_ in arrays) // required + 1
+    points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
+    found = ctypes.c_int64()
+    call_kernel(
+        "fuse",
+        *(len(maps), (_Map * len(maps))(*given), required, ctypes.c_float(error), ctypes.c_float(cosine)),
+        *(points, seen, ctypes.byref(found)),
+    )
+    return points[: found.value], seen[: found.value]
 
 
 def surface_points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -123,17 +136,15 @@ def find_denied(
     something farther, through the point. It also denies a point that is turned away from it if it measured
     nothing in front of it, as solid objects are not seen from behind.
     """
-    confirming, denying = (np.zeros(len(points), np.uint16) for _ in range(2))
-    for name, found in depth_views.items():
-        view = views[name]
-        at, z, inside = project_points(view, points)
-        towards = view.centre.astype(np.float32) - points
-        cosine = np.einsum("ij,ij->i", towards, normals) / np.sqrt(np.einsum("ij,ij->i", towards, towards))
-        confirming += inside & (cosine > 0) & (np.abs(found.depth.take(at) - z) < SLACK * z)
-        # Zero if any neighbouring pixel has no depth.
-        nearest = cv2.erode(found.depth, np.ones((3, 3), np.uint8)).take(at)
-        denying += inside & (nearest > np.where(cosine < BEHIND, 1 - SLACK, 1 + SLACK) * z)
-    return np.asarray((denying > 0) & (confirming <= 2 * denying))
+    points, normals, denied = floats(points), floats(normals), np.empty(len(points), bool)
+    maps = [(views[name], floats(found.depth)) for name, found in depth_views.items()]
+    call_kernel(
+        "deny",
+        *(len(maps), (_Map * len(maps))(*(_Map.of(*one) for one in maps))),
+        *(ctypes.c_int64(len(points)), points, normals),
+        *(ctypes.c_float(SLACK), ctypes.c_float(BEHIND), denied),
+    )
+    return denied
 
 
 def project_points(view: View, points: Array) -> tuple[Array, Array, Array]:

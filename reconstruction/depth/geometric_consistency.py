@@ -1,16 +1,16 @@
 """Consistency check: depth is valid where other, independently matched views found the same surface."""
 
+import ctypes
 from collections.abc import Iterable
-from itertools import product
 
 import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.compiled import CPU
+from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import Agreement, SweepEngine
+from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
 
 TYPICAL_WIDTH = 640
 SUPPORT_FRACTION = 0.7
@@ -106,21 +106,14 @@ def _valid_fraction(valid: Array, surface: Surface, pixels: tuple[Array, ...]) -
 
     Pixels on other surfaces, such as the background beyond an edge, do not count.
     """
-    radius = SUPPORT_PX // 2
-    rows, columns = pixels
-    level, slope_x, slope_y, _ = (part[pixels] for part in surface)
-    # Beyond the image there is no surface.
-    around = cv2.copyMakeBorder(
-        surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
+    flat = np.ravel_multi_index(pixels, valid.shape).astype(np.int32)
+    places, there = (np.empty(len(flat), np.int32) for _ in range(2))
+    call_kernel(
+        "support",
+        *(*valid.shape, floats(np.stack(surface[:3])), valid, ctypes.c_int64(len(flat)), flat),
+        *(SUPPORT_PX // 2, ctypes.c_float(RELATIVE_DEPTH), places, there),
     )
-    beyond, wide = np.pad(valid, radius), around.shape[1]
-    places, there = (np.zeros(len(rows), np.float32) for _ in range(2))
-    for dy, dx in product(range(-radius, radius + 1, 2), repeat=2):
-        at = (rows + (radius + dy)) * wide + (columns + (radius + dx))
-        near = np.abs(around.take(at) - level - slope_x * dx - slope_y * dy) < RELATIVE_DEPTH * level
-        places += near
-        there += near & beyond.take(at)
-    return np.asarray(there / np.maximum(places, SUPPORT_PLACES))
+    return there / np.maximum(places, SUPPORT_PLACES)
 
 
 def _between(evidence: Array, radius: int) -> Array:

@@ -19,8 +19,7 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.console.terminal import talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
-from reconstruction.depth.compiled import CPU
-from reconstruction.depth.sweep_engine import BETTER_OF_TWO, JUMP_GREY, MIN_JUMP, SweepEngine
+from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, JUMP_GREY, MIN_JUMP, SweepEngine
 
 GPU = "SIMULSHOT_GPU"
 """Environment variable: part of the name of the GPU to use; empty for none."""
@@ -46,12 +45,6 @@ GpuVolume = tuple[Sequence[SourceView], Array | None, Array]
 
 class GpuEngine(SweepEngine):
     """Engine of the sweep on an adapter of wgpu-py; after a failure of the GPU it goes on with the CPU."""
-
-    # Plane fits, votes and warps along a surface run on the CPU.
-    aggregate = staticmethod(CPU.aggregate)
-    fit_planes = staticmethod(CPU.fit_planes)
-    warp = staticmethod(CPU.warp)
-    compare = staticmethod(CPU.compare)
 
     def __init__(self, adapter: Any, max_band_bytes: int = MAX_BAND_BYTES) -> None:
         super().__init__(f"on {adapter.info['device']}")

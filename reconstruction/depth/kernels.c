@@ -1,4 +1,4 @@
-/* The sweep's hot loops for the processor; `compiled.py` calls them, and `sweep_engine.py` says the same in NumPy.
+/* The hot loops of depth for the processor; `kernels.py` calls them.
  *
  * Volumes are height x depths x width. The innermost loops go along a row and are plain, so that a compiler
  * makes vectors of them on any machine; no product is fused with a sum (-ffp-contract=off), so that all machines
@@ -7,9 +7,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* A library of another source would be called with wrong arguments: `compiled.py` loads only its own. */
-const int source_checksum = SOURCE_CHECKSUM;
 
 /* One library for all x86-64: the loader takes the version that fits the processor. */
 #if defined(__x86_64__) && defined(__GLIBC__) && !defined(ONE_VERSION)
@@ -550,5 +547,111 @@ int fuse(int count, const Map *maps, int required, float error, float cosine, fl
     }
   }
   *found = n;
+  return 0;
+}
+
+/* ---- Points that views deny, see `fusion.py` ---- */
+
+/* The least depth at a pixel and its neighbours. */
+PART float nearest_depth(const Map *map, int column, int row) {
+  float least = INFINITY;
+  for (int y = MAX(row - 1, 0); y <= MIN(row + 1, map->height - 1); y++)
+    for (int x = MAX(column - 1, 0); x <= MIN(column + 1, map->width - 1); x++)
+      least = at_most(map->depth[(size_t)y * map->width + x], least);
+  return least;
+}
+
+/* Whether each of n points with these normals (n x 3) is denied by over half as many maps as confirm it. */
+int deny(int count, const Map *maps, int64_t n, const float *points, const float *normals, float slack, float behind,
+         uint8_t *denied) {
+  for (int64_t i = 0; i < n; i++) {
+    const float *p = points + 3 * i, *normal = normals + 3 * i;
+    int confirming = 0, denying = 0;
+    for (int k = 0; k < count; k++) {
+      const Map *map = maps + k;
+      const float *m = map->onto, *c = map->centre;
+      const float z = m[6] * p[0] + m[7] * p[1] + m[8] * p[2] + m[11], far = 1.f / z;
+      const float u = rintf((m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[9]) * far);
+      const float v = rintf((m[3] * p[0] + m[4] * p[1] + m[5] * p[2] + m[10]) * far);
+      if (!(z > 1e-6f && u >= 0.f && u < map->width && v >= 0.f && v < map->height)) continue;
+      const float x = c[0] - p[0], y = c[1] - p[1], w = c[2] - p[2];
+      const float cosine = (x * normal[0] + y * normal[1] + w * normal[2]) / sqrtf(x * x + y * y + w * w);
+      const float depth = map->depth[(size_t)v * map->width + (size_t)u];
+      confirming += cosine > 0.f && fabsf(depth - z) < slack * z;
+      denying += nearest_depth(map, (int)u, (int)v) > (cosine < behind ? 1.f - slack : 1.f + slack) * z;
+    }
+    denied[i] = denying > 0 && confirming <= 2 * denying;
+  }
+  return 0;
+}
+
+/* ---- Pixels beside edges of depth, see `edge_sharpening.py` ---- */
+
+/* A plane's level (of 3 x height x width) at a pixel, from a pixel beside it; the border's planes go on beyond it. */
+PART float level_beside(int height, int width, const float *planes, int x, int y, int dx, int dy, size_t *at) {
+  const size_t size = (size_t)height * width;
+  const int column = MIN(MAX(x + dx, 0), width - 1), row = MIN(MAX(y + dy, 0), height - 1);
+  *at = (size_t)row * width + column;
+  return planes[*at] - planes[size + *at] * (column - x) - planes[2 * size + *at] * (row - y);
+}
+
+/* The nearest level around each of n pixels, and the farthest plane (3 x n), both extended to the pixel. */
+int edge_sides(int height, int width, const float *planes, int64_t n, const int32_t *pixels, int reach, float *near,
+               float *far) {
+  const size_t size = (size_t)height * width;
+  for (int64_t i = 0; i < n; i++) {
+    const int x = pixels[i] % width, y = pixels[i] / width;
+    size_t at, farthest = pixels[i];
+    near[i] = far[i] = planes[farthest];
+    for (int off = reach; off >= reach / 2; off -= reach - reach / 2)
+      for (int k = 0; k < 9; k++) {
+        const float level = level_beside(height, width, planes, x, y, (k % 3 - 1) * off, (k / 3 - 1) * off, &at);
+        near[i] = at_least(level, near[i]);
+        if (level < far[i]) far[i] = level, farthest = at;
+      }
+    far[n + i] = planes[size + farthest], far[2 * n + i] = planes[2 * size + farthest];
+  }
+  return 0;
+}
+
+/* Sums over each of n pixels' neighbours that are as bright: of gains, of their sizes, and of weights (3 x n). */
+int gather_gains(int height, int width, const float *gain, const float *grey, int64_t n, const int32_t *pixels, int reach,
+                 float similar_grey, float similar_px, float *sums) {
+  for (int64_t i = 0; i < n; i++) {
+    const int x = pixels[i] % width, y = pixels[i] / width;
+    float total = 0.f, size = 0.f, weight = 0.f;
+    for (int row = MAX(y - reach, y % 2); row <= MIN(y + reach, height - 1); row += 2)
+      for (int column = MAX(x - reach, x % 2); column <= MIN(x + reach, width - 1); column += 2) {
+        const size_t at = (size_t)row * width + column;
+        if (gain[at] == 0.f) continue;
+        const float off = fabsf(grey[at] - grey[pixels[i]]), apart = hypotf(column - x, row - y);
+        const float alike = expf(-off / similar_grey - apart / similar_px);
+        total += alike * gain[at], size += alike * fabsf(gain[at]), weight += alike;
+      }
+    sums[i] = total, sums[n + i] = size, sums[2 * n + i] = weight;
+  }
+  return 0;
+}
+
+/* ---- Neighbours on a pixel's surface, see `geometric_consistency.py` ---- */
+
+/* How many of each second pixel within `radius` px of n pixels are on its plane (planes: 3 x height x width), and how
+ * many of these are `valid`. */
+int support(int height, int width, const float *planes, const uint8_t *valid, int64_t n, const int32_t *pixels,
+            int radius, float relative, int32_t *places, int32_t *there) {
+  const size_t size = (size_t)height * width;
+  for (int64_t i = 0; i < n; i++) {
+    const int x = pixels[i] % width, y = pixels[i] / width;
+    const float level = planes[pixels[i]], right = planes[size + pixels[i]], down = planes[2 * size + pixels[i]];
+    int on = 0, good = 0;
+    for (int dy = -radius; dy <= radius; dy += 2)
+      for (int dx = -radius; dx <= radius; dx += 2) {
+        if (x + dx < 0 || x + dx >= width || y + dy < 0 || y + dy >= height) continue;
+        const size_t at = (size_t)(y + dy) * width + x + dx;
+        const int near = fabsf(planes[at] - level - right * dx - down * dy) < relative * level;
+        on += near, good += near & valid[at];
+      }
+    places[i] = on, there[i] = good;
+  }
   return 0;
 }

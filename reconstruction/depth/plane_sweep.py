@@ -8,8 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
-from reconstruction.depth.compiled import CPU
-from reconstruction.depth.sweep_engine import WORST_COST, SweepEngine
+from reconstruction.depth.sweep_engine import CPU, WORST_COST, SweepEngine
 
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02

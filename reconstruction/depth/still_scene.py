@@ -9,9 +9,9 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.rough_scene import RoughScene
+from reconstruction.depth.sweep_engine import CPU
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
 """Minimum difference of a window's mean grey level that counts as a change since its depth was found.

@@ -13,12 +13,12 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.blank_walls import fit_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.edge_sharpening import sharpen_edges
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
 )
+from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import (
     MAX_PROPOSED_COST,
     Surface,
@@ -27,7 +27,7 @@ from reconstruction.depth.plane_sweep import (
     sweep_view,
 )
 from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
-from reconstruction.depth.sweep_engine import SweepEngine
+from reconstruction.depth.sweep_engine import CPU, SweepEngine
 
 MAX_VOTERS = 8
 """Maximum number of other views that vote: the sources first, then the sources' sources."""
@@ -45,7 +45,8 @@ def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tup
     """
     nearest = np.zeros(shape, np.float32)
     for to_this, depth in others:
-        CPU.splat(to_this, depth, nearest)
+        shown = floats(depth), floats(to_this.numbers)
+        call_kernel("splat", *depth.shape, *shown, *shape, nearest)
     return _close_gaps(nearest)
 
 

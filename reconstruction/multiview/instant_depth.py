@@ -11,11 +11,11 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.fusion import fuse_maps, median_of_known
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.still_scene import StillScene
+from reconstruction.depth.sweep_engine import CPU
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import smallest_group
 from reconstruction.multiview.input_images import InputImage

@@ -14,10 +14,9 @@ from reconstruction.depth.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.gpu import find_engine
 from reconstruction.depth.still_scene import StillScene
-from reconstruction.depth.sweep_engine import SweepEngine
+from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 

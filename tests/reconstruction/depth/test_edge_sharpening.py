@@ -9,6 +9,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.edge_sharpening import sharpen_edges
 from reconstruction.depth.plane_sweep import Surface
 from tests.reconstruction.conftest import Scene, make_view
+from tests.reconstruction.depth.array_engine import sharpen_by_arrays
 from tests.reconstruction.depth.small_views import SLOPE, photo_of, view_at
 
 TIME = 2.0
@@ -60,3 +61,16 @@ def test_a_slanted_plane_has_no_edges() -> None:
     views = [SourceView(shots[0][0], other) for other, _ in shots[1:]]
     found = sharpen_edges(surface, views, surface.inverse_depth > 0)
     assert np.array_equal(np.stack(found), np.stack(surface))
+
+
+def test_moved_edges_are_those_of_the_array_version(seen: tuple[list[SourceView], Array]) -> None:
+    views, true = seen
+    wide = cv2.dilate(true, np.ones((5, 5), np.uint8))
+    slopes = 1e-4 * np.random.default_rng(2).standard_normal((2, *true.shape)).astype(np.float32)
+    surface = Surface(wide, slopes[0], slopes[1], np.zeros_like(wide))
+    where = np.ones(wide.shape, bool)
+    where[:30] = False
+    found, expected = (np.stack(run(surface, views, where)) for run in (sharpen_edges, sharpen_by_arrays))
+    moved = expected[0] != wide
+    assert 1000 < moved.sum() < 0.2 * moved.size
+    assert np.abs(found - expected).max() < 1e-6

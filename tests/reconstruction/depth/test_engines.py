@@ -1,4 +1,4 @@
-"""The compiled engine beside the array version, and the GPU's (by a software driver) beside the compiled."""
+"""The compiled engine beside the array version, and the GPU's (by a software driver) beside the CPU."""
 
 import os
 import sys
@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,24 +16,33 @@ from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth import compiling, gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
-from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
-from reconstruction.depth.compiling import LIBRARY, SOURCE, compile_kernels
-from reconstruction.depth.fusion import fuse_arrays
+from reconstruction.depth.compiling import library_of
+from reconstruction.depth.fusion import PosedMap, find_denied, fuse_posed_maps
+from reconstruction.depth.geometric_consistency import _valid_fraction
 from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
-from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
+from reconstruction.depth.kernels import load_kernels
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import (
-    BETTER_OF_TWO,
-    Agreement,
-    SweepEngine,
+from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
+from reconstruction.depth.sweep_matcher import (
+    ViewDepth,
+    _close_gaps,
+    match_all_views,
+    propose_inverse_depth,
+)
+from reconstruction.multiview.matcher import ChosenMatcher
+from tests.reconstruction.depth.array_engine import (
+    ArrayEngine,
     aggregate_costs,
     cheapest_depths,
+    denied_by_arrays,
+    fuse_arrays,
+    splat_arrays,
+    valid_fraction,
 )
-from reconstruction.depth.sweep_matcher import match_all_views
-from reconstruction.multiview.matcher import ChosenMatcher
-from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at
+from tests.reconstruction.depth.small_views import HEIGHT, PLACES, WIDTH, choose_by_depth, photo_of, view_at
 
-NUMPY = SweepEngine()
+NUMPY = ArrayEngine()
 OFFSETS = np.linspace(0.3, 0.7, 21)
 
 
@@ -100,16 +110,6 @@ def bilinear(picture: Array, u: Array, v: Array, outside: np.float32) -> Array:
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledEngine:
-    """The compiled engine of this checkout's own text, whatever was installed."""
-    with suppress(OSError, ValueError):
-        return CompiledEngine(LIBRARY)
-    library = tmp_path_factory.mktemp("kernels") / "kernels.so"
-    assert compile_kernels(library)
-    return CompiledEngine(library)
-
-
-@pytest.fixture(scope="module")
 def adapters() -> list[Any]:
     """The software drivers of Vulkan here, which compute as a GPU does; in CI their absence is a failure."""
     found = []
@@ -128,9 +128,9 @@ def software_gpu(adapters: list[Any]) -> GpuEngine:
     return GpuEngine(adapters[0])
 
 
-@pytest.fixture(params=["gpu", "compiled"])
-def engine(request: pytest.FixtureRequest, compiled: CompiledEngine) -> SweepEngine:
-    return request.getfixturevalue("software_gpu") if request.param == "gpu" else compiled
+@pytest.fixture(params=["gpu", "cpu"])
+def engine(request: pytest.FixtureRequest) -> SweepEngine:
+    return request.getfixturevalue("software_gpu") if request.param == "gpu" else CPU
 
 
 def curved_surface(views: list[SourceView]) -> Array:
@@ -142,12 +142,10 @@ def curved_surface(views: list[SourceView]) -> Array:
     ("count", "window", "curved"),
     [(1, 5, False), (2, 7, True), (4, 5, False), (3, 7, True)],
 )
-def test_costs_are_those_of_the_array_version(
-    count: int, window: int, curved: bool, compiled: CompiledEngine
-) -> None:
+def test_costs_are_those_of_the_array_version(count: int, window: int, curved: bool) -> None:
     views = source_views(count, window)
     base = curved_surface(views) if curved else None
-    found = compiled.cost_volume(views, base, OFFSETS)
+    found = CPU.cost_volume(views, base, OFFSETS)
     exact = array_version(views, base, OFFSETS)
     # Sums of windows that slide are rounded otherwise.
     assert np.abs(found.astype(int) - exact).max() <= 1
@@ -165,50 +163,50 @@ def test_costs_are_those_of_the_array_version(
     [(1, 5, False, 21), (2, 7, True, 9), (3, 7, True, 4), (4, 5, False, 3)],
 )
 def test_a_gpu_finds_the_costs_of_the_compiled_engine_and_their_cheapest_bit_by_bit(
-    count: int, window: int, curved: bool, depths: int, software_gpu: GpuEngine, compiled: CompiledEngine
+    count: int, window: int, curved: bool, depths: int, software_gpu: GpuEngine
 ) -> None:
     views = source_views(count, window)
     volume = views, curved_surface(views) if curved else None, np.linspace(0.3, 0.7, depths)
     costs = software_gpu.costs(volume)
-    off = np.abs(costs.astype(int) - compiled.cost_volume(*volume))
+    off = np.abs(costs.astype(int) - CPU.cost_volume(*volume))
     assert off.max() <= 1
     assert off.mean() < 0.008
     grey = views[0].reference.grey
-    expected = compiled.find_cheapest(costs, grey, 20, 800)
+    expected = CPU.find_cheapest(costs, grey, 20, 800)
     for found, exact in zip(software_gpu.find_cheapest(volume, grey, 20, 800), expected, strict=True):
         assert np.array_equal(found, exact)
 
 
 @pytest.mark.parametrize(("height", "width", "depths"), [(37, 53, 13), (5, 60, 3), (9, 1, 9), (24, 20, 150)])
 def test_paths_of_the_scan_go_on_from_band_to_band(
-    height: int, width: int, depths: int, adapters: list[Any], compiled: CompiledEngine
+    height: int, width: int, depths: int, adapters: list[Any]
 ) -> None:
     views = source_views(2, 5)
     reference = views[0].reference.cropped((slice(height), slice(width)))
     volume = [SourceView(reference, one.source) for one in views], None, np.linspace(0.3, 0.7, depths)
     engine = GpuEngine(adapters[0], max_band_bytes=8 * -(-depths // 4) * width * 7)
-    expected = compiled.find_cheapest(engine.costs(volume), reference.grey, 20, 800)
+    expected = CPU.find_cheapest(engine.costs(volume), reference.grey, 20, 800)
     for found, exact in zip(engine.find_cheapest(volume, reference.grey, 20, 800), expected, strict=True):
         assert np.array_equal(found, exact)
 
 
 @pytest.mark.parametrize("shape", [(37, 13, 53), (53, 40, 37), (5, 3, 60), (24, 150, 20), (9, 9, 1)])
-def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int], compiled: CompiledEngine) -> None:
+def test_scan_is_that_of_the_array_version(shape: tuple[int, int, int]) -> None:
     rng = np.random.default_rng(sum(shape))
     costs = rng.integers(0, 256, shape).astype(np.uint8)
     grey = (rng.random((shape[0], shape[2])) * 255).astype(np.float32)
-    place, own = compiled.find_cheapest(costs, grey, 20, 800)
+    place, own = CPU.find_cheapest(costs, grey, 20, 800)
     expected = cheapest_depths(aggregate_costs(costs, grey, 20, 800), costs)
     assert np.array_equal(place, expected[0])
     assert np.array_equal(own, expected[1])
 
 
 @pytest.mark.parametrize("depths", [1, 2, 13])
-def test_sums_of_the_scan_are_those_of_the_array_version(depths: int, compiled: CompiledEngine) -> None:
+def test_sums_of_the_scan_are_those_of_the_array_version(depths: int) -> None:
     rng = np.random.default_rng(depths)
     costs = rng.integers(0, 256, (41, depths, 35)).astype(np.uint8)
     grey = (rng.random((41, 35)) * 255).astype(np.float32)
-    assert np.array_equal(compiled.aggregate(costs, grey, 60, 60), aggregate_costs(costs, grey, 60, 60))
+    assert np.array_equal(CPU.aggregate(costs, grey, 60, 60), aggregate_costs(costs, grey, 60, 60))
 
 
 @pytest.mark.slow
@@ -254,45 +252,43 @@ def test_kernels_read_row_by_row_what_lies_column_by_column(engine: Any) -> None
 
 
 @pytest.mark.parametrize(("radius", "stride", "rounds"), [(2, 2, 3), (3, 3, 2), (1, 1, 2)])
-def test_planes_are_those_of_the_array_version(
-    radius: int, stride: int, rounds: int, compiled: CompiledEngine
-) -> None:
+def test_planes_are_those_of_the_array_version(radius: int, stride: int, rounds: int) -> None:
     rng = np.random.default_rng(radius)
     ys, xs = np.mgrid[0:43, 0:61]
     level = np.where(xs > 30, 0.5 + 0.001 * xs, 0.3 - 0.002 * ys) + 0.003 * rng.standard_normal(xs.shape)
     slopes = 0.001 * rng.standard_normal((2, *xs.shape)).astype(np.float32)
     for start in (None, slopes):
         options: Any = {"slopes": start, "radius": radius, "stride": stride, "rounds": rounds}
-        found = compiled.fit_planes(level.astype(np.float32), 0.01, **options)
+        found = CPU.fit_planes(level.astype(np.float32), 0.01, **options)
         assert np.abs(found - NUMPY.fit_planes(level.astype(np.float32), 0.01, **options)).max() < 1e-5
 
 
-def test_votes_are_those_of_the_array_version(compiled: CompiledEngine) -> None:
+def test_votes_are_those_of_the_array_version() -> None:
     view = source_views(1, 5)[0]
     rng = np.random.default_rng(3)
     ys, xs = np.mgrid[0 : view.reference.grey.shape[0], 0 : view.reference.grey.shape[1]]
     mine = (0.5 + 0.05 * np.sin(xs / 9) + 0.003 * rng.standard_normal(xs.shape)).astype(np.float32)
     other = (0.5 + 0.05 * np.sin(xs / 9 + ys / 30)).astype(np.float32)
     agreement = Agreement(0.02, 0.01, 1.0, float(np.cos(np.radians(45))))
-    pairs = (engine.compare(mine, view, other, agreement) for engine in (compiled, NUMPY))
+    pairs = (engine.compare(mine, view, other, agreement) for engine in (CPU, NUMPY))
     for found, expected in zip(*pairs, strict=True):
         assert np.mean(found != expected) < 0.002
         assert 0.05 < expected.mean() < 0.99
 
 
-def test_a_scan_in_memory_used_before_is_that_in_fresh_memory(compiled: CompiledEngine) -> None:
+def test_a_scan_in_memory_used_before_is_that_in_fresh_memory() -> None:
     rng = np.random.default_rng(5)
     large, small = (rng.integers(0, 256, (20, depths, 33), np.uint8) for depths in (40, 9))
     grey = rng.uniform(0, 255, (20, 33)).astype(np.float32)
     for costs in (large, small):
-        assert np.array_equal(compiled.aggregate(costs, grey, 20, 800), NUMPY.aggregate(costs, grey, 20, 800))
+        assert np.array_equal(CPU.aggregate(costs, grey, 20, 800), NUMPY.aggregate(costs, grey, 20, 800))
 
 
-def test_what_is_seen_through_a_surface_is_that_of_the_array_version(compiled: CompiledEngine) -> None:
+def test_what_is_seen_through_a_surface_is_that_of_the_array_version() -> None:
     view = source_views(1, 5)[0]
     ys, xs = np.mgrid[0 : view.reference.grey.shape[0], 0 : view.reference.grey.shape[1]]
     level = (0.5 + 0.2 * np.sin(xs / 9) + 0.001 * ys).astype(np.float32)
-    found, expected = (engine.warp(view, level) for engine in (compiled, NUMPY))
+    found, expected = (engine.warp(view, level) for engine in (CPU, NUMPY))
     assert 0.02 < np.mean(expected < 0) < 0.5
     assert np.mean((found < 0) != (expected < 0)) < 0.01
     inside = (found >= 0) & (expected >= 0)
@@ -300,21 +296,24 @@ def test_what_is_seen_through_a_surface_is_that_of_the_array_version(compiled: C
     assert np.abs(found - expected)[inside].mean() < 0.5
 
 
-def test_splatted_depth_is_that_of_the_array_version(compiled: CompiledEngine) -> None:
-    for view in source_views(3, 5):
+def test_splatted_depth_is_that_of_the_array_version() -> None:
+    views = source_views(3, 5)
+    maps = []
+    for view in views:
         depth = photo_of(view.reference.view)[1].astype(np.float32)
         depth[20:40, 30:60] *= 0.7
         depth[50:60, 50:60] = 0
-        found, expected = (np.zeros(view.source.grey.shape, np.float32) for _ in range(2))
-        compiled.splat(view, depth, found)
-        NUMPY.splat(view, depth, expected)
-        assert np.array_equal(found, expected)
+        maps.append(depth)
+    for count in (1, 3):
+        expected = np.zeros((HEIGHT, WIDTH), np.float32)
+        for view, depth in zip(views[:count], maps, strict=False):
+            splat_arrays(view, depth, expected)
+        found = propose_inverse_depth(zip(views[:count], maps, strict=False), (HEIGHT, WIDTH))
+        assert np.array_equal(found, _close_gaps(expected))
         assert 0.5 < np.mean(found > 0) < 1
 
 
-@pytest.mark.parametrize("required", [1, 3])
-def test_fused_points_are_those_of_the_array_version(required: int, compiled: CompiledEngine) -> None:
-    rng = np.random.default_rng(5)
+def noisy_maps(rng: np.random.Generator) -> list[PosedMap]:
     maps = []
     for k in range(4):
         view = view_at(0.08 * k, 0.03 * (k % 2))
@@ -323,8 +322,15 @@ def test_fused_points_are_those_of_the_array_version(required: int, compiled: Co
         normals = np.dstack([rng.normal(0, 0.3, (*depth.shape, 2)), -np.ones(depth.shape)])
         picture = rng.integers(0, 255, (*depth.shape, 3)).astype(np.uint8)
         maps.append((view, depth.astype(np.float32), normals.astype(np.float32), picture))
+    return maps
+
+
+@pytest.mark.parametrize("required", [1, 3])
+def test_fused_points_are_those_of_the_array_version(required: int) -> None:
+    rng = np.random.default_rng(5)
+    maps = noisy_maps(rng)
     (found, seen), (expected, shown) = (
-        fuse(maps, required, 0.01, 0.9) for fuse in (compiled.fuse, fuse_arrays)
+        fuse(maps, required, 0.01, 0.9) for fuse in (fuse_posed_maps, fuse_arrays)
     )
     # Places that round to another pixel make a few others.
     assert len(found) == pytest.approx(len(expected), rel=2e-3)
@@ -333,21 +339,52 @@ def test_fused_points_are_those_of_the_array_version(required: int, compiled: Co
     assert len(points & others) > 0.9 * len(others) > 2000
 
 
-def test_without_a_library_numpy_sweeps_and_the_note_says_so(tmp_path: Path) -> None:
-    found = load_engine(tmp_path / "kernels.so")
-    assert type(found) is SweepEngine
-    assert found.note == "by NumPy, six times slower: install simulshot again, with a C compiler"
+def test_denied_points_are_those_of_the_array_version() -> None:
+    rng = np.random.default_rng(6)
+    maps = noisy_maps(rng)
+    points, _ = np.split(fuse_posed_maps(maps, 1, 0.01, 0.9)[0][:, :6], 2, axis=1)
+    points *= rng.choice([0.97, 1.0, 1.03], (len(points), 1))
+    normals = rng.normal(0, 1, points.shape).astype(np.float32)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    views = {str(k): view for k, (view, *_) in enumerate(maps)}
+    # Without small holes: a point beside one is not denied.
+    depths = {str(k): cv2.medianBlur(depth, 5) for k, (_, depth, *_) in enumerate(maps)}
+    found_depth = {name: ViewDepth(depth, np.zeros((*depth.shape, 3))) for name, depth in depths.items()}
+    found, expected = (deny(points, normals, views, found_depth) for deny in (find_denied, denied_by_arrays))
+    assert 0.2 < expected.mean() < 0.8
+    # Places that round to another pixel.
+    assert np.mean(found != expected) < 2e-3
 
 
-def test_a_library_of_another_source_is_not_called(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_support_is_that_of_the_array_version() -> None:
+    rng = np.random.default_rng(7)
+    xs = np.mgrid[0:50, 0:70][1]
+    level = np.where(xs > 35, 0.5 + 0.001 * xs, 0.4).astype(np.float32) * rng.normal(1, 0.01, xs.shape)
+    slopes = np.stack([np.where(xs > 35, 0.001, 0), np.zeros(xs.shape)]).astype(np.float32)
+    surface = Surface(level.astype(np.float32), slopes[0], slopes[1], np.zeros(xs.shape, np.float32))
+    valid = rng.random(xs.shape) < 0.6
+    pixels = np.nonzero(rng.random(xs.shape) < 0.3)
+    found, expected = (of(valid, surface, pixels) for of in (_valid_fraction, valid_fraction))
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert expected.std() > 0.05
+
+
+def test_kernels_are_compiled_at_first_use_and_again_if_their_source_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Before, a checkout whose kernels.c was pulled but not compiled gave wrong depth without a word."""
-    monkeypatch.setattr(compiling, "SOURCE", tmp_path / "kernels.c")
-    compiling.SOURCE.write_bytes(SOURCE.read_bytes() + b"/* older */\n")
-    library = tmp_path / "kernels.so"
-    assert compile_kernels(library)
-    assert isinstance(load_engine(library), CompiledEngine)
-    monkeypatch.undo()
-    assert type(load_engine(library)) is SweepEngine
+    source = tmp_path / "kernels.c"
+    source.write_text("int version(void) { return 1; }")
+    load = load_kernels.__wrapped__
+    assert load(source).version() == load(source).version() == 1
+    source.write_text("int version(void) { return 2; }")
+    assert load(source).version() == 2
+    assert [one.name for one in tmp_path.glob("*.library")] == [library_of(source).name]
+    source.write_text("int version(void) { return 3; }")
+    monkeypatch.setattr(compiling, "find_compiler", list)
+    with pytest.raises(NotAvailableError, match="not compiled") as refused:
+        load(source)
+    assert "gcc" in refused.value.hint
 
 
 def test_a_software_driver_is_used_only_by_name(adapters: list[Any]) -> None:
@@ -426,17 +463,3 @@ def test_a_gpu_is_looked_for_where_linux_has_a_device_for_one(
     (tmp_path / device).parent.mkdir(exist_ok=True)
     (tmp_path / device).touch()
     assert gpu.has_gpu(tmp_path) == (found or sys.platform != "linux")
-
-
-@pytest.mark.usefixtures("looked_for")
-@pytest.mark.parametrize("compiled", [True, False])
-def test_the_terminal_says_once_that_numpy_sweeps(
-    compiled: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv(gpu.GPU, "")
-    engine = SweepEngine("" if compiled else "by NumPy, six times slower")
-    monkeypatch.setattr(gpu, "CPU", engine)
-    assert find_engine() is find_engine() is engine
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err == ("" if compiled else "depth by NumPy, six times slower\n")

@@ -9,10 +9,11 @@ import pytest
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.sweep_engine import CPU
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from tests.reconstruction.depth.array_engine import pixels_per_inverse_depth
 from tests.reconstruction.depth.small_views import (
     FOCAL,
     HEIGHT,
@@ -141,7 +142,7 @@ def test_lens_projects_as_the_geometry_says(photos: dict[str, CalibratedImage]) 
     assert x[10, 30] == pytest.approx(30 - 0.15 / 2 * FOCAL, abs=1e-3)
     assert y[10, 30] == pytest.approx(10 + 0.02 / 2 * FOCAL, abs=1e-3)
     assert z[10, 30] == pytest.approx(1.0)
-    moved = source_view.pixels_per_inverse_depth(x, y)
+    moved = pixels_per_inverse_depth(source_view, x, y)
     assert moved[10, 30] == pytest.approx(np.hypot(0.15, 0.02) * FOCAL, rel=1e-3)
 
 

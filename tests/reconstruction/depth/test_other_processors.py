@@ -20,7 +20,6 @@ def said(folder: Path, compiler: str, *flags: str, run: tuple[str, ...] = ()) ->
         compiler,
         *plain,
         f"-I{SOURCE.parent}",
-        "-DSOURCE_CHECKSUM=0",
         *flags,
         "-o",
         str(program),

@@ -22,7 +22,6 @@ from reconstruction.depth.blank_walls import (
     sample_surface,
 )
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
-from reconstruction.depth.compiled import CPU
 from reconstruction.depth.fusion import project_points
 from reconstruction.depth.mesh import draw_clouds, up_direction
 from reconstruction.depth.plane_sweep import (
@@ -36,7 +35,7 @@ from reconstruction.depth.plane_sweep import (
     plan_first_sweep,
 )
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_engine import Agreement, SweepEngine
+from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
 from reconstruction.depth.sweep_matcher import propose_inverse_depth
 from reconstruction.depth.view_choice import (
     BEST_ANGLES_DEG,
@@ -46,8 +45,9 @@ from reconstruction.depth.view_choice import (
     seen_points,
 )
 from reconstruction.multiview.instant_scoring import VISIBLE_FRACTION, visible_points
+from tests.reconstruction.depth.array_engine import ArrayEngine, cosine_of_rays, pixels_per_inverse_depth
 
-NUMPY = SweepEngine()
+NUMPY = ArrayEngine()
 ENGINES = pytest.mark.parametrize("engine", [NUMPY, CPU], ids=["numpy", "cpu"])
 
 
@@ -159,14 +159,16 @@ def test_motion_in_the_reference_is_the_derivative_at_infinity() -> None:
     # w is the inverse of the depth along the source's axis.
     ends = [pixels_of(reference, SOURCE.centre + rays / w) for w in (1e-4, 2e-4)]
     moved = np.linalg.norm(ends[1] - ends[0], axis=1) / 1e-4
-    assert pair.pixels_per_inverse_depth(*at.T.astype(np.float32)) == pytest.approx(moved, rel=1e-3)
+    assert pixels_per_inverse_depth(pair, *at.T.astype(np.float32)) == pytest.approx(moved, rel=1e-3)
 
 
 def test_angle_is_between_the_rays_of_both_views(pair: SourceView) -> None:
     points = WALL.points(REFERENCE, REFERENCE.grid())
     sides = [points - view.centre for view in (REFERENCE, SOURCE)]
     cosine = (sides[0] * sides[1]).sum(1) / np.prod([np.linalg.norm(side, axis=1) for side in sides], axis=0)
-    assert pair.cosine(WALL.inverse_depth(REFERENCE)) == pytest.approx(cosine.reshape(60, 80), abs=1e-5)
+    assert cosine_of_rays(pair, WALL.inverse_depth(REFERENCE)) == pytest.approx(
+        cosine.reshape(60, 80), abs=1e-5
+    )
     inside, angle = seen_points(REFERENCE, SOURCE, points)
     at = pixels_of(SOURCE, points)
     assert np.array_equal(inside, ((at >= 0) & (at < (SOURCE.width, SOURCE.height))).all(1))
@@ -232,7 +234,7 @@ def test_both_views_of_a_wall_agree_and_a_nearer_one_hides_it(engine: SweepEngin
     assert engine.compare(level, pair, off, Agreement(0.05, 0.04, 0.0, -1.0))[0][inner].all()
     assert not engine.compare(level, pair, off, Agreement(0.05, 0.0, 1e-3, -1.0))[0].any()
     xs, ys = SOURCE.grid().astype(np.float32).T
-    moved = 0.03 * other * pair.pixels_per_inverse_depth(xs, ys).reshape(other.shape)
+    moved = 0.03 * other * pixels_per_inverse_depth(pair, xs, ys).reshape(other.shape)
     limit = float(np.median(moved))
     part = engine.compare(level, pair, off, Agreement(0.05, 0.0, limit, -1.0))[0][inner].mean()
     assert 0.1 < part < 0.9
@@ -258,7 +260,7 @@ def test_the_other_image_is_warped_to_this_one(engine: SweepEngine, pair: Source
     assert engine.costs_along([pair], WALL.inverse_depth(REFERENCE))[whole].max() < 40
 
 
-@pytest.mark.parametrize("fit", [SweepEngine().fit_planes, CPU.fit_planes], ids=["numpy", "cpu"])
+@pytest.mark.parametrize("fit", [NUMPY.fit_planes, CPU.fit_planes], ids=["numpy", "cpu"])
 def test_a_plane_is_its_own_fit(fit: object, pair: SourceView) -> None:
     true = WALL.surface(REFERENCE)
     slopes = np.stack(true[1:3])

@@ -1,6 +1,5 @@
 """Calibrated cameras of a session: a checked calibration, features at rest, and the best camera pairs."""
 
-import threading
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain, combinations
@@ -13,6 +12,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import View
 from reconstruction.common.outputs import StageCache
+from reconstruction.common.worker_pool import computed_once
 from reconstruction.pairs import (
     FAINT_CONTRAST,
     Features,
@@ -120,8 +120,9 @@ class Rig:
             lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
         )
         """The features of an image, including those of moving objects."""
-        self._features = lru_cache(maxsize=CACHED_INSTANTS)(self._features_at_rest)
-        self._detecting = threading.Lock()
+        # Studies begin side by side, with the same features.
+        self.features = computed_once(self._features_at_rest, CACHED_INSTANTS)
+        """Each camera's features at rest in the image nearest to an instant."""
 
     @property
     def source(self) -> str:
@@ -137,12 +138,6 @@ class Rig:
     def middle_features(self) -> dict[str, Features]:
         """The `features` at the middle of the session."""
         return self.features(len(self.dataset.instants_ns) // 2)
-
-    def features(self, instant: int) -> dict[str, Features]:
-        """Return each camera's features at rest in the image nearest to an instant."""
-        # Studies begin side by side, with the same features.
-        with self._detecting:
-            return self._features(instant)
 
     def calibrate(self) -> None:
         """Set the views from the session's calibration, else from its images.

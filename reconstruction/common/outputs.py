@@ -16,7 +16,7 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 METRICS = "metrics.json"
 STAGES = "stages"
 OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
-VERSION = 10
+VERSION = 11
 """Incremented whenever a stage's computation changes, so that old outputs are recomputed."""
 
 

@@ -1,15 +1,19 @@
 """Thread pool for OpenCV work, with at most one thread per core."""
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import Context, copy_context
+from functools import lru_cache
+from typing import ParamSpec, TypeVar, cast
 
 import cv2
 
 from reconstruction.common.memory import memory_budget, usable_cores
 
+P = ParamSpec("P")
+Result = TypeVar("Result")
 MAX_WORKERS = 8
 """Maximum threads; each uses some hundred MB for its sweep."""
 
@@ -32,6 +36,18 @@ def _adopt(context: Context) -> None:
     """Give this thread the context (memory budget, checks, silence) of the one that opened the pool."""
     for variable, value in context.items():
         variable.set(value)
+
+
+def computed_once(make: Callable[P, Result], max_cached: int | None = None) -> Callable[P, Result]:
+    """Return a cached function; threads that ask for the same result at a time compute it once."""
+    cached = cast("Callable[P, Result]", lru_cache(max_cached)(make))
+    locks: dict[object, threading.Lock] = {}
+
+    def get(*args: P.args, **kwargs: P.kwargs) -> Result:
+        with locks.setdefault((args, *kwargs.items()), threading.Lock()):
+            return cached(*args, **kwargs)
+
+    return get
 
 
 _opencv_lock = threading.Lock()

@@ -253,33 +253,42 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
 
     Returns these fields of `CompareResult`; none without a calibration.
     """
-    found: dict[str, Any] = {}
     if context.rig.problem:
-        return found
-    offsets, progress = PairOffsets(context.rig), context.progress
+        return {}
+    offsets = PairOffsets(context.rig)
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
-    if study := next(pairs, None):
-        progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
-        found["timing"] = timing = measure_pair_timing(offsets, study.cameras)
-        if study.measures_delay:
-            found["timing"] = timing = with_depth(timing, study.found)
-            progress.step("depth at different offsets")
-            with suppress(ValueError, BadInputError):
-                steps = whole_frame_offsets(
-                    context.rig.dataset,
-                    max(context.offset.actual_ms if context.offset else 0.0, DEFAULT_OFFSET_MS),
-                )
-                quiet = replace(
-                    context,
-                    max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
-                    progress=Progress(0, silent=True),
-                )
-                curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
-                found |= {"tolerance": curve, "timing": curve.timing}
-    if len(context.rig.views) > 2:
-        progress.step("time offsets of all cameras")
-        found["rig_timing"] = measure_rig_timing(offsets, study.cameras[0] if study else None)
+    study = next(pairs, None)
+    found: dict[str, Any] = {}
+    with worker_pool(1) as pool:
+        if len(context.rig.views) > 2:
+            context.progress.step("time offsets of all cameras")
+            rig = pool.submit(measure_rig_timing, offsets, study.cameras[0] if study else None)
+        if study:
+            found |= _measure_pair_timing(context, offsets, study)
+        if len(context.rig.views) > 2:
+            found["rig_timing"] = rig.result()
     return found
+
+
+def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStudy) -> dict[str, Any]:
+    """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
+    context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
+    timing = measure_pair_timing(offsets, study.cameras)
+    if not study.measures_delay:
+        return {"timing": timing}
+    timing = with_depth(timing, study.found)
+    context.progress.step("depth at different offsets")
+    with suppress(ValueError, BadInputError):
+        delay_ms = max(context.offset.actual_ms if context.offset else 0.0, DEFAULT_OFFSET_MS)
+        quiet = replace(
+            context,
+            max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
+            progress=Progress(0, silent=True),
+        )
+        steps = whole_frame_offsets(context.rig.dataset, delay_ms)
+        curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
+        return {"tolerance": curve, "timing": curve.timing}
+    return {"timing": timing}
 
 
 def _further_conditions(

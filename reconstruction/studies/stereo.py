@@ -21,6 +21,7 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import Context, Pair, PairStudy, write_pictures
 from reconstruction.report import wording
 from reconstruction.report.findings import (
@@ -313,29 +314,20 @@ class StereoStudy(PairStudy):
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
         matcher = StereoPair(self.rig.views[reference], self.rig.views[other], disparities)
-        maps = []
-        for now, later in pairs:
+
+        def depth(pair: tuple[int, int]) -> dict[str, DepthMap]:
+            now, later = pair
             self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            maps.append(
-                {
-                    "synced": self._depth(matcher, now, now),
-                    "offset": self._depth(matcher, now, later),
-                }
-            )
-        instants = self._instants(pairs, maps, matcher)
-        tally = Tally(
-            [
-                (
-                    {side: self._measure(one, side) for side in CONDITIONS},
-                    {
-                        "instant": one.now,
-                        "offset_instant": one.shown["offset"],
-                        "mover_pixels": int(one.moving.sum()),
-                    },
-                )
-                for one in instants
-            ]
-        )
+            return {"synced": self._depth(matcher, now, now), "offset": self._depth(matcher, now, later)}
+
+        def measure(one: StereoInstant) -> tuple[dict[str, Measurements], dict[str, float]]:
+            facts: dict[str, float] = {"instant": one.now, "offset_instant": one.shown["offset"]}
+            facts["mover_pixels"] = int(one.moving.sum())
+            return {side: self._measure(one, side) for side in CONDITIONS}, facts
+
+        with worker_pool() as pool:
+            instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
+            tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,

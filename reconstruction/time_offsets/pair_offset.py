@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 
 import cv2
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
+from reconstruction.common.worker_pool import computed_once
 from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.instant_choice import choose_moving_instants
@@ -92,12 +93,12 @@ class PairOffsets:
         self.dataset = rig.dataset
         self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self.max_instants = int(np.clip(IMAGES // len(self.dataset.cameras), *INSTANTS))
-        self._points = lru_cache(maxsize=None)(self._find_points)
-        self._outlines = lru_cache(maxsize=None)(self._find_outlines)
-        self._stays = lru_cache(maxsize=None)(self._find_staying)
-        self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
+        self._points = computed_once(self._find_points)
+        self._outlines = computed_once(self._find_outlines)
+        self._stays = computed_once(self._find_staying)
+        self._motion = computed_once(partial(measure_camera_motion, rig.dataset))
         # A comparison's pair is also one of its rig's.
-        self.measure = lru_cache(maxsize=None)(self._measure)
+        self.measure = computed_once(self._measure)
 
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""

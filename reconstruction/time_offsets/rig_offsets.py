@@ -9,6 +9,7 @@ from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import angle_deg
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
@@ -42,10 +43,13 @@ def measure_rig_offsets(
     pairs = likely_pairs(rig)
     progress = progress or Progress(0, silent=True)
     progress.total += len(pairs)
-    measured = {}
-    for first, second in pairs:
-        progress.step(f"{second} against {first}")
-        measured[first, second] = finder.measure(first, second)
+
+    def measure(pair: Pair) -> OffsetFit:
+        progress.step(f"{pair[1]} against {pair[0]}")
+        return finder.measure(*pair)
+
+    with worker_pool() as pool:
+        measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))
     return adjust_offsets(rig.dataset.cameras, reference, measured, preferred)
 
 

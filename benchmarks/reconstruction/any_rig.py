@@ -25,7 +25,7 @@ from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
 from reconstruction.multiview.input_images import InputImage, undistort_image
-from reconstruction.multiview.instant_scoring import PointIndex, visible_points
+from reconstruction.multiview.instant_scoring import count_near, visible_points
 
 SEEN_WITHIN_DEG = 35.0
 RIGHT, WRONG = 0.01, 0.02
@@ -107,9 +107,7 @@ def _cloud_scores(
     off_m = rig.distance_m(points)
     false = off_m > FALSE_SHARE * nearest
     of_object = np.linalg.norm(points - AIM, axis=1) < AROUND_M
-    right, asked = PointIndex(points).count_near(
-        np.concatenate([_seen_surface(rig, name) for name in rig.views])
-    )
+    right, asked = count_near(points, np.concatenate([_seen_surface(rig, name) for name in rig.views]))
     return {
         "points": len(points),
         "false_points": round(float(np.mean(false)), 4),

@@ -38,7 +38,7 @@ from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.instant_scoring import PointIndex, true_surfaces
+from reconstruction.multiview.instant_scoring import count_near, true_surfaces
 from reconstruction.scores.tally import Measurements
 from reconstruction.scores.truth import depth_shares, right_depth
 from reconstruction.session.moving_pixels import MARGIN_PX, dilate
@@ -96,8 +96,8 @@ def ours(
 def _cloud_scores(points: Array, views: dict[str, View], condition: Condition) -> dict[str, float]:
     """Return precision, recall and F-score of a fused cloud at 1 cm against what two views can see."""
     still = {name: np.zeros_like(moving) for name, moving in condition.movers.items()}
-    index, shared = true_surfaces(views, condition.depth, still, ["static"])["static"]
-    found = {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
+    true, shared = true_surfaces(views, condition.depth, still, ["static"])["static"]
+    found = {"precision": count_near(true, points), "recall": count_near(points, shared)}
     scores = Measurements(found)
     return {f"{name}_1cm": scores.value(name) for name in (*found, "f_score")}
 

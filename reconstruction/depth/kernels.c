@@ -655,3 +655,39 @@ int support(int height, int width, const float *planes, const uint8_t *valid, in
   }
   return 0;
 }
+
+/* ---- Points near others, see `instant_scoring.py` ---- */
+
+/* The cell of a point, of a grid of cubes with this side, in a table of a power of two of cells. */
+PART size_t cell_of(const float *point, float side, int dx, int dy, int dz, size_t cells) {
+  const int64_t x = (int64_t)floorf(point[0] / side) + dx, y = (int64_t)floorf(point[1] / side) + dy;
+  const int64_t z = (int64_t)floorf(point[2] / side) + dz;
+  return ((uint64_t)x * 73856093u ^ (uint64_t)y * 19349663u ^ (uint64_t)z * 83492791u) & (cells - 1);
+}
+
+/* Which of m asked points (m x 3) have one of the n points within a distance. */
+int near(int64_t n, const float *points, int64_t m, const float *asked, float distance, uint8_t *found) {
+  size_t cells = 1024;
+  while (cells < (size_t)n) cells *= 2;
+  int64_t *first = malloc(sizeof(int64_t) * (cells + n)), *next = first + cells;
+  if (!first) return 1;
+  for (size_t i = 0; i < cells; i++) first[i] = -1;
+  for (int64_t i = 0; i < n; i++) {
+    const size_t cell = cell_of(points + 3 * i, distance, 0, 0, 0, cells);
+    next[i] = first[cell], first[cell] = i;
+  }
+  for (int64_t k = 0; k < m; k++) {
+    const float *p = asked + 3 * k;
+    found[k] = 0;
+    for (int c = 0; c < 27 && !found[k]; c++)
+      for (int64_t i = first[cell_of(p, distance, c % 3 - 1, c / 3 % 3 - 1, c / 9 - 1, cells)]; i >= 0; i = next[i]) {
+        const float x = points[3 * i] - p[0], y = points[3 * i + 1] - p[1], z = points[3 * i + 2] - p[2];
+        if (x * x + y * y + z * z <= distance * distance) {
+          found[k] = 1;
+          break;
+        }
+      }
+  }
+  free(first);
+  return 0;
+}

@@ -1,15 +1,14 @@
 """Scores of an instant's depth and cloud, on moving objects and on the control (static pixels)."""
 
+import ctypes
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.fusion import FusedCloud, project_points, surface_points
+from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.multiview.input_images import InputImage, UndistortedSession, undistorted_truth
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.result import CloudScore
@@ -29,31 +28,20 @@ CONTROL_MARGIN_PX = 4
 """Distance from a moving object below which pixels are left out of the control."""
 
 
-class PointIndex:
-    """Search index over points (n, 3), in metres, for neighbours within the tolerance."""
+def count_near(points: Array, asked: Array) -> tuple[int, int]:
+    """Return how many of the `asked` points have one of the points (n, 3; m) within the tolerance.
 
-    def __init__(self, points: Array) -> None:
-        core = load_open3d().core
-        self._tensor = core.Tensor
-        self._tree = None
-        if len(points):
-            self._tree = core.nns.NearestNeighborSearch(self._to_tensor(points))
-            self._tree.hybrid_index(TOLERANCE_M)
-
-    def count_near(self, asked: Array) -> tuple[int, int]:
-        """Return the number of points with an indexed neighbour in the tolerance, and the sample size."""
-        asked = _sample(asked)
-        if self._tree is None or not len(asked):
-            return 0, len(asked)
-        _, _, found = self._tree.hybrid_search(self._to_tensor(asked), TOLERANCE_M, 1)
-        return int((found.numpy() > 0).sum()), len(asked)
-
-    def _to_tensor(self, points: Array) -> Any:
-        return self._tensor(np.ascontiguousarray(points, np.float32))
+    The second number is that of the points asked, a sample of `MAX_SAMPLED` if there are more.
+    """
+    asked = floats(_sample(asked))
+    found = np.empty(len(asked), bool)
+    sizes = ctypes.c_int64(len(points)), ctypes.c_int64(len(asked))
+    call_kernel("near", sizes[0], floats(points), sizes[1], asked, ctypes.c_float(TOLERANCE_M), found)
+    return int(found.sum()), len(asked)
 
 
-TrueSurface = tuple[PointIndex, Array]
-"""Index of all points that any view sees, and evenly spaced points (n, 3) that at least two views see.
+TrueSurface = tuple[Array, Array]
+"""All points (n, 3) that any view sees, and evenly spaced points (m, 3) that at least two views see.
 
 A reconstruction can find only the latter.
 """
@@ -84,9 +72,6 @@ def true_surfaces(
     """Return the moving (`mover`) and still (`static`) surfaces from undistorted true depth and masks (bool).
 
     Only the `kinds` asked for: each takes a second for five VGA cameras.
-
-    Raises:
-        NotAvailableError: Open3D is not installed.
     """
     parts: dict[str, list[Array]] = {"mover": [], "static": []}
     for name, view in views.items():
@@ -101,7 +86,7 @@ def true_surfaces(
         points = np.concatenate(parts[kind])
         asked = _sample(_thin_out(points))
         seen = sum(visible_points(view, depth[name], asked).astype(int) for name, view in views.items())
-        found[kind] = PointIndex(points), asked[np.asarray(seen) >= 2]
+        found[kind] = points, asked[np.asarray(seen) >= 2]
     return found
 
 
@@ -162,24 +147,19 @@ def score_moving(
     """Score the moving points of a fused cloud against the true surfaces of an instant.
 
     `images` are the images it was fused from, in order; some may be of other instants. None if the truth is
-    unknown, the calibration (in `unit`) is not metric, nothing moves, or Open3D is not installed.
+    unknown, the calibration (in `unit`) is not metric, or nothing moves.
     """
     if unit != "m":
         return None
     shown = {c: undistorted_truth(dataset, image.view, c, image.instant) for c, image in images.items()}
     moving_masks = {camera: one[1] for camera, one in shown.items() if one is not None}
-    try:
-        known = known_surfaces(dataset, {c: image.view for c, image in images.items()}, instant, ["mover"])
-    except NotAvailableError:
-        return None
+    known = known_surfaces(dataset, {c: image.view for c, image in images.items()}, instant, ["mover"])
     if known is None or len(moving_masks) < len(images):
         return None
-    index, shared = known["mover"]
+    true, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
     points = cloud.points[points_on_moving(cloud.points, cloud.seen, views, moving_masks)]
-    found = Measurements(
-        {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
-    )
+    found = Measurements({"precision": count_near(true, points), "recall": count_near(points, shared)})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))
     if math.isnan(recall):
         return None
@@ -205,8 +185,6 @@ class InstantScorer:
         self.undistorted = undistorted
         self.reference = reference
         self.unit = unit
-        self.no_surfaces = ""
-        """Why clouds are not scored; empty if they are."""
         self.tolerance_m: float | None = None
         moving = [undistorted.moving(reference, instant) for instant in instants]
         self._still = median_still_depth([one.depth for one in synced], moving)
@@ -263,11 +241,7 @@ class InstantScorer:
         if self.unit != "m":
             return None
         full = {camera: self.undistorted.full_views[camera] for camera in shown}
-        try:
-            return known_surfaces(self.undistorted.dataset, full, instant)
-        except NotAvailableError as error:
-            self.no_surfaces = str(error)
-            return None
+        return known_surfaces(self.undistorted.dataset, full, instant)
 
     def _measure_cloud(
         self,
@@ -287,9 +261,9 @@ class InstantScorer:
             one = measured[kind] = Measurements(means={"points": np.array([float(len(points))])})
             if surfaces is None:
                 continue
-            index, shared = surfaces[kind]
+            true, shared = surfaces[kind]
             free = shared[~points_on_masks(shared, views, masks)]
-            one.shares["precision"] = index.count_near(points)
-            one.shares["recall"] = PointIndex(points).count_near(free)
+            one.shares["precision"] = count_near(true, points)
+            one.shares["recall"] = count_near(points, free)
             self.tolerance_m = TOLERANCE_M
         return measured

@@ -71,9 +71,6 @@ them agree. {{ view.delays|keep_units }}</p>
 {% for camera, why in view.found.facts.left_out.items() %}
 <p class="quiet">No depth of {{ camera }}: {{ why }}.</p>
 {% endfor %}
-{% if many.facts.cloud_skipped %}
-<p class="quiet">No point cloud: {{ many.facts.cloud_skipped }}.</p>
-{% endif %}
 {{ folded("Every instant, all cameras", view.instants) }}
 </section>
 """
@@ -150,8 +147,6 @@ class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     clouds: InstantClouds | None
     left_out: dict[str, str]
     """Why other cameras take no part."""
-    cloud_skipped: str
-    """Why there is no cloud; empty if there is one."""
 
 
 class MultiviewStudy(ConditionStudy):
@@ -387,7 +382,6 @@ class MultiviewStudy(ConditionStudy):
                 matcher_note=self.matcher.note,
                 clouds=clouds,
                 left_out=self.left_out,
-                cloud_skipped=scorer.no_surfaces,
             ),
         )
 

@@ -232,7 +232,6 @@ def whole_result(out: Path) -> CompareResult:
             matcher_note="",
             left_out={"cam_dark": "its picture is black"},
             clouds=clouds(out),
-            cloud_skipped="",
         ),
     )
     poses = study(

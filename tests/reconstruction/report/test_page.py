@@ -74,7 +74,7 @@ def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: Comp
     )
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
     picture = msgspec.structs.replace(stereo.pictures[0], title=nasty, caption=nasty)
-    unseen = {"reference": nasty, "left_out": {nasty: nasty}, "cloud_skipped": nasty}
+    unseen = {"reference": nasty, "left_out": {nasty: nasty}}
     late_ms = dict.fromkeys(cameras, 5.0)
     page = read_report(
         whole,

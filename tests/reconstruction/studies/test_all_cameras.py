@@ -17,7 +17,7 @@ from reconstruction.depth.still_scene import StillScene
 from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
 from reconstruction.multiview.instant_scoring import (
-    PointIndex,
+    count_near,
     points_on_masks,
     points_on_moving,
     true_surfaces,
@@ -296,13 +296,13 @@ def test_a_cloud_is_held_against_true_surfaces() -> None:
         mask[:, :160] = True
     surfaces = true_surfaces(views, depth, movers, ["mover", "static"])
     wall = np.array([(x, y, 2.0) for x in np.linspace(-0.5, 0.5, 120) for y in np.linspace(-0.5, 0.5, 120)])
-    near = [surfaces[kind][0].count_near(wall)[0] for kind in ("mover", "static")]
+    near = [count_near(surfaces[kind][0], wall)[0] for kind in ("mover", "static")]
     assert sum(near) >= len(wall)
     assert min(near) > 0.3 * len(wall)
-    assert surfaces["static"][0].count_near(wall + np.array([0, 0, 0.02]))[0] == 0
-    right, asked = PointIndex(wall).count_near(surfaces["static"][1])
+    assert count_near(surfaces["static"][0], wall + np.array([0, 0, 0.02]))[0] == 0
+    right, asked = count_near(wall, surfaces["static"][1])
     assert 0 < right < asked
-    assert PointIndex(np.zeros((0, 3))).count_near(wall[:5]) == (0, 5)
+    assert count_near(np.zeros((0, 3)), wall[:5]) == (0, 5)
     on_masks = points_on_masks(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers)
     assert on_masks.tolist() == [True, False]
 

@@ -4,6 +4,7 @@ First the planes with many points of all views are found, one after the other. T
 matched with wide windows at a small scale. It takes one of the planes or keeps the depth found before.
 """
 
+import ctypes
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
 from reconstruction.depth.sweep_engine import CPU, WORST_COST
 
@@ -219,21 +221,23 @@ def choose_planes(
             levels.append(level)
     source_views = [SourceView(image, source) for source in sources]
     volume = np.empty((len(found), len(levels), found.shape[1]), np.uint8)
+    repeated = np.zeros((len(levels), *found.shape), bool)
+    stacked = floats(np.stack(levels))
+    call_kernel("repeats", len(levels), found.size, stacked, ctypes.c_float(SAME_BRIGHTNESS), repeated)
     there = part.there
     for number, level in enumerate(levels):
         cost, seen = _cost_and_sight(np.clip(level, low, high), source_views)
         seen &= (level > low) & (level < high)
         if number == AS_FOUND:
             there = there & seen
-        same_shade = [np.abs(level - other) < SAME_BRIGHTNESS * other for other in levels[1:number]]
-        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * np.any(same_shade, axis=0) if same_shade else cost
+        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * repeated[number]
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
     number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
     advantage = likeness - (1 - volume[:, AS_FOUND] / WORST_COST)
-    chosen = np.take_along_axis(np.stack(levels), number[None], 0)[0]
+    chosen = np.take_along_axis(stacked, number[None], 0)[0]
     nearer = np.log(np.maximum(found, low) / np.clip(chosen, low, high))
     number[own_surfaces(number, advantage, nearer)] = AS_FOUND
     evident = there & ((likeness > LIKE) | evident_patches(number, likeness))

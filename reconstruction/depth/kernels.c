@@ -656,6 +656,19 @@ int support(int height, int width, const float *planes, const uint8_t *valid, in
   return 0;
 }
 
+/* ---- Planes that match as well as others, see `blank_walls.py` ---- */
+
+/* Marks the places where a level (`count` of `size`) is within a relative distance of one before it but the first. */
+FOR_ALL int repeats(int count, int size, const float *levels, float relative, uint8_t *marked) {
+  for (int k = 2; k < count; k++)
+    for (int j = 1; j < k; j++) {
+      const float *restrict level = levels + (size_t)k * size, *restrict other = levels + (size_t)j * size;
+      uint8_t *restrict mark = marked + (size_t)k * size;
+      for (int i = 0; i < size; i++) mark[i] |= fabsf(level[i] - other[i]) < relative * other[i];
+    }
+  return 0;
+}
+
 /* ---- Points near others, see `instant_scoring.py` ---- */
 
 /* The cell of a point, of a grid of cubes with this side, in a table of a power of two of cells. */

@@ -1,7 +1,6 @@
 """Calibrated cameras of a session: a checked calibration, features at rest, and the best camera pairs."""
 
 from collections.abc import Container, Mapping, Sequence
-from functools import lru_cache
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -116,11 +115,9 @@ class Rig:
         self.calibration: Calibration | None = None
         self.problem = ""
         """Why no calibration could be found; empty if one was, or if none was looked for."""
-        self.image_features = lru_cache(maxsize=MAX_FEATURES)(
-            lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
-        )
-        """The features of an image, including those of moving objects."""
         # Studies begin side by side, with the same features.
+        self.image_features = computed_once(self._detect_features, MAX_FEATURES)
+        """The features of an image, including those of moving objects."""
         self.features = computed_once(self._features_at_rest, CACHED_INSTANTS)
         """Each camera's features at rest in the image nearest to an instant."""
 
@@ -188,6 +185,9 @@ class Rig:
             return PairChoice(asked, "asked for")
         points = self.features(instant)
         return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
+
+    def _detect_features(self, camera: str, instant: int) -> Features:
+        return detect_features(self.dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
 
     def _features_at_rest(self, instant: int) -> dict[str, Features]:
         there = {name: self.dataset.instants(name) for name in self.dataset.cameras}

@@ -38,7 +38,11 @@ PART float grey_of(uint32_t bits) {
   return grey;
 }
 
-enum { BAND_ROWS = 64 }; /* rows of all sources that stay in the cache while all depths are tried */
+/* Rows of all sources that stay in the cache while all depths are tried; columns that pass through a row's loops
+ * together: a processor looks ahead no farther than a long loop's next few turns; floats of a cache line. */
+enum { BAND_ROWS = 64, TILE = 128, LINE = 16 };
+
+PART int whole_lines(int floats) { return (floats + LINE - 1) / LINE * LINE; }
 
 PART int mirrored(int at, int size) {
   if (at < 0) at = -at;
@@ -46,29 +50,37 @@ PART int mirrored(int at, int size) {
   return MAX(at, 0);
 }
 
-/* Row y of the reference as the source shows it at inverse depths `base` + `offset`. */
+/* Row y of the reference as the source shows it at inverse depths `base` + `offset`; without `base`, at `offset`. */
 PART void warp_row(const Source *source, int width, int y, const float *restrict base, float offset,
                    float *restrict out) {
   const float *m = source->to, *restrict pixels = source->pixels;
   const float u0 = m[1] * y + m[2], v0 = m[4] * y + m[5], z0 = m[7] * y + m[8];
   const float right = source->width, bottom = source->height;
   const int stride = source->width + 3;
-  for (int x = 0; x < width; x++) {
-    const float level = base[x] + offset, z = m[6] * x + z0 + m[11] * level;
-    const float far = 1.f / at_least(z, 1e-6f);
-    const float u = (m[0] * x + u0 + m[9] * level) * far, v = (m[3] * x + v0 + m[10] * level) * far;
-    /* Into the border; from its corner on nothing is negative, so that cutting off is rounding down. */
-    const float across = at_most(at_least(u, -1.f), right) + 1.f;
-    const float down = at_most(at_least(v, -1.f), bottom) + 1.f;
-    const int column = (int)across, row = (int)down;
-    const float a = across - column, b = down - row;
-    const int at = row * stride + column, under = at + stride;
-    const uint64_t upper = *(const two_greys *)(pixels + at), lower = *(const two_greys *)(pixels + under);
-    const float upper_left = grey_of((uint32_t)upper), upper_right = grey_of((uint32_t)(upper >> 32));
-    const float lower_left = grey_of((uint32_t)lower), lower_right = grey_of((uint32_t)(lower >> 32));
-    const float above = upper_left + (upper_right - upper_left) * a;
-    const float below = lower_left + (lower_right - lower_left) * a;
-    out[x] = above + (below - above) * b;
+  for (int left = 0; left < width; left += TILE) {
+    const int n = MIN(TILE, width - left);
+    float across[TILE], down[TILE];
+    int at[TILE];
+    for (int i = 0; i < n; i++) {
+      const int x = left + i;
+      const float level = base ? base[x] + offset : offset, z = m[6] * x + z0 + m[11] * level;
+      const float far = 1.f / at_least(z, 1e-6f);
+      const float u = (m[0] * x + u0 + m[9] * level) * far, v = (m[3] * x + v0 + m[10] * level) * far;
+      /* Into the border; from its corner on nothing is negative, so that cutting off is rounding down. */
+      across[i] = at_most(at_least(u, -1.f), right) + 1.f;
+      down[i] = at_most(at_least(v, -1.f), bottom) + 1.f;
+      at[i] = (int)down[i] * stride + (int)across[i];
+    }
+    for (int i = 0; i < n; i++) {
+      const float a = across[i] - (int)across[i], b = down[i] - (int)down[i];
+      const uint64_t upper = *(const two_greys *)(pixels + at[i]);
+      const uint64_t lower = *(const two_greys *)(pixels + stride + at[i]);
+      const float upper_left = grey_of((uint32_t)upper), upper_right = grey_of((uint32_t)(upper >> 32));
+      const float lower_left = grey_of((uint32_t)lower), lower_right = grey_of((uint32_t)(lower >> 32));
+      const float above = upper_left + (upper_right - upper_left) * a;
+      const float below = lower_left + (lower_right - lower_left) * a;
+      out[left + i] = above + (below - above) * b;
+    }
   }
 }
 
@@ -94,30 +106,40 @@ PART void move_down(int width, int wide, const float *warped, const float *grey,
   }
 }
 
+/* Means of n windows, from the columns' sums. */
+PART void find_means(int n, int half, const float *restrict sums, float *restrict out) {
+  const float share = 1.f / ((2 * half + 1) * (2 * half + 1));
+  for (int x = 0; x < n; x++) {
+    float sum = sums[x - half];
+    for (int k = 1 - half; k <= half; k++) sum += sums[x + k];
+    out[x] = sum * share;
+  }
+}
+
 /* Likeness of a row's windows, 0 to about 1, added to `total`; and the least of all sources', from the columns' sums,
  * which are mirrored into the `half` columns beside the picture. */
 PART void add_likeness(int width, int wide, int half, float noise, float *restrict sums, const float *restrict mean,
                        const float *restrict deviation, float *restrict total, float *restrict least) {
-  const float share = 1.f / ((2 * half + 1) * (2 * half + 1));
   for (int i = 0; i < 3; i++)
     for (int k = 1; k <= half; k++) {
       sums[i * wide - k] = sums[i * wide + mirrored(-k, width)];
       sums[i * wide + width - 1 + k] = sums[i * wide + mirrored(width - 1 + k, width)];
     }
-  for (int x = 0; x < width; x++) {
-    float a = 0, b = 0, c = 0;
-    for (int k = -half; k <= half; k++) {
-      a += sums[x + k];
-      b += sums[wide + x + k];
-      c += sums[2 * wide + x + k];
+  for (int left = 0; left < width; left += TILE) {
+    const int n = MIN(TILE, width - left);
+    float a[TILE], b[TILE], c[TILE];
+    find_means(n, half, sums + left, a);
+    find_means(n, half, sums + wide + left, b);
+    find_means(n, half, sums + 2 * wide + left, c);
+    for (int i = 0; i < n; i++) {
+      const int x = left + i;
+      const float spread = at_least(b[i] - a[i] * a[i], 0.f);
+      const float alike = at_least((c[i] - a[i] * mean[x]) / (sqrtf(spread + noise) * deviation[x]), 0.f);
+      /* A mean below zero: the window touches what the source does not show. */
+      const float found = a[i] < 0.f ? 0.f : alike;
+      total[x] += found;
+      least[x] = at_most(found, least[x]);
     }
-    a *= share, b *= share, c *= share;
-    const float spread = at_least(b - a * a, 0.f);
-    const float alike = at_least((c - a * mean[x]) / (sqrtf(spread + noise) * deviation[x]), 0.f);
-    /* A mean below zero: the window touches what the source does not show. */
-    const float found = a < 0.f ? 0.f : alike;
-    total[x] += found;
-    least[x] = at_most(found, least[x]);
   }
 }
 
@@ -125,11 +147,12 @@ PART void add_likeness(int width, int wide, int half, float noise, float *restri
 FOR_ALL int costs(int height, int width, int depths, int half, int count, const float *grey, const float *mean,
                   const float *deviation, const float *base, const float *offsets, const Source *sources,
                   float better, uint8_t *out) {
-  const int kept = 2 * half + 2, wide = width + 2 * half;
-  const size_t each = (size_t)kept * width + 3 * wide;
-  float *memory = calloc(count * each + 3 * (size_t)width, sizeof(float));
+  const int kept = 2 * half + 2, stride = whole_lines(width), beside = whole_lines(half), wide = stride + 2 * beside;
+  const size_t each = (size_t)kept * stride + 3 * wide;
+  float *memory = malloc(sizeof(float) * (count * each + 2 * (size_t)stride + LINE));
   if (!memory) return 1;
-  float *total = memory + count * each, *least = total + width, *flat = least + width;
+  float *first = memory + LINE - (uintptr_t)memory / sizeof(float) % LINE;
+  float *total = first + count * each, *least = total + stride;
   const float all = count == 2 ? better : count > 2 ? 1.f / (count - 1) : 1.f;
   const float worst = count == 2 ? 1.f - 2.f * better : count > 2 ? -all : 0.f;
   for (int top = 0; top < height; top += BAND_ROWS)
@@ -138,19 +161,19 @@ FOR_ALL int costs(int height, int width, int depths, int half, int count, const 
         const size_t at = (size_t)y * width;
         for (int x = 0; x < width; x++) total[x] = 0.f, least[x] = 2.f;
         for (int s = 0; s < count; s++) {
-          float *rows = memory + s * each, *sums = rows + (size_t)kept * width + half;
-          if (y == top) memset(sums - half, 0, sizeof(float) * 3 * wide);
+          float *rows = first + s * each, *sums = rows + (size_t)kept * stride + beside;
+          if (y == top) memset(sums - beside, 0, sizeof(float) * 3 * wide);
           for (int q = y == top ? MAX(y - half, 0) : y + half; q <= MIN(y + half, height - 1); q++)
-            warp_row(sources + s, width, q, base ? base + (size_t)q * width : flat, offsets[d],
-                     rows + q % kept * width);
+            warp_row(sources + s, width, q, base ? base + (size_t)q * width : NULL, offsets[d],
+                     rows + q % kept * stride);
           if (y > top) {
             const int next = mirrored(y + half, height), left = mirrored(y - half - 1, height);
-            move_down(width, wide, rows + next % kept * width, grey + (size_t)next * width,
-                      rows + left % kept * width, grey + (size_t)left * width, sums);
+            move_down(width, wide, rows + next % kept * stride, grey + (size_t)next * width,
+                      rows + left % kept * stride, grey + (size_t)left * width, sums);
           }
           for (int k = -half; y == top && k <= half; k++) {
             const int q = mirrored(y + k, height);
-            add_row(width, wide, rows + q % kept * width, grey + (size_t)q * width, sums);
+            add_row(width, wide, rows + q % kept * stride, grey + (size_t)q * width, sums);
           }
           const float *own = mean + at, *spread = deviation + at, noise = sources[s].to[12];
           if (half == 2) add_likeness(width, wide, 2, noise, sums, own, spread, total, least);

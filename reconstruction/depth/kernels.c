@@ -14,6 +14,12 @@
 #else
 #define FOR_ALL
 #endif
+/* Before a loop whose turns do not depend on each other, though they may read what another row's turns write. */
+#ifdef __clang__
+#define INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
+#else
+#define INDEPENDENT _Pragma("GCC ivdep")
+#endif
 #define PART static inline __attribute__((always_inline))
 #define MIN(a, b) ((a) < (b) ? (a) : (b))
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
@@ -305,7 +311,7 @@ PART void walk_down(Paths *paths, int width, int depths, int small, int large, c
     int16_t *restrict left_now = paths[0].state[to] + at, *restrict now = paths[1].state[to] + at;
     int16_t *restrict right_now = paths[2].state[to] + at, *restrict sum = total + (size_t)d * width;
     const uint8_t *restrict own = cost + (size_t)d * width;
-#pragma GCC ivdep
+    INDEPENDENT
     for (int x = 0; x < width; x++) {
       const int16_t a = next_cost(left_before + x, stride, small, left_low[x], left_jump[x], own[x]);
       const int16_t b = next_cost(before_ + x, stride, small, low[x], jump_[x], own[x]);

@@ -49,6 +49,8 @@ Result = dict[str, Any]
 
 SEED_SHARE = 1e-5
 """Relative difference of grey levels between seeds."""
+EDGE_PX, EDGE_SHARE = 2, 0.95
+"""Pixels beside an edge have a surface nearer than this fraction of their depth within so many pixels."""
 
 
 def ours(
@@ -102,8 +104,8 @@ def _cloud_scores(points: Array, views: dict[str, View], condition: Condition) -
     return {f"{name}_1cm": scores.value(name) for name in (*found, "f_score")}
 
 
-def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: Any) -> Any:
-    return surfaces
+def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: Any, planes: Any) -> Any:
+    return surfaces, planes
 
 
 def sgbm(views: dict[str, View], condition: Condition, reference: str) -> Result:
@@ -152,9 +154,12 @@ def _shares(depth: Array, condition: Condition, reference: str) -> Result:
     given = (depth > 0) & (truth > 0)
     right = right_depth(depth, truth)
     wrong = float(np.mean(~right[given])) if given.any() else None
+    nearest = cv2.erode(np.where(truth > 0, truth, np.inf), np.ones((2 * EDGE_PX + 1,) * 2, np.uint8))
+    beside = (truth > 0) & (nearest < EDGE_SHARE * truth)
     return {
         **shares,
         "coverage": float(np.mean(depth > 0)),
+        "edges_within_2pct": float(np.mean((right & given)[beside])),
         "given_wrong": wrong,
     }
 
@@ -222,6 +227,7 @@ COLUMNS = {
     "spread": ("spread", ".1%"),
     "mover_within_2pct": ("movers", ".1%"),
     "static_within_2pct": ("static", ".1%"),
+    "edges_within_2pct": ("edges", ".1%"),
     "mover_coverage": ("movers covered", ".1%"),
     "coverage": ("covered", ".1%"),
     "given_wrong": ("of that wrong", ".1%"),

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import Context, copy_context
-from functools import lru_cache
+from functools import lru_cache, wraps
 from typing import ParamSpec, TypeVar, cast
 
 import cv2
@@ -43,6 +43,7 @@ def computed_once(make: Callable[P, Result], max_cached: int | None = None) -> C
     cached = cast("Callable[P, Result]", lru_cache(max_cached)(make))
     locks: dict[object, threading.Lock] = {}
 
+    @wraps(make)
     def get(*args: P.args, **kwargs: P.kwargs) -> Result:
         with locks.setdefault((args, *kwargs.items()), threading.Lock()):
             return cached(*args, **kwargs)

@@ -6,7 +6,6 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from copy import copy
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -267,8 +266,7 @@ def find_engine() -> SweepEngine:
     # A wgpu without its library, an old driver or a full memory may raise anything.
     except Exception as error:  # noqa: BLE001
         if named or not isinstance(error, ImportError):
-            engine = copy(CPU)
-            engine.note = "; ".join(filter(None, (f"on the CPU ({_cause(error)})", CPU.note)))
+            engine = SweepEngine(f"on the CPU ({_cause(error)})")
     if engine.note:
         talk(f"depth {engine.note}")
     return engine

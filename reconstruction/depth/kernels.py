@@ -2,27 +2,29 @@
 
 import ctypes
 from contextlib import suppress
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
+from reconstruction.common.worker_pool import computed_once
 from reconstruction.depth.compiling import SOURCE, compile_kernels, library_of
 
 
-@cache
+@computed_once
 def load_kernels(source: Path = SOURCE) -> ctypes.CDLL:
-    """Load the kernels compiled from the source; compile them first if they are missing.
+    """Load the kernels compiled from the source; compile them first if they are missing or broken.
 
     Raises:
         NotAvailableError: they are not compiled, and cannot be.
     """
     library = library_of(source)
-    if library.exists() or compile_kernels(source):
+    for compiled in (library.exists, partial(compile_kernels, source)):
         with suppress(OSError):
-            return ctypes.CDLL(str(library))
+            if compiled():
+                return ctypes.CDLL(str(library))
     raise NotAvailableError(
         "depth from several cameras needs kernels that are not compiled for this machine",
         hint="install a C compiler (Debian: gcc libc6-dev), then simulshot again",

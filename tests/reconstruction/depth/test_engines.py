@@ -1,5 +1,6 @@
 """The compiled engine beside the array version, and the GPU's (by a software driver) beside the CPU."""
 
+import inspect
 import os
 import sys
 from collections.abc import Iterator
@@ -375,10 +376,13 @@ def test_kernels_are_compiled_at_first_use_and_again_if_their_source_changes(
     """Before, a checkout whose kernels.c was pulled but not compiled gave wrong depth without a word."""
     source = tmp_path / "kernels.c"
     source.write_text("int version(void) { return 1; }")
-    load = load_kernels.__wrapped__
+    load = inspect.unwrap(load_kernels)
     assert load(source).version() == load(source).version() == 1
     source.write_text("int version(void) { return 2; }")
     assert load(source).version() == 2
+    source.write_text("int version(void) { return 4; }")
+    library_of(source).write_bytes(b"of another machine")
+    assert load(source).version() == 4
     assert [one.name for one in tmp_path.glob("*.library")] == [library_of(source).name]
     source.write_text("int version(void) { return 3; }")
     monkeypatch.setattr(compiling, "find_compiler", list)

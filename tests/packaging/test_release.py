@@ -1,9 +1,14 @@
 """What is released: one version, all files, and a container's recipe that fits the Makefile's."""
 
 import re
+import runpy
+import sys
 import tomllib
+import types
 from pathlib import Path
+from typing import Any
 
+import pytest
 import yaml
 
 import capture_app
@@ -73,3 +78,26 @@ def test_the_container_installs_what_the_makefile_does() -> None:
         for name in source.split():
             assert (ROOT / name).exists(), name
     assert "USER simulshot" in recipe
+
+
+def test_a_build_takes_its_compiler_from_pypi_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "hatchling"
+    for part in ("", ".builders", ".hooks", ".plugin", ".interface"):
+        name += part
+        module: Any = types.ModuleType(name)
+        module.BuildHookInterface = object
+        monkeypatch.setitem(sys.modules, name, module)
+    hook = runpy.run_path(str(ROOT / "hatch_build.py"))["CompileKernels"]()
+    hook.root = str(ROOT)
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.delenv("SIMULSHOT_CAPTURE_ONLY", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert hook.dependencies() == ["ziglang"]
+    monkeypatch.setenv("SIMULSHOT_CAPTURE_ONLY", "1")
+    assert hook.dependencies() == []
+    monkeypatch.delenv("SIMULSHOT_CAPTURE_ONLY")
+    (tmp_path / "cc").write_text("#!/bin/sh\n")
+    (tmp_path / "cc").chmod(0o755)
+    assert hook.dependencies() == []

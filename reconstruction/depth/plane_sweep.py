@@ -76,7 +76,9 @@ class SweepOptions:
     """Side of the matching window, px."""
     fine_window: int = 7
     """Side of the matching window in sweeps along the surface, px."""
-    refinements: tuple[Refinement, ...] = (Refinement(0.5, 3, 0.0125), Refinement(0.2, 3, 0.005))
+    refinements: tuple[Refinement, ...] = (Refinement(0.5, 3, 0.0125), Refinement(0.25, 3, 0.005))
+    enlarged_refinements: tuple[Refinement, ...] = (Refinement(0.5, 3, 0.0125), Refinement(0.2, 3, 0.005))
+    """Those after a first sweep of smaller images, whose steps are wider."""
     max_cells: int = 80_000_000
     """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
     first_scale: float = 1.0
@@ -115,7 +117,8 @@ def sweep_view(
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
         surface = enlarge_surface(surface, reference)
-    return _refine_surface(surface, reference, sources, step, options.refinements, options)
+    plan = options.refinements if scale == 1.0 else options.enlarged_refinements
+    return _refine_surface(surface, reference, sources, step, plan, options)
 
 
 def adopt_proposals(

@@ -18,7 +18,7 @@ from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, WORST_COST
 from reconstruction.depth.view_choice import choose_source_views
 
-SWEEP = SweepOptions(refinements=(), enlarged_refinements=(Refinement(0.2, 3),), max_cells=2_500_000)
+SWEEP = SweepOptions(refinements=(Refinement(0.2, 3),), max_cells=2_500_000)
 MAX_SOURCES = 3
 LOOK_S = 5.0
 """Interval between two searches for the scene's depth range, in seconds; each takes half a second."""

@@ -19,9 +19,9 @@ TOLERANCE = 1.0
 MIN_PLANES, MAX_PLANES = 24, 400
 """Minimum and maximum number of depths of the first sweep."""
 MIN_WIDTH_PX = 200
-STEP_PX = 0.8
+STEP_PX = 1.2
 """Distance between depths of the first sweep, px, in the source in which it is largest."""
-PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
+PENALTIES, FINE_PENALTIES = (30, 800), (10, 300)
 """Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in sweeps
 along the surface; 255 is the cost of zero correlation."""
 MAX_PROPOSED_COST = 0.8
@@ -76,9 +76,7 @@ class SweepOptions:
     """Side of the matching window, px."""
     fine_window: int = 7
     """Side of the matching window in sweeps along the surface, px."""
-    refinements: tuple[Refinement, ...] = (Refinement(0.5, 3, 0.0125), Refinement(0.25, 3, 0.005))
-    enlarged_refinements: tuple[Refinement, ...] = (Refinement(0.5, 3, 0.0125), Refinement(0.2, 3, 0.005))
-    """Those after a first sweep of smaller images, whose steps are wider."""
+    refinements: tuple[Refinement, ...] = (Refinement(0.45, 3, 0.0125), Refinement(0.18, 3, 0.005))
     max_cells: int = 80_000_000
     """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
     first_scale: float = 1.0
@@ -117,8 +115,7 @@ def sweep_view(
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
         surface = enlarge_surface(surface, reference)
-    plan = options.refinements if scale == 1.0 else options.enlarged_refinements
-    return _refine_surface(surface, reference, sources, step, plan, options)
+    return _refine_surface(surface, reference, sources, step, options.refinements, options)
 
 
 def adopt_proposals(

@@ -291,16 +291,16 @@ def test_a_surface_is_enlarged_on_its_own_planes() -> None:
 
 def test_motion_and_the_number_of_depths_follow_from_the_geometry() -> None:
     # Side by side and parallel, a point moves by focal length times distance times inverse depth.
-    left, right = (turned_view((0, 0, 0), (x, 0, 0), fx=70.0, fy=70.0) for x in (0.0, 0.5))
+    left, right = (turned_view((0, 0, 0), (x, 0, 0), fx=70.0, fy=70.0) for x in (0.0, 1.0))
     pair = SourceView(image_of(left), image_of(right))
-    assert motion_px(pair, 0.2, 1.0) == pytest.approx(0.8 * 0.5 * 70, rel=1e-4)
+    assert motion_px(pair, 0.2, 1.0) == pytest.approx(0.8 * 70, rel=1e-4)
     sizes = (pair.reference, [pair.source], (0.2, 1.0))
     scale, count = plan_first_sweep(*sizes, SweepOptions())
-    assert (scale, count) == (1.0, int(np.ceil(0.8 * 0.5 * 70 / STEP_PX) + 1))
+    assert (scale, count) == (1.0, int(np.ceil(0.8 * 70 / STEP_PX) + 1))
     # With room for 30 depths at most, both sides shrink until the cells fit.
     scale, count = plan_first_sweep(*sizes, SweepOptions(max_cells=30 * 80 * 60))
     assert scale == pytest.approx(2**-0.5)
-    assert count == max(MIN_PLANES, int(np.ceil(0.8 * 0.5 * 70 * scale / STEP_PX) + 1))
+    assert count == max(MIN_PLANES, int(np.ceil(0.8 * 70 * scale / STEP_PX) + 1))
 
 
 @ENGINES

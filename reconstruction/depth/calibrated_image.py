@@ -30,6 +30,8 @@ class CalibratedImage:
     """Variance that noise alone adds to a window, grey levels squared."""
     moving: Array | None = None
     """Moving pixels (bool), which are not walls, at the image's size; None if unknown."""
+    colours: Array | None = None
+    """Colours (uint8 height x width x 3), which tell surfaces apart; None if only grey is known."""
 
     def scaled(self, scale: float) -> "CalibratedImage":
         """Return the image scaled by `scale` (at most 1)."""
@@ -38,7 +40,7 @@ class CalibratedImage:
         view = self.view
         width, height = round(view.width * scale), round(view.height * scale)
         grey = cv2.resize(self.grey, (width, height), interpolation=cv2.INTER_AREA)
-        return replace(self, view=resize_view(view, width, height), grey=grey, moving=None)
+        return replace(self, view=resize_view(view, width, height), grey=grey, moving=None, colours=None)
 
     def cropped(self, box: tuple[slice, slice]) -> "CalibratedImage":
         """Return the image cropped to a box of rows and columns, for matching only."""
@@ -48,7 +50,7 @@ class CalibratedImage:
         matrix = self.view.matrix.copy()
         matrix[:2, 2] -= box[1].start or 0, box[0].start or 0
         view = replace(self.view, width=grey.shape[1], height=grey.shape[0], matrix=matrix)
-        return replace(self, view=view, grey=grey, moving=None)
+        return replace(self, view=view, grey=grey, moving=None, colours=None)
 
     @cached_property
     def mean(self) -> Array:
@@ -65,6 +67,13 @@ class CalibratedImage:
     def bordered(self) -> Array:
         """The grey levels with a border of `OUTSIDE`: one pixel left and above, two right and below."""
         return np.asarray(cv2.copyMakeBorder(self.grey, 1, 2, 1, 2, cv2.BORDER_CONSTANT, value=(OUTSIDE,)))
+
+    @property
+    def coloured(self) -> Array:
+        """The colours, or grey ones where there are none (uint8 height x width x 3)."""
+        if self.colours is not None:
+            return self.colours
+        return np.repeat(self.grey[..., None].clip(0, 255).astype(np.uint8), 3, axis=2)
 
     @property
     def blank(self) -> Array:

@@ -21,22 +21,36 @@ MIN_DIFFERENCE = 0.03
 """Minimum relative difference between the surfaces on both sides of a pixel."""
 MAX_GREY_LEVELS = 20.0
 """Maximum difference in brightness (of 255) that counts."""
-SIMILAR_GREY, SIMILAR_PX = 8.0, 4.0
-"""Differences in brightness and place at which a neighbour's weight falls to 1/e."""
-NEIGHBOURHOOD_PX = 4
+SIMILAR_COLOUR, SIMILAR_PX = 10.0, 6.0
+"""Differences in colour (mean of three, of 255) and place at which a neighbour's weight falls to 1/e."""
+NEIGHBOURHOOD_PX = 8
 """Radius of the neighbourhood; every second pixel counts."""
-MIN_GAIN, MIN_GAIN_FRACTION = 1.0, 0.35
-"""Minimum mean gain for the farther surface in grey levels, and relative to the mean of all gains' sizes."""
+GAIN_WEIGHT = 0.2
+"""Weight of a gain by one grey level, beside the logarithm of the sides' ratio."""
+FAR_PRIOR = 0.5
+"""Preference for the farther side: windows widen near surfaces, and seldom far ones."""
+FEW = 0.05
+"""Weight added to both sides, as one without neighbours is not impossible."""
 MIN_SOURCES = 2
 """Number of best sources that count, as the others may not see the farther surface."""
 
 
-def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: Array) -> Surface:
-    """Return the surface with pixels beside a jump of depth on its farther side if they match better there.
+def _weights() -> Array:
+    """Return neighbours' weights by distance in y and x, then by the sum of their colour differences."""
+    steps = np.arange(0, NEIGHBOURHOOD_PX + 1, 2)
+    by_place = np.exp(-np.hypot(steps[:, None], steps) / SIMILAR_PX).reshape(-1)
+    return floats(np.concatenate([by_place, np.exp(-np.arange(3 * 255 + 1) / (3 * SIMILAR_COLOUR))]))
 
-    Both sides' planes are extended over `REACH_PX`. Each pixel is compared with the sources by its own
-    brightness on both, and the gain is averaged over neighbours that are as bright (Yoon and Kweon 2006).
-    Only pixels of the mask `where` (bool) move.
+
+LIKENESS = _weights()
+
+
+def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: Array) -> Surface:
+    """Return the surface with pixels beside a jump of depth moved to its farther side where likely.
+
+    Both sides' planes are extended over `REACH_PX`. A pixel is likely on the side of the neighbours that have
+    its colour (weights of Yoon and Kweon 2006), and on the farther side if single pixels match the sources
+    better there. Only pixels of the mask `where` (bool) move.
     """
     level = surface.inverse_depth
     around, small = np.ones((2 * REACH_PX - 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
@@ -52,14 +66,16 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     gain.reshape(-1)[pixels] = _differences(level, pixels, near, source_views)
     gain.reshape(-1)[pixels] -= _differences(level, pixels, far[0], source_views)
     nearer = where.reshape(-1)[pixels] & (2 * level.reshape(-1)[pixels] > near + far[0])
-    pixels, far = pixels[nearer], far[:, nearer]
-    total, size, weight = sums = np.empty((3, len(pixels)), np.float32)
+    pixels, near, far = pixels[nearer], near[nearer], far[:, nearer]
+    sums = np.empty((4, len(pixels)), np.float32)
     call_kernel(
-        "gather_gains",
-        *(*level.shape, gain, floats(source_views[0].reference.grey), ctypes.c_int64(len(pixels)), pixels),
-        *(NEIGHBOURHOOD_PX, ctypes.c_float(SIMILAR_GREY), ctypes.c_float(SIMILAR_PX), sums),
+        "weigh_sides",
+        *(*level.shape, floats(level), gain, source_views[0].reference.coloured),
+        *(ctypes.c_int64(len(pixels)), pixels, (near + far[0]) / 2, NEIGHBOURHOOD_PX, LIKENESS, sums),
     )
-    moved = (total > MIN_GAIN * weight) & (total > MIN_GAIN_FRACTION * size)
+    farther, nearby, gained, judged = sums
+    likely = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained / np.maximum(judged, 1e-3)
+    moved = likely > -FAR_PRIOR
     found.reshape(4, -1)[:3, pixels[moved]] = far[:, moved]
     return Surface(*found)
 

@@ -643,21 +643,28 @@ int edge_sides(int height, int width, const float *planes, int64_t n, const int3
   return 0;
 }
 
-/* Sums over each of n pixels' neighbours that are as bright: of gains, of their sizes, and of weights (3 x n). */
-int gather_gains(int height, int width, const float *gain, const float *grey, int64_t n, const int32_t *pixels, int reach,
-                 float similar_grey, float similar_px, float *sums) {
+/* Sums over each of n pixels' neighbours, weighted by likeness of colour and place: of those farther than `between`, of
+ * the others, and of gains above zero and of all where there are gains (4 x n). `alike` is a neighbour's weight by its
+ * distance in x and y, (reach / 2 + 1)^2 of them, then by the sum of its colour's differences. */
+int weigh_sides(int height, int width, const float *level, const float *gain, const uint8_t *colours, int64_t n,
+                const int32_t *pixels, const float *between, int reach, const float *alike, float *sums) {
+  const int across = reach / 2 + 1;
+  const float *alike_colour = alike + across * across;
   for (int64_t i = 0; i < n; i++) {
     const int x = pixels[i] % width, y = pixels[i] / width;
-    float total = 0.f, size = 0.f, weight = 0.f;
+    const uint8_t *own = colours + 3 * (size_t)pixels[i];
+    float farther = 0.f, nearer = 0.f, gained = 0.f, judged = 0.f;
     for (int row = MAX(y - reach, y % 2); row <= MIN(y + reach, height - 1); row += 2)
       for (int column = MAX(x - reach, x % 2); column <= MIN(x + reach, width - 1); column += 2) {
         const size_t at = (size_t)row * width + column;
-        if (gain[at] == 0.f) continue;
-        const float off = fabsf(grey[at] - grey[pixels[i]]), apart = hypotf(column - x, row - y);
-        const float alike = expf(-off / similar_grey - apart / similar_px);
-        total += alike * gain[at], size += alike * fabsf(gain[at]), weight += alike;
+        const uint8_t *colour = colours + 3 * at;
+        const int apart = abs(colour[0] - own[0]) + abs(colour[1] - own[1]) + abs(colour[2] - own[2]);
+        const float weight = alike[abs(row - y) / 2 * across + abs(column - x) / 2] * alike_colour[apart];
+        if (level[at] < between[i]) farther += weight;
+        else nearer += weight;
+        gained += weight * at_least(gain[at], 0.f), judged += weight * (gain[at] != 0.f);
       }
-    sums[i] = total, sums[n + i] = size, sums[2 * n + i] = weight;
+    sums[i] = farther, sums[n + i] = nearer, sums[2 * n + i] = gained, sums[3 * n + i] = judged;
   }
   return 0;
 }

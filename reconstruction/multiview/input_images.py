@@ -72,7 +72,8 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
             "its image has the same brightness everywhere",
             hint="uncover the lens or add light, or choose another instant",
         )
-    photo = CalibratedImage(view.undistorted, grey.astype(np.float32), 5, matching_noise(grey))
+    matched = view.undistorted, grey.astype(np.float32), 5, matching_noise(grey)
+    photo = CalibratedImage(*matched, colours=np.ascontiguousarray(colours))
     return InputImage(camera, instant, colours, photo, view)
 
 

@@ -11,13 +11,14 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
 from reconstruction.depth.edge_sharpening import (
+    FAR_PRIOR,
+    FEW,
+    GAIN_WEIGHT,
     MIN_DIFFERENCE,
-    MIN_GAIN,
-    MIN_GAIN_FRACTION,
     MIN_JUMP,
     NEIGHBOURHOOD_PX,
     REACH_PX,
-    SIMILAR_GREY,
+    SIMILAR_COLOUR,
     SIMILAR_PX,
     _differences,
 )
@@ -308,10 +309,11 @@ def sharpen_by_arrays(surface: Surface, source_views: Sequence[SourceView], wher
     gain[pixels] = _differences(level, flat, near, source_views)
     gain[pixels] -= _differences(level, flat, far[0], source_views)
     nearer = where[pixels] & (2 * level[pixels] > near + far[0])
-    pixels, far = tuple(axis[nearer] for axis in pixels), far[:, nearer]
-    moved = gains(gain, source_views[0].reference.grey, pixels)
+    pixels, between = tuple(axis[nearer] for axis in pixels), (near + far[0])[nearer] / 2
+    farther, nearby, gained = sides_of(level, gain, source_views[0].reference.coloured, pixels, between)
+    moved = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained > -FAR_PRIOR
     found = np.stack(surface)
-    found[:3, pixels[0][moved], pixels[1][moved]] = far[:, moved]
+    found[:3, pixels[0][moved], pixels[1][moved]] = far[:, nearer][:, moved]
     return Surface(*found)
 
 
@@ -339,21 +341,24 @@ def both_sides(surface: Surface, pixels: tuple[Array, ...]) -> tuple[Array, Arra
     return near, np.stack([far, *(part.take(farthest) for part in planes[1:])])
 
 
-def gains(gain: Array, grey: Array, pixels: tuple[Array, ...]) -> Array:
-    """Return the pixels (n,) that gain, together with those around that are as bright."""
-    margin = NEIGHBOURHOOD_PX
-    wide_gain, wide_grey = (np.pad(part, margin) for part in (gain, grey))
-    width, own = wide_grey.shape[1], grey[pixels]
-    total, size, weight = (np.full(len(own), 1e-9, np.float32) for _ in range(3))
-    for dy, dx in product(range(-NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX + 1, 2), repeat=2):
-        at = (pixels[0] + (margin + dy)) * width + (pixels[1] + (margin + dx))
-        theirs = wide_gain.take(at)
-        alike = np.exp(-np.abs(wide_grey.take(at) - own) / SIMILAR_GREY - math.hypot(dx, dy) / SIMILAR_PX)
-        alike *= theirs != 0
-        total += alike * theirs
-        size += alike * np.abs(theirs)
-        weight += alike
-    return np.asarray((total > MIN_GAIN * weight) & (total > MIN_GAIN_FRACTION * size))
+def sides_of(
+    level: Array, gain: Array, colours: Array, pixels: tuple[Array, ...], between: Array
+) -> tuple[Array, Array, Array]:
+    """Return the weights (n,) of pixels' neighbours on the farther and the nearer side, and the mean gain."""
+    farther, nearer, gained, judged = (np.zeros(len(between)) for _ in range(4))
+    reach = range(-NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX + 1, 2)
+    for dy, dx in product(reach, repeat=2):
+        rows, columns = pixels[0] + dy, pixels[1] + dx
+        there = (rows >= 0) & (rows < level.shape[0]) & (columns >= 0) & (columns < level.shape[1])
+        at = rows.clip(0, level.shape[0] - 1), columns.clip(0, level.shape[1] - 1)
+        apart = np.abs(colours[at].astype(float) - colours[pixels]).mean(-1)
+        weight = there * np.exp(-apart / SIMILAR_COLOUR - math.hypot(dx, dy) / SIMILAR_PX)
+        far = level[at] < between
+        farther += weight * far
+        nearer += weight * ~far
+        gained += weight * gain[at].clip(0)
+        judged += weight * (gain[at] != 0)
+    return farther, nearer, gained / np.maximum(judged, 1e-3)
 
 
 def denied_by_arrays(

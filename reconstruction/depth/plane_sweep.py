@@ -76,7 +76,7 @@ class SweepOptions:
     """Side of the matching window, px."""
     fine_window: int = 7
     """Side of the matching window in sweeps along the surface, px."""
-    refinements: tuple[Refinement, ...] = (Refinement(0.45, 3, 0.0125), Refinement(0.18, 3, 0.005))
+    refinements: tuple[Refinement, ...] = (Refinement(0.45, 3), Refinement(0.18, 3, 0.0125))
     max_cells: int = 80_000_000
     """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
     first_scale: float = 1.0

@@ -3,14 +3,16 @@
     python -m benchmarks.flip_operators reconstruction/depth --tests tests/reconstruction/depth
 
 A flip is `+` for `-`, `*` for `/`, `<` for `>`, `==` for `!=`, `and` for `or`, `&` for `|`, or a missing sign
-or `not`. Each is tried in a copy of the checkout until the first test fails. `<` for `<=` is not tried: it
-seldom changes anything. Some flips cannot be noticed, such as `==` in a branch that only saves time.
+or `not`; in C, those operators that have a space on both sides. Each is tried in a copy of the checkout until
+the first test fails. `<` for `<=` is not tried: it seldom changes anything. Some flips cannot be noticed, as
+`==` in a branch that only saves time.
 """
 
 import argparse
 import ast
 import os
 import random
+import re
 import shlex
 import shutil
 import subprocess
@@ -35,6 +37,8 @@ OPERATORS = {
     ast.BitAnd: "&", ast.BitOr: "|",
     ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
+IN_C = FLIPPED | {"&&": "||", "||": "&&"}
+C_OPERATOR = re.compile(r"(?<= )(?:[-+*/]=?|[<>=!]=|[<>]|&&?|\|\|?)(?= )")
 Place = tuple[int, int]
 """Line from 1 and column in characters from 0."""
 
@@ -64,6 +68,13 @@ def find_flips(file: Path) -> list[Flip]:
     """Return all flips of a file, those in annotations left out."""
     text = file.read_text()
     lines = text.splitlines()
+    if file.suffix == ".c":
+        return [
+            Flip(file, (row, match.start()), match[0], IN_C[match[0]])
+            for row, line in enumerate(_without_comments(text).splitlines(), 1)
+            for match in C_OPERATOR.finditer(line)
+            if not line.startswith("#")
+        ]
     with file.open("rb") as opened:
         tokens = [(one.start, one.string) for one in tokenize.tokenize(opened.readline)]
     tree = ast.parse(text)
@@ -85,6 +96,11 @@ def find_flips(file: Path) -> list[Flip]:
             old = "-" if isinstance(node.op, ast.USub) else "not"
             found.append(Flip(file, place(node.lineno, node.col_offset), old, ""))
     return sorted(found, key=lambda one: one.place)
+
+
+def _without_comments(text: str) -> str:
+    """Return C with its comments blanked, so that all else keeps its place."""
+    return re.sub(r"/\*.*?\*/", lambda comment: re.sub(r"\S", " ", comment[0]), text, flags=re.DOTALL)
 
 
 def _operators(node: ast.AST) -> Iterator[tuple[ast.expr, ast.expr, str]]:
@@ -167,7 +183,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="simulshot-flips-") as scratch, chdir(scratch):
         copy_checkout(Path(scratch))
         files = [
-            file for one in asked.folders for file in ([one] if one.is_file() else sorted(one.rglob("*.py")))
+            file
+            for one in asked.folders
+            for file in ([one] if one.is_file() else sorted([*one.rglob("*.py"), *one.rglob("*.c")]))
         ]
         flips = [flip for file in files for flip in find_flips(file)]
         chosen = random.Random(asked.seed).sample(flips, min(asked.count, len(flips)))

@@ -364,6 +364,11 @@ def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
     assert evident[inner & (number == 1)].all()
     assert 0.1 < beyond.mean() < 0.9
     assert (number[beyond] == AS_FOUND).all()
+    # A surface that only noise matches is not evident.
+    rng = np.random.default_rng(3)
+    noise = [replace(other, grey=rng.normal(128, 9, other.grey.shape).astype(np.float32)) for other in others]
+    _, number, evident = choose_planes(parts[0], noise, 1.3 * level, [plane], (0.5, 9.0))
+    assert np.mean(evident[number == AS_FOUND]) < 0.05
     # Where the sources do not see the surface as found, there is nothing to compare a plane with.
     unseen = choose_planes(parts[0], others, np.full_like(level, 0.05), [plane], (0.5, 9.0))
     assert (unseen[1] == AS_FOUND).all()

@@ -8,7 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.geometric_consistency import match_brightness
+from reconstruction.depth.geometric_consistency import MAX_COST, match_brightness
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import CPU
@@ -65,7 +65,9 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     gain = np.zeros(level.shape, np.float32)
     gain.reshape(-1)[pixels] = _differences(level, pixels, near, source_views)
     gain.reshape(-1)[pixels] -= _differences(level, pixels, far[0], source_views)
-    nearer = where.reshape(-1)[pixels] & (2 * level.reshape(-1)[pixels] > near + far[0])
+    # Windows widen surfaces that match; where nothing matches, edges are chance.
+    movable = (where & (surface.cost < MAX_COST)).reshape(-1)
+    nearer = movable[pixels] & (2 * level.reshape(-1)[pixels] > near + far[0])
     pixels, near, far = pixels[nearer], near[nearer], far[:, nearer]
     sums = np.empty((4, len(pixels)), np.float32)
     call_kernel(

@@ -23,7 +23,7 @@ from reconstruction.depth.edge_sharpening import (
     _differences,
 )
 from reconstruction.depth.fusion import BEHIND, SLACK, PosedMap, project_points, surface_points
-from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
+from reconstruction.depth.geometric_consistency import MAX_COST, RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import (
     BETTER_OF_TWO,
@@ -308,7 +308,7 @@ def sharpen_by_arrays(surface: Surface, source_views: Sequence[SourceView], wher
     flat = np.ravel_multi_index(pixels, level.shape)
     gain[pixels] = _differences(level, flat, near, source_views)
     gain[pixels] -= _differences(level, flat, far[0], source_views)
-    nearer = where[pixels] & (2 * level[pixels] > near + far[0])
+    nearer = (where & (surface.cost < MAX_COST))[pixels] & (2 * level[pixels] > near + far[0])
     pixels, between = tuple(axis[nearer] for axis in pixels), (near + far[0])[nearer] / 2
     farther, nearby, gained = sides_of(level, gain, source_views[0].reference.coloured, pixels, between)
     moved = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained > -FAR_PRIOR

@@ -67,7 +67,9 @@ def test_moved_edges_are_those_of_the_array_version(seen: tuple[list[SourceView]
     views, true = seen
     wide = cv2.dilate(true, np.ones((5, 5), np.uint8))
     slopes = 1e-4 * np.random.default_rng(2).standard_normal((2, *true.shape)).astype(np.float32)
-    surface = Surface(wide, slopes[0], slopes[1], np.zeros_like(wide))
+    # Pixels without a match stay.
+    cost = np.linspace(0, 0.6, wide.size, dtype=np.float32).reshape(wide.shape)
+    surface = Surface(wide, slopes[0], slopes[1], cost)
     where = np.ones(wide.shape, bool)
     where[:30] = False
     found, expected = (np.stack(run(surface, views, where)) for run in (sharpen_edges, sharpen_by_arrays))

@@ -122,6 +122,8 @@ def test_a_calibration_that_holds_is_not_blamed(features: dict[str, Features]) -
     assert check.unchecked == ()
     assert check.error_px is not None
     assert check.error_px < 0.6
+    pair = check_rig({name: RIG[name] for name in "ab"}, features)
+    assert check.points > pair.points > 50
 
 
 def test_a_camera_that_moved_keeps_the_calibration_from_being_used(

@@ -63,6 +63,15 @@ def test_what_moves_has_none_where_the_others_are_late(look: Look) -> None:
     assert (found.depth > 0).mean() > 0.6, "what stands still has depth all the same"
 
 
+def test_a_camera_that_shows_something_else_denies_depth(look: Look) -> None:
+    images = look(1.0, 0.0)
+    live = LiveDepth(VIEWS, width_px=160)
+    found = live.compute(images, "middle")
+    noise = np.random.default_rng(5).integers(0, 255, images["right"].shape, np.uint8)
+    other = live.compute(images | {"right": noise}, "middle")
+    assert (other.depth > 0).mean() < 0.2 * (found.depth > 0).mean()
+
+
 def test_nothing_moves_in_a_still_scene(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_depth, "LOOK_S", 0.0)
     live = LiveDepth(VIEWS, width_px=160)

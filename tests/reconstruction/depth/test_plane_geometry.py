@@ -369,6 +369,15 @@ def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
     noise = [replace(other, grey=rng.normal(128, 9, other.grey.shape).astype(np.float32)) for other in others]
     _, number, evident = choose_planes(parts[0], noise, 1.3 * level, [plane], (0.5, 9.0))
     assert np.mean(evident[number == AS_FOUND]) < 0.05
+    # A faint wall replaces a surface behind it, and none in front that is smooth and matches nearly as well.
+    faint = [
+        replace(image, grey=128 + 2 * wall / wall.std() + rng.normal(0, 9, wall.shape).astype(np.float32))
+        for image, wall in ((one, one.grey - one.grey.mean()) for one in (parts[0].image, *others))
+    ]
+    blank = replace(parts[0], image=faint[0])
+    for found, laid in ((1.3 * level, 0.0), (0.7 * level, 0.6)):
+        number = choose_planes(blank, faint[1:], found, [plane], (0.5, 9.0))[1]
+        assert np.mean(number[inner] == 1) == pytest.approx(laid, abs=0.15)
     # Where the sources do not see the surface as found, there is nothing to compare a plane with.
     unseen = choose_planes(parts[0], others, np.full_like(level, 0.05), [plane], (0.5, 9.0))
     assert (unseen[1] == AS_FOUND).all()
@@ -488,6 +497,13 @@ def test_a_point_is_drawn_on_its_side_of_the_picture() -> None:
     assert middle[0] == pytest.approx((180, 240), abs=1)
     assert middle[1][1] > 260
     assert middle[2][0] > 200
+    # A square that the border would cut is left out, and none goes on at the other side.
+    ground = picture[0, 0]
+    beyond = axes[0] + np.outer(np.linspace(0, 4, 2000), [1, 0, 0])
+    wide = np.vstack([axes.repeat(3000, axis=0), beyond])
+    row = draw_clouds({"": (wide, np.full(wide.shape, 255, np.uint8))}, views)[""][180, 480:960]
+    assert (row[-6:-3] != ground).all()
+    assert (row[:200] == ground).all()
 
 
 def test_large_clouds_are_drawn_thinned_and_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

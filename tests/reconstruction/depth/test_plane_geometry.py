@@ -44,7 +44,12 @@ from reconstruction.depth.view_choice import (
     find_overlaps,
     seen_points,
 )
-from reconstruction.multiview.instant_scoring import VISIBLE_FRACTION, visible_points
+from reconstruction.multiview.instant_scoring import (
+    TOLERANCE_M,
+    VISIBLE_FRACTION,
+    count_near,
+    visible_points,
+)
 from tests.reconstruction.depth.array_engine import ArrayEngine, cosine_of_rays, pixels_per_inverse_depth
 
 NUMPY = ArrayEngine()
@@ -459,6 +464,15 @@ def test_points_are_at_the_pixels_that_see_them() -> None:
     assert not project_points(REFERENCE, beside)[2].any()
     behind = 2 * REFERENCE.centre - WALL.points(REFERENCE, at)
     assert not project_points(REFERENCE, behind)[2].any()
+
+
+def test_points_near_others_are_those_within_the_tolerance() -> None:
+    rng = np.random.default_rng(6)
+    points, asked = (rng.uniform(-0.1, 0.1, (count, 3)).astype(np.float32) for count in (2000, 700))
+    apart = np.linalg.norm(points[:, None] - asked, axis=2).min(0)
+    near = int((apart < TOLERANCE_M).sum())
+    assert 200 < near < 500
+    assert count_near(points, asked) == (near, 700)
 
 
 def test_the_best_angles_are_worth_most() -> None:

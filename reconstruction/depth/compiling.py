@@ -35,8 +35,10 @@ def find_compiler() -> list[str]:
     """Return the C compiler's command: the system's, or that of PyPI's ziglang; empty if there is none."""
     named = os.environ.get("CC", "cc"), "cc", "gcc", "clang"
     if found := next(filter(None, map(shutil.which, named)), None):
-        return [found]
-    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else []
+        # Gathers are worth it from Haswell on; generic tuning avoids them.
+        return [found, "-mtune=haswell"] if platform.machine() == "x86_64" else [found]
+    # Without a processor ziglang compiles for this one alone, and with -mtune for none older than that.
+    return [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"] if find_spec("ziglang") else []
 
 
 def compile_kernels(source: Path = SOURCE) -> bool:
@@ -44,10 +46,8 @@ def compile_kernels(source: Path = SOURCE) -> bool:
     if not (compiler := find_compiler()):
         return False
     library = library_of(source)
-    # Gathers are worth it from Haswell on; generic tuning avoids them.
-    tuned = ["-mtune=haswell"] if platform.machine() == "x86_64" else []
     part = library.with_suffix(f".{os.getpid()}")
-    command = [*compiler, *FLAGS, *tuned, "-o", str(part), str(source), "-lm"]
+    command = [*compiler, *FLAGS, "-o", str(part), str(source), "-lm"]
     # A compiler without support for several processor versions builds a single one.
     for plain in ([], ["-DONE_VERSION"]):
         if subprocess.run([*command, *plain], capture_output=True, check=False).returncode == 0:  # noqa: S603

@@ -67,7 +67,8 @@ class SweepEngine:
         reference = source_views[0].reference
         height, width = reference.grey.shape
         volume = self._reused("volume", (height, len(offsets), width), np.uint8)
-        sources = (Source * len(source_views))(*map(source_of, source_views))
+        borders = [view.source.bordered for view in source_views]
+        sources = (Source * len(source_views))(*map(source_of, source_views, borders))
         call_kernel(
             "costs",
             *(height, width, len(offsets), reference.window // 2, len(sources)),
@@ -83,7 +84,9 @@ class SweepEngine:
     def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
         """Return the source's grey levels warped by inverse depths, `OUTSIDE` beyond its image."""
         out = np.empty(inverse_depth.shape, np.float32)
-        call_kernel("warp", *out.shape, floats(inverse_depth), ctypes.byref(source_of(source_view)), out)
+        bordered = source_view.source.bordered
+        source = source_of(source_view, bordered)
+        call_kernel("warp", *out.shape, floats(inverse_depth), ctypes.byref(source), out)
         return out
 
     def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
@@ -180,10 +183,10 @@ class SweepEngine:
         return same, able
 
 
-def source_of(source_view: SourceView) -> Source:
-    """Return the kernels' view of a source."""
-    image, numbers = source_view.source, (ctypes.c_float * 13)(*source_view.numbers)
-    return Source(image.bordered.ctypes.data, image.view.width, image.view.height, numbers)
+def source_of(source_view: SourceView, bordered: Array) -> Source:
+    """Return the kernels' view of a source; the caller holds its bordered grey levels meanwhile."""
+    view, numbers = source_view.source.view, (ctypes.c_float * 13)(*source_view.numbers)
+    return Source(bordered.ctypes.data, view.width, view.height, numbers)
 
 
 CPU = SweepEngine()

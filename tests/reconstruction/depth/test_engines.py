@@ -391,6 +391,13 @@ def test_kernels_are_compiled_at_first_use_and_again_if_their_source_changes(
     assert "gcc" in refused.value.hint
 
 
+def test_pypi_s_compiler_makes_kernels_for_every_processor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a processor, or with -mtune, it compiles for this machine's; others stop at the first call."""
+    monkeypatch.setattr("shutil.which", lambda _name: None)
+    monkeypatch.setattr(compiling, "find_spec", lambda _name: object())
+    assert compiling.find_compiler()[1:] == ["-m", "ziglang", "cc", "-mcpu=baseline"]
+
+
 def test_a_software_driver_is_used_only_by_name(adapters: list[Any]) -> None:
     name = adapters[0].info["device"]
     assert open_gpu(adapters, name[:4].upper()).note == f"on {name}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.geometric_consistency import MAX_COST, match_brightness
+from reconstruction.depth.geometric_consistency import match_brightness
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import CPU
@@ -19,6 +19,9 @@ MIN_JUMP = 0.04
 """Minimum relative jump of inverse depth between neighbouring pixels at an edge."""
 MIN_DIFFERENCE = 0.03
 """Minimum relative difference between the surfaces on both sides of a pixel."""
+MAX_COST = 0.4
+"""Maximum matching cost (0 to 1) of a pixel that moves; windows widen surfaces that match, and where nothing
+matches, edges are chance."""
 MAX_GREY_LEVELS = 20.0
 """Maximum difference in brightness (of 255) that counts."""
 SIMILAR_COLOUR, SIMILAR_PX = 10.0, 6.0
@@ -65,7 +68,6 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     gain = np.zeros(level.shape, np.float32)
     gain.reshape(-1)[pixels] = _differences(level, pixels, near, source_views)
     gain.reshape(-1)[pixels] -= _differences(level, pixels, far[0], source_views)
-    # Windows widen surfaces that match; where nothing matches, edges are chance.
     movable = (where & (surface.cost < MAX_COST)).reshape(-1)
     nearer = movable[pixels] & (2 * level.reshape(-1)[pixels] > near + far[0])
     pixels, near, far = pixels[nearer], near[nearer], far[:, nearer]

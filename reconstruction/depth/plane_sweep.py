@@ -14,12 +14,12 @@ DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
 """Minimum gain in cost (0 to 1) for adopting a neighbouring plane; smaller gains may be noise."""
 SMOOTHING_PX = 3
-TOLERANCE = 0.67
+TOLERANCE = 0.8
 """Maximum distance of neighbours from a common plane, in steps of the first sweep."""
 MIN_PLANES, MAX_PLANES = 24, 400
 """Minimum and maximum number of depths of the first sweep."""
 MIN_WIDTH_PX = 200
-STEP_PX = 1.2
+STEP_PX = 1.0
 """Distance between depths of the first sweep, px, in the source in which it is largest."""
 PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
 """Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in sweeps

@@ -14,6 +14,7 @@ from reconstruction.depth.edge_sharpening import (
     FAR_PRIOR,
     FEW,
     GAIN_WEIGHT,
+    MAX_COST,
     MIN_DIFFERENCE,
     MIN_JUMP,
     NEIGHBOURHOOD_PX,
@@ -23,7 +24,7 @@ from reconstruction.depth.edge_sharpening import (
     _differences,
 )
 from reconstruction.depth.fusion import BEHIND, SLACK, PosedMap, project_points, surface_points
-from reconstruction.depth.geometric_consistency import MAX_COST, RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
+from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import (
     BETTER_OF_TWO,
@@ -243,7 +244,7 @@ def cosine_of_rays(source_view: SourceView, inverse_depth: Array) -> Array:
 
 
 def fuse_arrays(maps: Sequence[PosedMap], required: int, error: float, cosine: float) -> tuple[Array, Array]:
-    """Fuse as `CompiledEngine.fuse`, except for rounding, where no library was built."""
+    """Fuse as `fuse_posed_maps`, except for rounding."""
     free = [depth.ravel() > 0 for _, depth, _, _ in maps]
     measured = [_measurements(*one) for one in maps]
     parts = []

@@ -21,7 +21,8 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.common.worker_pool import worker_pool
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.worker_pool import MAX_WORKERS, worker_count, worker_pool
 from reconstruction.compare.study import Context, Pair, PairStudy, write_pictures
 from reconstruction.report import wording
 from reconstruction.report.findings import (
@@ -58,6 +59,8 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_errors, find_disparity_range
 
 RANGE_INSTANTS = 8
+BYTES_PER_PIXEL = 150
+"""Memory of an instant's matching and checks, per pixel, beside what the matcher reserves."""
 FALLEN_CONTROL = 0.1
 """Lost fraction of still pixels from which timing is not the only cause."""
 WHY = """
@@ -325,7 +328,9 @@ class StereoStudy(PairStudy):
             facts["mover_pixels"] = int(one.moving.sum())
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
-        with worker_pool() as pool:
+        size = BYTES_PER_PIXEL * self.rig.views[reference].width * self.rig.views[reference].height
+        fitting = memory_budget().fit_count(size, MAX_WORKERS, fraction=0.5)
+        with worker_pool(min(fitting, worker_count())) as pool:
             instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(

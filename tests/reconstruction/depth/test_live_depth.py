@@ -72,6 +72,14 @@ def test_a_camera_that_shows_something_else_denies_depth(look: Look) -> None:
     assert (other.depth > 0).mean() < 0.2 * (found.depth > 0).mean()
 
 
+def test_what_gets_brighter_as_a_whole_does_not_move(look: Look) -> None:
+    images = {name: image // 2 for name, image in look(1.0, 0.0).items()}
+    live = LiveDepth(VIEWS, width_px=160)
+    for brighter in (0, 25, 50):
+        found = live.compute({name: image + np.uint8(brighter) for name, image in images.items()}, "middle")
+    assert found.moving.mean() < 0.02
+
+
 def test_nothing_moves_in_a_still_scene(look: Look, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_depth, "LOOK_S", 0.0)
     live = LiveDepth(VIEWS, width_px=160)

@@ -41,6 +41,7 @@ from reconstruction.depth.view_choice import (
     BEST_ANGLES_DEG,
     MAX_ANGLE_DEG,
     angle_fitness,
+    choose_source_views,
     find_overlaps,
     seen_points,
 )
@@ -481,6 +482,15 @@ def test_the_best_angles_are_worth_most() -> None:
         np.array([0.5, (0.5 + low) / 2, low, high, (high + MAX_ANGLE_DEG) / 2, MAX_ANGLE_DEG])
     )
     assert worth == pytest.approx([0, 0.5, 1, 1, 0.25, 0])
+
+
+def test_sources_are_the_others_that_see_the_same_best_first() -> None:
+    # All are parallel and 4 m from the points: the farther aside a camera is, the less of the view it sees.
+    views = {f"cam{k}": turned_view((0, 0, 0), (0.25 * k, 0, 0)) for k in range(7)}
+    points = {name: view.unproject(view.grid()[::37], np.full(130, 4.0)) for name, view in views.items()}
+    chosen = choose_source_views(views, points)
+    assert chosen["cam0"] == ("cam1", "cam2", "cam3", "cam4")
+    assert {*chosen["cam3"]} == {"cam1", "cam2", "cam4", "cam5"}
 
 
 def test_a_scene_is_found_where_it_is() -> None:

@@ -141,7 +141,7 @@ def curved_surface(views: list[SourceView]) -> Array:
 
 @pytest.mark.parametrize(
     ("count", "window", "curved"),
-    [(1, 5, False), (2, 7, True), (4, 5, False), (3, 7, True)],
+    [(1, 5, False), (2, 7, True), (4, 5, False), (3, 7, True), (3, 9, False)],
 )
 def test_costs_are_those_of_the_array_version(count: int, window: int, curved: bool) -> None:
     views = source_views(count, window)

@@ -465,6 +465,21 @@ def test_without_wgpu_the_cpu_sweeps_and_says_so_where_a_gpu_is_named(
     assert found.note.startswith(note or CPU.note)
 
 
+@pytest.mark.usefixtures("looked_for")
+@pytest.mark.parametrize(("named", "there", "looked"), [("", True, 0), (None, True, 1), (None, False, 0)])
+def test_a_gpu_is_looked_for_unless_it_is_declined_or_not_there(
+    named: str | None, there: bool, looked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(gpu, "has_gpu", lambda: there)
+    monkeypatch.setattr(gpu, "find_adapters", lambda: calls.append(1) or [])
+    monkeypatch.delenv(gpu.GPU, raising=False)
+    if named is not None:
+        monkeypatch.setenv(gpu.GPU, named)
+    find_engine()
+    assert len(calls) == looked
+
+
 @pytest.mark.parametrize(
     ("device", "found"), [("dri/renderD128", True), ("nvidia0", True), ("dxg", True), ("nvidiactl", False)]
 )

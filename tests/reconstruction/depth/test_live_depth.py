@@ -72,6 +72,16 @@ def test_a_camera_that_shows_something_else_denies_depth(look: Look) -> None:
     assert (other.depth > 0).mean() < 0.2 * (found.depth > 0).mean()
 
 
+def test_only_what_two_others_see_can_be_denied(look: Look) -> None:
+    images = look(1.0, 0.0)
+    live = LiveDepth(VIEWS, width_px=160)
+    seen = {name: live._calibrate(name, image) for name, image in (images | {"away": images["left"]}).items()}
+    level = np.full(seen["middle"].grey.shape, 1 / 4, np.float32)
+    for second, fraction in (("right", 0.85), ("away", 0.0)):
+        _, able = live._confirm(seen["middle"], [seen["left"], seen[second]], level)
+        assert able.mean() == pytest.approx(fraction, abs=0.14)
+
+
 def test_what_gets_brighter_as_a_whole_does_not_move(look: Look) -> None:
     images = {name: image // 2 for name, image in look(1.0, 0.0).items()}
     live = LiveDepth(VIEWS, width_px=160)

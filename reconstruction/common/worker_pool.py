@@ -22,14 +22,14 @@ SWEEP_BYTES = 400 << 20
 """Maximum memory of one worker's sweep."""
 
 
-def max_workers() -> int:
+def max_workers(bytes_each: float = SWEEP_BYTES) -> int:
     """Return the workers that half of the memory budget holds, on any machine: results depend on it."""
-    return memory_budget().fit_count(SWEEP_BYTES, MAX_WORKERS, fraction=0.5)
+    return memory_budget().fit_count(bytes_each, MAX_WORKERS, fraction=0.5)
 
 
-def worker_count() -> int:
+def worker_count(bytes_each: float = SWEEP_BYTES) -> int:
     """Return one worker per core, at most `max_workers`."""
-    return min(max_workers(), len(usable_cores()))
+    return min(max_workers(bytes_each), len(usable_cores()))
 
 
 def _adopt(context: Context) -> None:

@@ -74,7 +74,7 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     sums = np.empty((4, len(pixels)), np.float32)
     call_kernel(
         "weigh_sides",
-        *(*level.shape, floats(level), gain, source_views[0].reference.coloured),
+        *(*level.shape, found[0], gain, source_views[0].reference.coloured),
         *(ctypes.c_int64(len(pixels)), pixels, (near + far[0]) / 2, NEIGHBOURHOOD_PX, LIKENESS, sums),
     )
     farther, nearby, gained, judged = sums

@@ -21,8 +21,7 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.worker_pool import MAX_WORKERS, worker_count, worker_pool
+from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
 from reconstruction.compare.study import Context, Pair, PairStudy, write_pictures
 from reconstruction.report import wording
 from reconstruction.report.findings import (
@@ -329,8 +328,7 @@ class StereoStudy(PairStudy):
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
         size = BYTES_PER_PIXEL * self.rig.views[reference].width * self.rig.views[reference].height
-        fitting = memory_budget().fit_count(size, MAX_WORKERS, fraction=0.5)
-        with worker_pool(min(fitting, worker_count())) as pool:
+        with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
             instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(

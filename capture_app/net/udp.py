@@ -43,10 +43,13 @@ class ReceiptTimes:
         self,
         clock: NodeClock,
         *,
-        realtime: Reading = time.time_ns,
-        monotonic: Reading = time.monotonic_ns,
+        realtime: Reading | None = None,
+        monotonic: Reading | None = None,
     ) -> None:
-        self._clock, self._realtime, self._monotonic = clock, realtime, monotonic
+        """The readings are this host's clocks unless they are given."""
+        self._clock = clock
+        # Looked up now, so that a simulation of time can be in their place.
+        self._realtime, self._monotonic = realtime or time.time_ns, monotonic or time.monotonic_ns
         self._before = self._after = self._read()
 
     def received_ns(self, ancillary: Iterable[tuple[int, int, bytes]]) -> int:

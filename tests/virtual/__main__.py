@@ -1,0 +1,84 @@
+"""Command line of virtual rigs: see `tests/virtual/__init__.py`."""
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+
+from tests.virtual.plan import Plan, draw
+from tests.virtual.run import Result, run, run_seed
+
+
+def _seeds(text: str) -> list[int]:
+    first, _, last = text.partition("-")
+    return list(range(int(first), int(last or first) + 1))
+
+
+def shrink(plan: Plan) -> tuple[Plan, list[int]]:
+    """Return the plan with the fewest steps that still break something, and their numbers."""
+    kept = list(range(len(plan.steps)))
+    is_smaller = True
+    while is_smaller:
+        is_smaller = False
+        for number in reversed(kept):
+            fewer = [other for other in kept if other != number]
+            if run(plan.only(fewer)).failures:
+                kept, is_smaller = fewer, True
+    return plan.only(kept), kept
+
+
+def _results(seeds: list[int], jobs: int) -> Iterator[Result]:
+    if jobs == 1:
+        yield from map(run_seed, seeds)
+        return
+    with ProcessPoolExecutor(jobs, max_tasks_per_child=20) as pool:
+        yield from pool.map(run_seed, seeds)
+
+
+def main() -> int:
+    """Run the command."""
+    asks = argparse.ArgumentParser(prog="python -m tests.virtual")
+    asks.add_argument("seeds", help="a seed, or a range as 0-299")
+    asks.add_argument("--only", help="numbers of the plan's steps to keep, as 0,3,5")
+    asks.add_argument("--shrink", action="store_true", help="search the fewest steps that still fail")
+    asks.add_argument("--verbose", action="store_true", help="show the plan and the log")
+    asks.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    asked = asks.parse_args()
+    seeds = _seeds(asked.seeds)
+    if len(seeds) == 1:
+        plan = draw(seeds[0])
+        only = [int(n) for n in asked.only.split(",") if n] if asked.only is not None else None
+        plan = plan.only(only)
+        if asked.verbose:
+            print(plan)
+        if asked.shrink:
+            plan, kept = shrink(plan)
+            if only is not None:
+                kept = [only[n] for n in kept]
+            print(f"python -m tests.virtual {plan.seed} --only {','.join(map(str, kept))} --verbose")
+            print(plan)
+        result = run(plan)
+        if asked.verbose:
+            for at_ns, machine, words in result.trace:
+                print(f"{at_ns / 1e9:9.3f} {machine:6} {words}")
+        print(result)
+        return bool(result.failures)
+    failed = []
+    cpu_s = virtual_s = 0.0
+    for result in _results(seeds, asked.jobs):
+        cpu_s, virtual_s = cpu_s + result.cpu_s, virtual_s + result.virtual_s
+        if result.failures or asked.verbose:
+            print(result, flush=True)
+        if result.failures:
+            failed.append(result.seed)
+            print(f"    replay: python -m tests.virtual {result.seed} --verbose", flush=True)
+    print(
+        f"{len(seeds)} seeds, {len(failed)} failed{': ' if failed else ''}{', '.join(map(str, failed))};"
+        f" {cpu_s:.0f} CPU-s, {virtual_s / 60:.0f} virtual minutes"
+    )
+    return bool(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""What a seed draws: the rig, what is asked of it, and what befalls it."""
+
+import random
+from dataclasses import dataclass, replace
+from typing import Any
+
+SETTLE_S = 20.0
+"""Time that a rig has to become ready before anything befalls it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One thing that happens: a fault, which is over after `seconds`, or an order of an operator."""
+
+    at_s: float
+    kind: str
+    target: str = ""
+    value: float = 0.0
+    seconds: float = 0.0
+
+    def __str__(self) -> str:
+        lasting = f" for {self.seconds:.1f} s" if self.seconds else ""
+        value = f" {self.value:g}" if self.value else ""
+        return f"{self.at_s:.1f} s: {self.kind} {self.target}{value}{lasting}"
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A rig and its evening."""
+
+    seed: int
+    cameras: tuple[str, ...]
+    behind_relay: tuple[str, ...]
+    """Cameras that join a relay."""
+    has_standby: bool
+    liars: dict[str, str]
+    """How a camera lies, by name."""
+    drops: float
+    """Fraction of frames that cameras drop."""
+    image_bytes: int
+    wifi: bool
+    """Whether links are as slow and lossy as WiFi."""
+    steps: tuple[Step, ...]
+    seconds: float
+    """Virtual time until everything heals."""
+
+    def __str__(self) -> str:
+        parts = [f"{len(self.cameras)} cameras"]
+        parts += [f"{', '.join(self.behind_relay)} behind a relay"] if self.behind_relay else []
+        parts += ["a standby"] if self.has_standby else []
+        parts += [f"{name} lies ({how})" for name, how in self.liars.items()]
+        return "; ".join(parts) + "".join(f"\n  {n:3} {step}" for n, step in enumerate(self.steps))
+
+    def only(self, numbers: list[int] | None, seconds: float | None = None) -> "Plan":
+        """Return the plan with these of its steps, and until that time."""
+        kept = self.steps if numbers is None else tuple(self.steps[n] for n in numbers)
+        return replace(self, steps=kept, seconds=self.seconds if seconds is None else seconds)
+
+
+LIES = ("nothing", "partial", "silent", "huge", "cut-image", "wrong-size")
+_FAULTS: dict[str, tuple[float, tuple[float, float], tuple[float, float]]] = {
+    # kind: weight, range of the value, range of the seconds
+    "kill": (3, (0, 0), (0.2, 12)),
+    "power": (2, (0, 0), (0.5, 12)),
+    "kill-at-disk-step": (2, (1, 40), (0.5, 5)),
+    "stop": (1, (0, 0), (0.5, 8)),
+    "freeze": (2, (0, 0), (0.3, 12)),
+    "cut": (3, (0, 0), (0.5, 20)),
+    "loss": (2, (0.05, 0.4), (2, 30)),
+    "slow-link": (2, (2e3, 2e5), (2, 30)),
+    "late-link": (1, (2, 60), (2, 20)),
+    "disk-full": (1, (0, 0), (1, 20)),
+    "disk-failing": (1, (0, 0), (0.5, 8)),
+    "disk-slow": (2, (0.05, 1.0), (2, 20)),
+    "camera-stall": (1, (0, 0), (0.2, 6)),
+    "camera-lost": (1, (0, 0), (1, 8)),
+    "clock-slew": (1, (-500, 500), (2, 20)),
+}
+_OF_CAMERAS = ("camera-stall", "camera-lost")
+_OF_NOBODY_ELSE = ("disk-full", "disk-failing", "disk-slow", "kill-at-disk-step")
+
+
+def draw(seed: int) -> Plan:
+    """Draw a plan."""
+    rng = random.Random(f"plan {seed}")
+    cameras = tuple(f"cam{number}" for number in range(rng.choice((2, 2, 3))))
+    behind = tuple(name for name in cameras if rng.random() < 0.6) if rng.random() < 0.2 else ()
+    has_standby = rng.random() < 0.2
+    liars = {cameras[-1]: rng.choice(LIES)} if rng.random() < 0.25 else {}
+    seconds = rng.uniform(50, 90)
+    machines = ["lead", *cameras, *(["relay"] if behind else []), *(["lead2"] if has_standby else [])]
+    steps = [
+        _fault(rng, rng.uniform(SETTLE_S, seconds), machines, cameras) for _ in range(rng.randint(2, 7))
+    ]
+    steps += [_order(rng, rng.uniform(SETTLE_S - 5, seconds)) for _ in range(rng.randint(3, 7))]
+    if has_standby:
+        # A leader that comes back while its standby leads takes over again; both are tried.
+        steps.append(Step(rng.uniform(SETTLE_S, seconds), "kill", "lead", 0.0, rng.uniform(2, 20)))
+    return Plan(
+        seed,
+        cameras,
+        behind,
+        has_standby,
+        liars,
+        drops=rng.choice((0.0, 0.01, 0.05)),
+        image_bytes=rng.choice((2_000, 10_000, 60_000)),
+        wifi=rng.random() < 0.5,
+        steps=tuple(sorted(steps, key=lambda step: step.at_s)),
+        seconds=seconds,
+    )
+
+
+def _fault(rng: random.Random, at_s: float, machines: list[str], cameras: tuple[str, ...]) -> Step:
+    kinds = list(_FAULTS)
+    kind = rng.choices(kinds, [_FAULTS[of][0] for of in kinds])[0]
+    _, values, spans = _FAULTS[kind]
+    if kind in _OF_CAMERAS:
+        target = rng.choice(cameras)
+    elif kind in _OF_NOBODY_ELSE:
+        target = rng.choice([name for name in machines if name != "relay"])
+    else:
+        target = rng.choice(machines)
+    return Step(at_s, kind, target, _between(rng, values), rng.uniform(*spans))
+
+
+def _between(rng: random.Random, values: tuple[float, float]) -> float:
+    low, high = values
+    if low > 0 and high / low > 50:
+        return float(low * (high / low) ** rng.random())
+    return rng.uniform(low, high)
+
+
+def _order(rng: random.Random, at_s: float) -> Step:
+    kind = rng.choices(("burst", "series", "recording", "long", "cancel"), (5, 2, 2, 1, 1))[0]
+    value: Any = {
+        "burst": rng.randint(1, 8),
+        "series": rng.randint(2, 4),
+        "recording": 0,
+        "long": rng.randint(25, 40),
+        "cancel": 3,
+    }[kind]
+    return Step(at_s, kind, "desk", float(value), rng.uniform(1, 5) if kind in ("recording", "series") else 0.0)

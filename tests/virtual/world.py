@@ -1,0 +1,414 @@
+"""Virtual time: an event loop whose clock jumps to the next timer, processes on it, and their chance.
+
+All processes of a rig run as tasks of one loop. A context variable tells which one is running, so that
+sockets, disks and random numbers are its own. Each source of chance has a generator of its own, named after
+what it is for: the order in which two machines act at the same moment changes nothing.
+"""
+
+import asyncio
+import contextlib
+import contextvars
+import hashlib
+import random
+import secrets
+import selectors
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable, Coroutine, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+START_NS = 1_000_000_000_000
+WALL_NS = 1_790_000_000_000_000_000
+FREEZE_STEPS = 200_000
+"""Steps of the loop at one moment of virtual time after which it counts as stuck."""
+
+process: contextvars.ContextVar["Process | None"] = contextvars.ContextVar("process", default=None)
+"""The process whose code is running; None for the world's own."""
+
+
+class StuckError(Exception):
+    """The loop goes round without letting time pass."""
+
+
+class KilledError(BaseException):
+    """Raised in code of a process that was killed, so that it does nothing more."""
+
+
+@dataclass(eq=False)
+class Process:
+    """One process of a machine; a name may have several, one after the other."""
+
+    name: str
+    machine: str
+    """The name of its disk and its place in the network."""
+    run: int
+    rng: random.Random
+    """What `secrets` gives this process."""
+    is_alive: bool = True
+    is_frozen: bool = False
+    is_buried: bool = False
+    """Nothing of it runs any more."""
+    tasks: "weakref.WeakSet[asyncio.Task[Any]]" = field(default_factory=weakref.WeakSet)
+    main: "asyncio.Task[Any] | None" = None
+    frozen: list[asyncio.Handle] = field(default_factory=list)
+    """What has become due while the process was suspended."""
+    on_death: list[Callable[[], None]] = field(default_factory=list)
+
+
+class _NoSelector(selectors.BaseSelector):
+    """Selector without files: nothing is ever readable, and waiting lets virtual time pass."""
+
+    def __init__(self, world: "World") -> None:
+        self._world = world
+
+    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
+        return selectors.SelectorKey(fileobj, 0, events, data)
+
+    def unregister(self, fileobj: Any) -> selectors.SelectorKey:
+        return selectors.SelectorKey(fileobj, 0, 0, None)
+
+    def get_map(self) -> dict[Any, Any]:
+        return {}
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        self._world.pass_time(timeout)
+        return []
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    """Event loop of all processes; what they would do in threads happens on it, after the disk's delay."""
+
+    def __init__(self, world: "World") -> None:
+        super().__init__(_NoSelector(world))
+        self.world = world
+        self._clock_resolution = 1e-9
+        self.set_task_factory(OwnedTask.of)
+        self._queues: "weakref.WeakKeyDictionary[ThreadPoolExecutor, _Worker]" = weakref.WeakKeyDictionary()
+
+    def time(self) -> float:
+        """Return the virtual time, s."""
+        return self.world.now_ns / 1e9
+
+    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:
+        """Run `func` on the loop, as late as the machine's disk is slow; a single thread keeps its order."""
+        future: asyncio.Future[Any] = self.create_future()
+        owner = process.get()
+        context = contextvars.copy_context()
+
+        def work() -> None:
+            if future.cancelled() or (owner is not None and not owner.is_alive):
+                return
+            try:
+                self.world.in_thread = True
+                result = context.run(func, *args)
+            except KilledError:
+                return
+            except BaseException as error:  # noqa: BLE001 - the future carries it, as a thread's would
+                if not future.cancelled():
+                    future.set_exception(error)
+            else:
+                if not future.cancelled():
+                    future.set_result(result)
+            finally:
+                self.world.in_thread = False
+
+        delay_s = 0.0 if owner is None else self.world.thread_delay_s(owner)
+        if isinstance(executor, ThreadPoolExecutor) and getattr(executor, "_max_workers", 2) == 1:
+            self._queues.setdefault(executor, _Worker(self)).add(delay_s, work)
+        elif delay_s:
+            self.call_later(delay_s, work)
+        else:
+            self.call_soon(work)
+        return future
+
+    # Real sockets and files have no place here.
+
+    async def sock_sendall(self, sock: Any, data: Any) -> None:
+        """Send over a connected virtual socket."""
+        sock.sendto(bytes(data), sock.peer)
+
+    async def sock_recv(self, sock: Any, _: int) -> bytes:
+        """Receive on a virtual socket."""
+        while not sock.queue:
+            await asyncio.sleep(0.01)
+        return bytes(sock.recvmsg()[0])
+
+    def add_reader(self, fd: Any, callback: Callable[..., Any], *args: Any) -> None:  # type: ignore[override]
+        """Call back when a virtual socket has something to read."""
+        self.world.network.watch(fd, asyncio.Handle(callback, args, self, contextvars.copy_context()))
+
+    def remove_reader(self, fd: Any) -> bool:
+        """Stop watching a virtual socket."""
+        return self.world.network.unwatch(fd)
+
+    async def getaddrinfo(self, host: Any, port: Any, **options: Any) -> Any:  # type: ignore[override]
+        """Return a numeric address as it is."""
+        return self.world.network.getaddrinfo(host, port, **options)
+
+    async def create_connection(self, factory: Any, host: Any = None, port: Any = None, **options: Any) -> Any:  # type: ignore[override]
+        """Connect over the virtual network."""
+        return await self.world.network.connect(factory, str(host), int(port), options.get("ssl"))
+
+    async def create_server(self, factory: Any, *_: Any, sock: Any = None, **__: Any) -> Any:  # type: ignore[override]
+        """Serve on a listening virtual socket."""
+        return self.world.network.serve(factory, sock)
+
+
+class _Worker:
+    """The one thread of an executor: its work, in order."""
+
+    def __init__(self, loop: VirtualLoop) -> None:
+        self._loop, self._queue = loop, deque[tuple[float, Callable[[], None]]]()
+
+    def add(self, delay_s: float, work: Callable[[], None]) -> None:
+        self._queue.append((delay_s, work))
+        if len(self._queue) == 1:
+            self._loop.call_later(delay_s, self._next)
+
+    def _next(self) -> None:
+        _, work = self._queue[0]
+        try:
+            work()
+        finally:
+            self._queue.popleft()
+            if self._queue:
+                self._loop.call_later(self._queue[0][0], self._next)
+
+
+class OwnedTask(asyncio.Task[Any]):
+    """Task that knows its process."""
+
+    owner: Process | None = None
+
+    @classmethod
+    def of(cls, loop: asyncio.AbstractEventLoop, work: Any, **options: Any) -> "OwnedTask":
+        """Make a task of the running process, for `loop.set_task_factory`."""
+        task = cls(work, loop=loop, **options)
+        task.owner = process.get()
+        if task.owner is not None:
+            task.owner.tasks.add(task)
+        return task
+
+
+class World:
+    """Virtual time, chance, network and disks of one run; `with world.entered():` puts them in force."""
+
+    def __init__(self, seed: int) -> None:
+        from tests.virtual.disk import Disks
+        from tests.virtual.network import Network
+
+        self.seed, self.now_ns = seed, START_NS
+        self.in_thread = False
+        """Whether the running code would run in a thread of its process, not on its event loop."""
+        self.network, self.disks = Network(self), Disks(self)
+        self.loop = VirtualLoop(self)
+        self.trace: list[tuple[int, str, str]] = []
+        """What happened: time, machine, words."""
+        self._steps = 0
+        self._runs: dict[str, int] = {}
+        self.processes: dict[str, Process] = {}
+        self.on_killed: Callable[[Process], None] = lambda _: None
+        """Called when a process was killed in the middle of its work."""
+        self.failures: list[str] = []
+        """Broken invariants and unhandled errors."""
+        self.loop.set_exception_handler(self._unhandled)
+        self._own_rng, self._root = self.chance("world"), contextvars.Context()
+
+    def chance(self, *of: object) -> random.Random:
+        """Return a generator for one purpose, the same in every run of the seed."""
+        text = "/".join(map(str, (self.seed, *of)))
+        return random.Random(int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()))
+
+    def elapsed_s(self) -> float:
+        """Return the virtual time since the start, s."""
+        return (self.now_ns - START_NS) / 1e9
+
+    def note(self, machine: str, words: str) -> None:
+        """Add to the trace."""
+        self.trace.append((self.now_ns - START_NS, machine, words))
+
+    def fail(self, words: str) -> None:
+        """Note a broken invariant."""
+        self.failures.append(f"{self.elapsed_s():.3f} s: {words}")
+
+    def digest(self) -> str:
+        """Return a checksum of the trace; what happens at one moment on two machines has no order."""
+        text = "\n".join(f"{at} {machine} {words}" for at, machine, words in sorted(self.trace))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def pass_time(self, timeout: float | None) -> None:
+        """Let time pass until the loop's next timer."""
+        if timeout is None:
+            raise StuckError("nothing is going to happen any more")
+        if timeout <= 0:
+            self._steps += 1
+            if self._steps > FREEZE_STEPS:
+                raise StuckError(f"the loop does not rest at {self.elapsed_s():.3f} s")
+            return
+        self._steps = 0
+        self.now_ns += max(1, round(timeout * 1e9))
+
+    def thread_delay_s(self, owner: Process) -> float:
+        """Return how long work in a thread of this process takes."""
+        return self.disks.delay_s(owner.machine)
+
+    def outside(self) -> contextvars.Context:
+        """Return a context outside of all processes."""
+        return contextvars.Context()
+
+    def within(self, one: Process, work: Callable[[], Any]) -> None:
+        """Call something as a process, unless it has ended."""
+        if one.is_alive:
+            context = contextvars.Context()
+            context.run(process.set, one)
+            self.loop.call_soon(work, context=context)
+
+    def at(self, at_ns: int, work: Callable[[], None]) -> None:
+        """Call at a time, outside of all processes."""
+        self.loop.call_at(at_ns / 1e9, work, context=self._root)
+
+    # Processes
+
+    def start(self, name: str, machine: str, work: Callable[[], Coroutine[Any, Any, None]]) -> Process:
+        """Start a process that runs this coroutine."""
+        run = self._runs[name] = self._runs.get(name, 0) + 1
+        started = Process(name, machine, run, self.chance("secrets", name, run))
+        self.processes[name] = started
+        context = contextvars.copy_context()
+        context.run(process.set, started)
+
+        async def main() -> None:
+            try:
+                await work()
+            except asyncio.CancelledError:
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever ends a process is what is looked for
+                if started.is_alive:
+                    self.note(name, f"ended: {type(error).__name__}: {error}")
+                    started.is_alive = False
+                    if not isinstance(error, KilledError):
+                        self.ended_with(started, error)
+            finally:
+                started.is_alive = False
+
+        started.main = context.run(self.loop.create_task, main())
+        return started
+
+    def ended_with(self, _: Process, error: Exception) -> None:
+        """Handle the error that ended a process; a rig's plan may expect it."""
+        self.fail(f"a process ended with {type(error).__name__}: {error}")
+
+    async def stop(self, name: str) -> None:
+        """End a process in good order, as by Ctrl-C."""
+        one = self.processes[name]
+        if one.main is not None and not one.main.done():
+            one.main.cancel()
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(60):
+                    await asyncio.wait([one.main])
+        await self.kill(name)
+
+    async def kill(self, name: str) -> None:
+        """Kill a process at once: nothing that it would do from now on happens."""
+        one = self.processes[name]
+        self.note(name, "killed" if one.is_alive else "gone")
+        one.is_alive = False
+        self.thaw(one)
+        self.network.drop(one)
+        self.disks.release(one)
+        for task in [task for task in one.tasks if not task.done()]:
+            task.cancel()
+        for _ in range(50):
+            if not (left := [task for task in one.tasks if not task.done()]):
+                break
+            for task in left:
+                task.cancel()
+            await asyncio.sleep(0)
+        one.is_buried = True
+
+    def freeze(self, name: str) -> None:
+        """Suspend a process, as by Ctrl-Z or a machine that sleeps."""
+        self.processes[name].is_frozen = True
+
+    def thaw(self, one: Process) -> None:
+        """Let a suspended process go on."""
+        one.is_frozen = False
+        for handle in one.frozen:
+            if not handle.cancelled():
+                self.loop._ready.append(handle)  # type: ignore[attr-defined]
+        one.frozen.clear()
+
+    def _unhandled(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception")
+        task = context.get("task") or context.get("future")
+        owner = getattr(task, "owner", None) or process.get()
+        if isinstance(error, KilledError) or (owner is not None and not owner.is_alive):
+            return
+        self.fail(f"unhandled: {context.get('message')}: {error!r}")
+
+    # In force
+
+    @contextlib.contextmanager
+    def entered(self) -> Iterator[None]:
+        """Put virtual time, chance, network and disks in the place of the host's within the block."""
+
+        def own() -> random.Random:
+            one = process.get()
+            return self._own_rng if one is None else one.rng
+
+        def clock_ns(_: int) -> int:
+            return self.now_ns
+
+        with contextlib.ExitStack() as undo:
+
+            def replaced(module: Any, **values: Any) -> None:
+                for name, value in values.items():
+                    undo.callback(setattr, module, name, getattr(module, name))
+                    setattr(module, name, value)
+
+            replaced(
+                time,
+                monotonic_ns=lambda: self.now_ns,
+                monotonic=lambda: self.now_ns / 1e9,
+                time_ns=lambda: WALL_NS + self.now_ns,
+                time=lambda: (WALL_NS + self.now_ns) / 1e9,
+                clock_gettime_ns=clock_ns,
+                sleep=lambda _: None,
+            )
+            replaced(
+                secrets,
+                randbits=lambda bits: own().getrandbits(bits),
+                token_bytes=lambda n=32: own().randbytes(n),
+                token_hex=lambda n=32: own().randbytes(n).hex(),
+                randbelow=lambda n: own().randrange(n),
+                choice=lambda of: own().choice(of),
+            )
+            run_handle = asyncio.Handle._run
+
+            def run(handle: asyncio.Handle) -> None:
+                if (owner := handle._context.get(process)) is not None:
+                    if owner.is_frozen:
+                        owner.frozen.append(handle)
+                        return
+                    if owner.is_buried:
+                        return
+                run_handle(handle)
+
+            replaced(asyncio.Handle, _run=run)
+            undo.enter_context(self.network.entered(replaced))
+            undo.enter_context(self.disks.entered(replaced))
+            yield
+
+    def run(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run the world's own coroutine to its end."""
+        asyncio.set_event_loop(self.loop)
+        try:
+            self.loop.run_until_complete(work)
+        finally:
+            with contextlib.suppress(Exception):
+                self.loop.run_until_complete(self.loop.shutdown_asyncgens())
+            asyncio.set_event_loop(None)
+            self.loop.close()

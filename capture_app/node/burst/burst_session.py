@@ -14,7 +14,7 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS
 from capture_app.node.burst.camera_delivery import CameraDelivery
 from capture_app.node.burst.intake import Intake, known, on_disk
 from capture_app.node.burst.plans import (
@@ -26,6 +26,7 @@ from capture_app.node.burst.plans import (
     choose_instants,
     instant_range,
     result_text,
+    settled,
     truth_problem,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
@@ -245,8 +246,8 @@ class BurstSession:
                         self._writer.add_event,
                         *({**event, "camera": delivery.name} for event in report.events),
                     )
-                delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
-                delivery.note_heard(now_ns, advanced=first or not self._choice.committed.is_set())
+                delivery.note_report(plan, now_ns, is_of_earlier_run=self._lost is not None)
+                self._now_ns = max(self._now_ns, now_ns)
                 await self._commit_instants()
                 if self._choice.committed.is_set():
                     await self._save_plan(self._choice.requested)
@@ -289,7 +290,7 @@ class BurstSession:
             self._background.start(self._break_off(error))
             raise
         saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
-        delivery.note_heard(now_ns, advanced=True)
+        delivery.note_arrivals(self._intake.arrived_bytes(delivery.name), now_ns)
         return saving
 
     def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
@@ -310,12 +311,14 @@ class BurstSession:
         Raises DiskFullError; the burst is then committed to nothing.
         """
         async with self._committing:
+            if self._choice.committed.is_set():
+                return
+            if self._now_ns >= self._ends_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS:
+                for delivery in self._deliveries.values():
+                    if delivery.plan.reported:
+                        delivery.plan = settled(delivery.plan, self.burst)
             awaited = [of.reported_plan for of in self._deliveries.values() if not of.given_up]
-            chosen = (
-                None
-                if self._choice.committed.is_set()
-                else choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
-            )
+            chosen = choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
             if chosen is not None:
                 await self._save_plan(chosen)
                 self._choice.commit(chosen)
@@ -369,11 +372,38 @@ class BurstSession:
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
-    async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
-        """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled."""
+    def progress(self, now_ns: int, *, even_live: bool = False) -> dict[str, int]:
+        """Return until when each camera's images have made progress; 0 for none.
+
+        Those of a burst that is not over yet, which may take days, count only with `even_live`.
+        """
+        if not even_live and now_ns < self._ends_ns:
+            return {}
+        return {name: of.progress_ns for name, of in self._deliveries.items()}
+
+    async def give_up_silent_cameras(
+        self,
+        lost: Mapping[str, str],
+        now_ns: int,
+        *,
+        progress: Mapping[str, int] | None = None,
+        heard: Mapping[str, int] | None = None,
+    ) -> None:
+        """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled.
+
+        `progress` and `heard` are those of each camera in all bursts: in them it may have been busy.
+        """
         self._now_ns = now_ns
+        # On a full disk it is committed by a later report.
+        with suppress(DiskError):
+            await self._commit_instants()
         for name, delivery in self._deliveries.items():
             delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
+            delivery.note_heard((heard or {}).get(name, 0))
+            delivery.progress_ns = max(delivery.progress_ns, (progress or {}).get(name, 0))
+            if delivery.plan.reported and not self._choice.committed.is_set():
+                # It waits for the others.
+                delivery.since_ns = max(delivery.since_ns, now_ns)
             if not self._intake.is_saving(name) and (
                 reason := delivery.why_silent(lost, now_ns, self._ends_ns)
             ):

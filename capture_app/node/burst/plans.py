@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 
+from msgspec.structs import replace
+
 from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.common.text import count
@@ -45,6 +47,17 @@ def choose_instants(
         by_cameras = sorted(others, key=lambda n: sum(n in instants for instants in there), reverse=True)
         complete += by_cameras[: frames - len(complete)]
     return tuple(sorted(complete))
+
+
+def settled(plan: CameraPlan, burst: Burst) -> CameraPlan:
+    """Return a report to which nothing will be added: instants that it leaves out are missing."""
+    known = {*plan.instants, *(gap.instant for gap in plan.missing)}
+    gaps = (
+        MissingImage(camera=plan.camera.name, instant=instant, reason="its node did not report it")
+        for instant in range(len(burst.instants_ns))
+        if instant not in known
+    )
+    return replace(plan, missing=(*plan.missing, *gaps))
 
 
 Reports = Mapping[str, CameraPlan | None]
@@ -134,6 +147,8 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
     """
     name, runs = plan.camera.name, plan.missing_runs
     instants = [*plan.instants, *(gap.instant for gap in plan.missing)]
+    # Spare instants may still be to come.
+    unreported = 0 if burst.streamed else len({*range(burst.frames)}.difference(instants))
     last = max(instants, default=-1)
     run_ends = [0, *(run.first + run.count for run in runs)]
     decided = max(run_ends[-1], plan.picked or 0)
@@ -144,6 +159,7 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         f"the burst has no instant {last}": last >= len(burst.instants_ns),
         "it streams a burst that is not streamed": is_streamed and not burst.streamed,
         f"it reports {decided} instants, of which {latest} have passed": decided > latest,
+        f"it leaves out {unreported} of {burst.frames} instants": unreported > 0,
         "its missing instants are not in order": any(
             run.first < end for run, end in zip(runs, run_ends, strict=False)
         ),

@@ -5,7 +5,7 @@ import dataclasses
 import functools
 from bisect import bisect_right
 from collections import deque
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Iterable, Mapping
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -117,6 +117,14 @@ def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tup
 def _number(path: Path, prefix: str) -> int:
     digits = path.name.removeprefix(f"{prefix}-")
     return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0
+
+
+def _newest(times_ns: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the newest time of each name."""
+    newest: dict[str, int] = {}
+    for times in times_ns:
+        newest |= {name: max(time_ns, newest.get(name, 0)) for name, time_ns in times.items()}
+    return newest
 
 
 class ActiveBursts:
@@ -397,20 +405,28 @@ class ActiveBursts:
             del self._bursts[number]
         self._event_log.note(status)
 
+    async def give_up_silent_cameras(self) -> None:
+        """Stop waiting for cameras that are silent, in all bursts that are being saved."""
+        now_ns = self.now_ns()
+        lost: Mapping[str, str] = {
+            member.name: f"lost: {member.report.message}"
+            for member in self._engine.roster.by_name()
+            if member.report.state is NodeState.LOST
+        }
+        sessions = [*self._bursts.values(), *self.resumed.sessions()]
+        # A camera sends one image after the other: it is waited for while it sends those of any burst.
+        heard = _newest(of.progress(now_ns, even_live=True) for of in sessions)
+        progress = _newest(of.progress(now_ns) for of in sessions)
+        for session in sessions:
+            if not session.finished.is_set():
+                await session.give_up_silent_cameras(lost, now_ns, progress=progress, heard=heard)
+
     async def _watch_silence(self) -> None:
         while True:
             await asyncio.sleep(SILENCE_CHECK_S)
-            now_ns = self.now_ns()
-            lost: Mapping[str, str] = {
-                member.name: f"lost: {member.report.message}"
-                for member in self._engine.roster.by_name()
-                if member.report.state is NodeState.LOST
-            }
-            trouble = ""
-            for session in (*self._bursts.values(), *self.resumed.sessions()):
-                if not session.finished.is_set():
-                    await session.give_up_silent_cameras(lost, now_ns)
-                trouble = trouble or session.trouble
+            await self.give_up_silent_cameras()
+            sessions = (*self._bursts.values(), *self.resumed.sessions())
+            trouble = next((session.trouble for session in sessions if session.trouble), "")
             if trouble != self._trouble:
                 self._trouble = trouble
                 self._event_log.say_of_disk(None, trouble)

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import hashlib
 import random
 import threading
 import weakref
@@ -13,6 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
+from capture_app.common.timeouts import MIN_UPLOAD_BYTES_PER_S
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
@@ -166,6 +168,47 @@ async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path:
         assert await take() < 15
         assert await take(late=True) == 0
         assert 170 < await take() < 200, "it is trusted again"
+    finally:
+        await bursts.close()
+
+
+async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlier_one(tmp_path: Path) -> None:
+    """A slow link: an image takes 40 s, and what stands behind it is neither reported nor given up."""
+    engine, clock = engine_of("a", "b"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+    piece = bytes(MIN_UPLOAD_BYTES_PER_S)
+
+    async def deliver(session: BurstSession, name: str, data: AsyncIterator[bytes], size: int) -> None:
+        number = session.burst.number
+        session.stream_opened(name)
+        await session.accept_report(replace(report(name, 0), burst=number), clock.shown_ns)
+        sent = replace(upload(name, 0), burst=number)
+        sha256 = hashlib.sha256(bytes(size) if size > len(IMAGE) else IMAGE).hexdigest()
+        sent = replace(sent, record=replace(sent.record, bytes=size, sha256=sha256))
+        await receive_image(session, sent, data, clock.shown_ns)
+
+    async def slowly() -> AsyncIterator[bytes]:
+        for _ in range(40):
+            yield piece
+            clock.shown_ns += 10**9
+            await bursts.give_up_silent_cameras()
+
+    try:
+        takes = [await bursts.order(BurstOrder(frames=1, spare=0)) for _ in range(3)]
+        clock.shown_ns += 3 * 10**9
+        for take in takes:
+            await deliver(take, "b", pieces(IMAGE), len(IMAGE))
+        for take in takes:
+            assert not take.finished.is_set(), "it stands in the queue of a camera that is at work"
+            await deliver(take, "a", slowly(), 40 * len(piece))
+            await take.finished.wait()
+        assert [take.status.message for take in takes] == ["", "", ""]
+        silent = await bursts.order(BurstOrder(frames=1, spare=0))
+        clock.shown_ns += 13 * 10**9
+        await deliver(silent, "b", pieces(IMAGE), len(IMAGE))
+        await bursts.give_up_silent_cameras()
+        assert silent.status.message == "1 image missing (a: it sent nothing)", "it is not busy any more"
     finally:
         await bursts.close()
 

@@ -18,6 +18,7 @@ from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECT
 from capture_app.node.burst.camera_delivery import CameraDelivery
 from capture_app.node.burst.intake import Intake, known, on_disk
 from capture_app.node.burst.plans import (
+    Absent,
     InstantChoice,
     burst_of,
     burst_record,
@@ -62,17 +63,19 @@ class BurstSession:
         disk: ThreadPoolExecutor,
         *,
         lost: Lost | None = None,
+        absent: Absent | None = None,
     ) -> None:
-        """Begin with these cameras, or resume an earlier run, whose missing images are in `lost`."""
-        self.burst = burst
+        """Begin with these cameras, or resume an earlier run, whose missing images are in `lost`.
+
+        `absent` are the cameras of the rig that take no part, and why.
+        """
+        self.burst, self._absent = burst, absent or {}
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = self.trouble = ""
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.failure: SimulshotError | None = None
         """Error that kept the session from being written."""
-        self.without = ""
-        """Which cameras are left out, and why."""
         self.order_end: Callable[[], Awaitable[None]] | None = None
         """Order the cameras to end a streamed burst now; calls `end`."""
         self._is_broken_off = False
@@ -99,10 +102,11 @@ class BurstSession:
         disk: ThreadPoolExecutor,
         *,
         short_timeouts: Collection[str] = (),
+        absent: Absent | None = None,
     ) -> "BurstSession":
         """Begin a burst that has been ordered, with those `cameras` that take part in it.
 
-        Cameras in `short_timeouts` are awaited for a shorter time.
+        Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         deliveries = [
@@ -114,7 +118,7 @@ class BurstSession:
             for name, facts in cameras.items()
             if name in burst.clients
         ]
-        return cls(burst, deliveries, writer, disk)
+        return cls(burst, deliveries, writer, disk, absent=absent)
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor) -> "BurstSession":
@@ -129,7 +133,14 @@ class BurstSession:
             CameraDelivery(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
-        return cls(burst_of(writer.plan), deliveries, writer, disk, lost=lost_images(writer, deliveries))
+        return cls(
+            burst_of(writer.plan),
+            deliveries,
+            writer,
+            disk,
+            lost=lost_images(writer, deliveries),
+            absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
+        )
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
@@ -143,7 +154,7 @@ class BurstSession:
             software=self._writer.software,
             leader=leader,
             number=self.burst.number,
-            burst=burst_record(self.burst),
+            burst=burst_record(self.burst, self._absent),
             cameras=(),
             pins={name: pin for name, pin in (pins or {}).items() if pin},
             spare=self.burst.spare,
@@ -158,10 +169,13 @@ class BurstSession:
         """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
         instants = self._recorded_instants if self.burst.video else self.burst.frames
+        parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
+        parts |= {name: (0, why) for name, why in self._absent.items()}
         transfer = tuple(
-            CameraTransfer(camera=name, received=len(of.instants), expected=instants, problem=of.given_up)
-            for name, of in sorted(self._deliveries.items())
+            CameraTransfer(camera=name, received=received, expected=instants, problem=problem)
+            for name, (received, problem) in sorted(parts.items())
         )
+        without = "; ".join(f"without {name}: {why}" for name, why in self._absent.items())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None:
@@ -181,7 +195,7 @@ class BurstSession:
             expected=expected,
             done=done,
             session=None if self.session is None else str(self.session),
-            message="; ".join(filter(None, (self.without, message))),
+            message="; ".join(filter(None, (without, message))),
             transfer=transfer,
             recording=self.burst.video,
             skipped=self._choice.skipped(self._reported_plans),
@@ -463,7 +477,7 @@ class BurstSession:
                 )
             )
         missing = [gap for of in deliveries for gap in of.missing_images(choice, self._lost or {})]
-        burst = choice.record(self._reported_plans)
+        burst = choice.record(self._reported_plans, self._absent)
         self.message = result_text(burst, missing)
         if self.is_empty() and self._lost is None and not any(of.silent for of in deliveries):
             writer.discard()

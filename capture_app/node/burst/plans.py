@@ -12,6 +12,7 @@ from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.calibration import check_lens
 from capture_app.session.format.manifest import (
+    AbsentCamera,
     BurstRecord,
     MissingImage,
     SkippedFrame,
@@ -62,6 +63,8 @@ def settled(plan: CameraPlan, burst: Burst) -> CameraPlan:
 
 Reports = Mapping[str, CameraPlan | None]
 """Each camera's report, None for a camera without one, by name."""
+Absent = Mapping[str, str]
+"""Cameras of the rig that take no part, and why."""
 
 
 class InstantChoice:
@@ -129,7 +132,7 @@ class InstantChoice:
             for instant in sorted({*range(chosen[-1])} - {*chosen})
         )
 
-    def record(self, reports: Reports) -> BurstRecord:
+    def record(self, reports: Reports, absent: Absent) -> BurstRecord:
         """Return the burst's record for the manifest."""
         burst = self._burst
         return BurstRecord(
@@ -137,6 +140,7 @@ class InstantChoice:
             period_ns=burst.period_ns,
             requested_ns=burst.requested_ns,
             skipped=self.skipped(reports),
+            absent=_absent_cameras(absent),
         )
 
 
@@ -190,12 +194,17 @@ def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
         )
 
 
-def burst_record(burst: Burst) -> BurstRecord:
+def _absent_cameras(absent: Absent) -> tuple[AbsentCamera, ...]:
+    return tuple(AbsentCamera(name=name, reason=why) for name, why in sorted(absent.items()))
+
+
+def burst_record(burst: Burst, absent: Absent) -> BurstRecord:
     """Return the record of a burst as ordered, without its instants if frames are streamed."""
     return BurstRecord(
         instants_ns=() if burst.streamed else tuple(burst.instants_ns),
         period_ns=burst.period_ns,
         requested_ns=burst.requested_ns,
+        absent=_absent_cameras(absent),
     )
 
 

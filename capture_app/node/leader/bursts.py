@@ -18,7 +18,7 @@ from capture_app.common.errors import (
     SimulshotError,
 )
 from capture_app.common.names import check_name
-from capture_app.common.node_state import NodeState
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
@@ -39,6 +39,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader_engine import Leader
+from capture_app.sync.rig.roster import LEFT
 
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000
@@ -251,14 +252,10 @@ class ActiveBursts:
             writer,
             self._disk,
             short_timeouts=self._silent,
+            absent=self._lost_cameras() | without,
         )
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
-        if self.now_ns() < self._awaited_until_ns:
-            # A camera that has joined again takes part only once it has answered the welcome.
-            absent = {*self._options.awaited}.difference(burst.clients, without)
-            without |= dict.fromkeys(sorted(absent), "it has not come back since the leader was lost")
-        session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.
         try:
@@ -276,6 +273,20 @@ class ActiveBursts:
             raise
         self._pump.turn()
         return session
+
+    def _lost_cameras(self) -> dict[str, str]:
+        """Return the cameras that the rig had within FORGET_LOST_NS, and why they are not here."""
+        now_ns, members = self.now_ns(), self._engine.roster.by_name()
+        absent: dict[str, str] = {}
+        if now_ns < self._awaited_until_ns:
+            # A camera that has joined again takes part only once it has answered the welcome.
+            awaited = {*self._options.awaited} - {camera.name for camera in self._engine.roster.cameras()}
+            absent = dict.fromkeys(sorted(awaited), "it has not come back since the leader was lost")
+        return absent | {
+            member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
+            for member in members
+            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA
+        }
 
     @property
     def ahead(self) -> tuple[BurstAhead, ...]:

@@ -54,6 +54,9 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     instants: int = 0
     images: int = 0
     missing: int = 0
+    """Number of missing images, those of absent cameras included."""
+    absent: str = ""
+    """The cameras of the rig that took no part, in words."""
     spread_ns: int | None = None
     """Largest peak-to-peak time of any instant; None without a common clock, or without two images."""
     unsynchronized: bool = False
@@ -153,7 +156,8 @@ def read_card(folder: Path) -> SessionCard:
         cameras=names,
         instants=instants,
         images=len(manifest.images) + sum(video.frames for video in manifest.videos),
-        missing=len(manifest.missing),
+        missing=len(manifest.missing) + len(manifest.burst.absent) * instants,
+        absent=manifest.burst.absence,
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,

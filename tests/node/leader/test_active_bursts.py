@@ -14,18 +14,19 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
-from capture_app.common.timeouts import MIN_UPLOAD_BYTES_PER_S
+from capture_app.common.timeouts import FORGET_LOST_NS, MIN_UPLOAD_BYTES_PER_S
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.datagrams import Hello, TimeRequest, Trigger
+from capture_app.sync.wire.codec import FromClient, decode
+from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
 from capture_app.trust.trust import Trust
-from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
+from tests.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
 
@@ -168,6 +169,49 @@ async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path:
         assert await take() < 15
         assert await take(late=True) == 0
         assert 170 < await take() < 200, "it is trusted again"
+    finally:
+        await bursts.close()
+
+
+async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -> None:
+    engine, clock = engine_of("a", "died", "left", "removed"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+
+    async def take() -> BurstSession:
+        session = await bursts.order(BurstOrder(frames=1, spare=0))
+        number = session.burst.number
+        await session.accept_report(replace(report("a", 0), burst=number), clock.shown_ns)
+        await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        await session.finished.wait()
+        return session
+
+    def hear(name: str, message: FromClient) -> None:
+        engine.receive_message(message, (name, 0), clock.shown_ns)
+
+    try:
+        hear("left", Goodbye(engine.roster.members["left"].number))
+        for _ in range(12):
+            clock.shown_ns += 10**9
+            hear("a", TimeRequest(engine.roster.members["a"].number, 0, 0))
+            engine.handle_timer(clock.shown_ns)
+        engine.forget("removed")
+        taken = await take()
+        assert taken.status.message == "without died: lost 12 s before"
+        assert (taken.status.received, taken.status.expected) == (1, 2), "its command does not exit with 0"
+        assert [(of.camera, of.problem) for of in taken.status.transfer] == [
+            ("a", ""), ("died", "lost 12 s before")
+        ]  # fmt: skip
+        manifest = Session.open(taken.folder).manifest
+        assert manifest.burst.absent == (AbsentCamera(name="died", reason="lost 12 s before"),)
+        again = await asyncio.to_thread(BurstSession.resume, taken.folder, clock.shown_ns, DISK)
+        await again.finish_if_complete()
+        assert Session.open(taken.folder).manifest.burst == manifest.burst
+        clock.shown_ns += FORGET_LOST_NS
+        hear("a", Hello("a", 0, CAMERA))
+        hear("a", TimeRequest(engine.roster.members["a"].number, 0, 0))
+        engine.handle_timer(clock.shown_ns)
+        assert (await take()).status.message == "", "it is forgotten"
     finally:
         await bursts.close()
 

@@ -35,6 +35,7 @@ from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
+    MANIFEST,
     CameraRecord,
     MissingImage,
     check_image_path,
@@ -81,6 +82,7 @@ class BurstSession:
         self._is_broken_off = False
         """An error of the disk has ended it: cameras have frames until the end that were not saved."""
         self._writer, self._disk, self._lost = writer, disk, lost
+        self._is_of_this_run = lost is None
         self._now_ns = 0
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
@@ -121,7 +123,9 @@ class BurstSession:
         return cls(burst, deliveries, writer, disk, absent=absent)
 
     @classmethod
-    def resume(cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor) -> "BurstSession":
+    def resume(
+        cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor, *, is_of_this_run: bool = False
+    ) -> "BurstSession":
         """Resume a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
@@ -133,7 +137,7 @@ class BurstSession:
             CameraDelivery(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
-        return cls(
+        session = cls(
             burst_of(writer.plan),
             deliveries,
             writer,
@@ -141,6 +145,9 @@ class BurstSession:
             lost=lost_images(writer, deliveries),
             absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
         )
+        session._is_of_this_run = is_of_this_run
+        session.session = folder if (folder / MANIFEST).exists() else None
+        return session
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
@@ -166,7 +173,10 @@ class BurstSession:
 
     @property
     def status(self) -> BurstStatus:
-        """Progress of the burst; a burst of an earlier run has no number in this one."""
+        """Progress of the burst; a burst of an earlier run has no number in this one.
+
+        A finished session that was opened again, as its images still arrive, is not done.
+        """
         done = self.finished.is_set()
         instants = self._recorded_instants if self.burst.video else self.burst.frames
         parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
@@ -178,16 +188,15 @@ class BurstSession:
         without = "; ".join(f"without {name}: {why}" for name, why in self._absent.items())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
-        if self._lost is not None:
-            message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
-                f"; {message}"
-                if message
-                else ""
-                if done
-                else ", waiting for images that its nodes still have"
-            )
+        if self._lost is not None and not done:
+            arriving = sum(instants - len(of.instants) for of in self._deliveries.values() if of.streams)
+            awaits = f"{arriving} arriving" if arriving else "waiting for images that its nodes still have"
+            message = message or awaits
+        if not self._is_of_this_run:
+            whose = f"{self._writer.name} of an earlier run: {received} of {expected} images"
+            message = ("; " if done else ", ").join(filter(None, (whose, message)))
         return BurstStatus(
-            burst=self.burst.number if self._lost is None else 0,
+            burst=self.burst.number if self._is_of_this_run else 0,
             name=self._writer.name,
             cameras=len(self._deliveries),
             instants=instants,

@@ -138,10 +138,8 @@ class ActiveBursts:
         """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
         self._disk = disk_threads()
-        self.resumed = ResumedBursts(
-            options.sessions, lambda session: self._background.start(self._follow(session)), self._disk
-        )
-        """Sessions of earlier runs that are being finished."""
+        self.resumed = ResumedBursts(options.sessions, self._take_up, self._disk, engine.config.instance)
+        """Sessions of earlier runs, or finished ones of this run, that are being completed."""
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
         self._last_number = 0
@@ -394,7 +392,15 @@ class ActiveBursts:
     def note_answer(self, answer: BurstAnswered) -> None:
         """Note whether a node takes part in a burst."""
         if answer.refusal and (session := self._bursts.get(answer.burst)):
-            self._background.start(session.give_up_camera(answer.name, answer.refusal))
+            self._background.start(
+                session.give_up_camera(answer.name, answer.refusal, silent=answer.is_silent)
+            )
+
+    def _take_up(self, session: BurstSession) -> None:
+        """Follow a session that was opened again, which may be the newest one."""
+        if self.newest is not None and self.newest.folder == session.folder:
+            self.newest = session
+        self._background.start(self._follow(session))
 
     async def _follow(self, session: BurstSession) -> None:
         self._event_log.note(session.status)

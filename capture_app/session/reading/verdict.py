@@ -77,8 +77,8 @@ class Verdict(Struct, frozen=True, kw_only=True):
         return duration(self.spread_ns) + error
 
 
-def judge(manifest: Manifest) -> Verdict:
-    """Judge a take by its spread, its uncertainty and its missing images."""
+def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
+    """Judge a take by its spread, its uncertainty and its missing images, unless these are `arriving`."""
     sync, times = find_sync_record(manifest), manifest.burst.common_times
     unknown = times is not None and times.unknown
     images = Counter(image.instant for image in manifest.images)
@@ -97,8 +97,10 @@ def judge(manifest: Manifest) -> Verdict:
     expected = (len(manifest.cameras) + len(manifest.burst.absent)) * len(sync.spread_ns)
     missing = expected - len(manifest.images)
     completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, sync))))
+    if arriving:
+        completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
     headline = f"{purpose}; {completeness}"
-    if absence or is_incomplete(missing, expected):
+    if not arriving and (absence or is_incomplete(missing, expected)):
         grade = grade_of_part(grade, missing, expected)
         headline = f"{grade}: {completeness}; the rest is {purpose}"
     return Verdict(

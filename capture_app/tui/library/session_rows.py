@@ -184,7 +184,8 @@ def _notes(card: SessionCard) -> Iterator[Content]:
     if card.absent:
         yield Content.styled(f"! {printable(card.absent)}", "$warning")
     if card.missing:
-        yield Content.styled(f"! {count(card.missing, 'image')} missing", "$warning")
+        state = ("◔", "arriving", "$primary") if card.arriving else ("!", "missing", "$warning")
+        yield Content.styled(f"{state[0]} {count(card.missing, 'image')} {state[1]}", state[2])
     if card.late:
         yield Content.styled(f"! {card.late} late", "$warning")
     if card.note:
@@ -202,7 +203,7 @@ def scatter_of(card: SessionCard) -> Content:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
         )
-    if is_incomplete(card.missing, card.images + card.missing):
+    if not card.arriving and is_incomplete(card.missing, card.images + card.missing):
         sign = GRADES["poor"]
         return Content.assemble(
             (str(sign), f"bold {sign.style}"),

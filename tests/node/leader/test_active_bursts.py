@@ -13,15 +13,26 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
-from capture_app.common.timeouts import FORGET_LOST_NS, MIN_UPLOAD_BYTES_PER_S
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    CAMERA_DISCONNECTED_NS,
+    FORGET_LOST_NS,
+    MIN_UPLOAD_BYTES_PER_S,
+)
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.protocol.log import Log
+from capture_app.rig.repair import repair
 from capture_app.session.format.manifest import AbsentCamera
+from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import Verdict, judge
 from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
 from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
@@ -214,6 +225,62 @@ async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -
         assert (await take()).status.message == "", "it is forgotten"
     finally:
         await bursts.close()
+
+
+async def test_images_that_come_late_complete_their_session_in_the_same_run(tmp_path: Path) -> None:
+    engine, clock = engine_of("a", "b"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+
+    def shown(session: BurstSession) -> Verdict:
+        opened = Session.open(session.folder)
+        return judge(opened.manifest, arriving=opened.is_arriving)
+
+    try:
+        session = await bursts.order(BurstOrder(frames=1, spare=0))
+        number = session.burst.number
+        told = {name: replace(report(name, 0), burst=number) for name in ("a", "b")}
+        await session.accept_report(told["a"], clock.shown_ns)
+        await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        clock.shown_ns += 2 * AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS
+        await bursts.give_up_silent_cameras()
+        assert shown(session).grade == "poor", "a camera that is away may never come back"
+        # It has waited for its network, and comes back.
+        late = await bursts.find_session(told["b"], "")
+        assert isinstance(late, BurstSession)
+        late.stream_opened("b")
+        await late.accept_report(told["b"], clock.shown_ns)
+        assert bursts.newest is late
+        status = late.status
+        assert (status.burst, status.received, status.expected, status.done) == (number, 1, 2, False)
+        assert status.message == "1 arriving"
+        assert status.session == str(session.folder), "which is how the screen knows that it is open again"
+        assert shown(session).grade != "poor"
+        assert shown(session).headline.endswith("1 of 2 images, 1 arriving")
+        (card,) = list_sessions(tmp_path)
+        assert (card.missing, card.arriving) == (1, True)
+        (result,) = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
+        assert (result.ok, result.missing) == (True, 1)
+        assert result.awaited == "the leader adds what b may still have"
+        await receive_image(late, replace(upload("b", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        assert (late.status.done, late.status.message, late.status.received) == (True, "", 2)
+        assert "all 2 images there" in shown(session).headline
+        (card,) = list_sessions(tmp_path)
+        assert (card.missing, card.arriving) == (0, False)
+    finally:
+        await bursts.close()
+
+
+async def test_a_take_that_no_camera_has_confirmed_is_kept_for_their_images(tmp_path: Path) -> None:
+    """The network was away when they answered; they have their frames."""
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        session = await order(bursts, frames=2)
+        bursts.note_answer(BurstAnswered("a", session.burst.number, "silent for 2 s", is_silent=True))
+        await session.finished.wait()
+        late = await bursts.find_session(replace(report("a", 0, 1), burst=session.burst.number), "")
+        assert isinstance(late, BurstSession)
+        assert late.folder == session.folder
 
 
 async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlier_one(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ def list_entry(card: SessionCard) -> dict[str, Any]:
         "instants": card.instants,
         "images": card.images,
         "missing": card.missing,
+        "arriving": card.arriving,
         "problem": f"{card.problem} ({card.remedy})" if card.remedy else card.problem,
     }
 
@@ -62,8 +63,9 @@ def session_lines(session: Session) -> Iterator[str]:
         f"{len(manifest.missing)} missing"
     )
     skipped, scatter = skipped_text(manifest.burst.skipped), _describe_scatter(session)
+    verdict = judge(manifest, arriving=session.is_arriving)
     calibrated = "calibrated" if session.calibration() is not None else "not calibrated"
-    yield from filter(None, (skipped, *scatter, judge(manifest).headline, calibrated, manifest.note))
+    yield from filter(None, (skipped, *scatter, verdict.headline, calibrated, manifest.note))
     yield ""
     yield table(
         ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped"),

@@ -70,9 +70,10 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
 def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and their synchronization."""
     opened = Session.open(session)
+    verdict = judge(opened.manifest, arriving=opened.is_arriving)
     answer(
         as_json,
-        {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)},
+        {"session": str(session), "manifest": opened.manifest, "verdict": verdict},
         session_lines(opened),
     )
 

@@ -163,7 +163,7 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     if missing > max_missing_pct / 100 * status.expected:
         raise IncompleteError(
             f"{status.name} is incomplete: {status.message}",
-            hint="fetch what nodes still have: capture-app sessions repair, on the leader's machine",
+            hint="images that nodes still have are added when they connect: capture-app sessions list",
         )
     if missing:
         talk(f"{missing} of {count(status.expected, 'frame')} missing; {max_missing_pct:g} % are accepted")

@@ -42,9 +42,12 @@ CAMERA_DISCONNECTED_NS = 10_000_000_000
 CAMERA_DISCONNECTED_AGAIN_NS = 2_000_000_000
 """The same for a camera that was silent in the burst before."""
 CAMERA_STALLED_NS = 180_000_000_000
-"""A camera has a stream open and sends nothing."""
+"""A camera has a stream open and sends nothing of any burst."""
+MIN_UPLOAD_BYTES_PER_S = 16 << 10
+"""Images that arrive more slowly use up the time before: at 2 KB/s a camera has stalled after 206 s."""
 AFTER_LAST_INSTANT_NS = 2_000_000_000
-"""These times count from this long after a camera's last frame."""
+"""These times count from this long after a camera's last frame: a burst in which nothing moves ends 182 s
+after its last instant."""
 RETURN_NS = 60_000_000_000
 """Nodes do not come back with the images of an interrupted burst."""
 UNDECIDED_S = 0.1

@@ -419,5 +419,9 @@ async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
         if (session := await asyncio.to_thread(local_session, status)) is not None:
             manifest = session.manifest
             # The session of a lost take may have received more images since.
-            return Saved(number, replace(status, received=len(manifest.images)), judge(manifest))
+            return Saved(
+                number,
+                replace(status, received=len(manifest.images)),
+                judge(manifest, arriving=session.is_arriving),
+            )
     return Saved(number, status)

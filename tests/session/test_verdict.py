@@ -2,12 +2,14 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from capture_app.common.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import (
+    AbsentCamera,
     BurstRecord,
     CameraRecord,
     ImageRecord,
@@ -93,6 +95,20 @@ def test_a_take_that_lacks_a_third_of_its_images_is_poor_however_well_synchroniz
     verdict = judge(take(image("left", 1, 0), missing=reasons))
     assert verdict.grade == "poor"
     assert verdict.headline.startswith("poor: 3 of 4 images missing; the rest is ")
+
+
+@pytest.mark.parametrize(("cameras", "grade"), [(1, "fair"), (2, "poor")])
+def test_a_verdict_is_about_the_rig_and_not_about_who_is_left(cameras: int, grade: Grade) -> None:
+    images = [image(camera, instant, 0) for camera in ("left", "right") for instant in (0, 1)]
+    whole = take(*images)
+    assert judge(whole).grade == "excellent"
+    absent = tuple(AbsentCamera(name=f"cam{n}", reason=f"lost {n} s before") for n in range(cameras))
+    lacking = replace(whole, burst=replace(whole.burst, absent=absent))
+    verdict = judge(lacking)
+    assert verdict.grade == grade
+    assert verdict.headline.startswith(f"{grade}: cam0 missing: lost 0 s before")
+    assert (verdict.images, verdict.expected) == (4, 4 + 2 * cameras)
+    assert b"absent" not in msgspec.json.encode(whole), "as the sessions of before, which still open"
 
 
 def test_the_grades_are_explained_by_the_limits_that_hold() -> None:

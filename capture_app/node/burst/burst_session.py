@@ -14,10 +14,11 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS
 from capture_app.node.burst.camera_delivery import CameraDelivery
 from capture_app.node.burst.intake import Intake, known, on_disk
 from capture_app.node.burst.plans import (
+    Absent,
     InstantChoice,
     burst_of,
     burst_record,
@@ -26,6 +27,7 @@ from capture_app.node.burst.plans import (
     choose_instants,
     instant_range,
     result_text,
+    settled,
     truth_problem,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
@@ -33,6 +35,7 @@ from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
+    MANIFEST,
     CameraRecord,
     MissingImage,
     check_image_path,
@@ -61,22 +64,25 @@ class BurstSession:
         disk: ThreadPoolExecutor,
         *,
         lost: Lost | None = None,
+        absent: Absent | None = None,
     ) -> None:
-        """Begin with these cameras, or resume an earlier run, whose missing images are in `lost`."""
-        self.burst = burst
+        """Begin with these cameras, or resume an earlier run, whose missing images are in `lost`.
+
+        `absent` are the cameras of the rig that take no part, and why.
+        """
+        self.burst, self._absent = burst, absent or {}
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = self.trouble = ""
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.failure: SimulshotError | None = None
         """Error that kept the session from being written."""
-        self.without = ""
-        """Which cameras are left out, and why."""
         self.order_end: Callable[[], Awaitable[None]] | None = None
         """Order the cameras to end a streamed burst now; calls `end`."""
         self._is_broken_off = False
         """An error of the disk has ended it: cameras have frames until the end that were not saved."""
         self._writer, self._disk, self._lost = writer, disk, lost
+        self._is_of_this_run = lost is None
         self._now_ns = 0
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
@@ -98,10 +104,11 @@ class BurstSession:
         disk: ThreadPoolExecutor,
         *,
         short_timeouts: Collection[str] = (),
+        absent: Absent | None = None,
     ) -> "BurstSession":
         """Begin a burst that has been ordered, with those `cameras` that take part in it.
 
-        Cameras in `short_timeouts` are awaited for a shorter time.
+        Cameras in `short_timeouts` are awaited for a shorter time. `absent` is as in `BurstSession`.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         deliveries = [
@@ -113,10 +120,12 @@ class BurstSession:
             for name, facts in cameras.items()
             if name in burst.clients
         ]
-        return cls(burst, deliveries, writer, disk)
+        return cls(burst, deliveries, writer, disk, absent=absent)
 
     @classmethod
-    def resume(cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor) -> "BurstSession":
+    def resume(
+        cls, folder: Path, heard_ns: int, disk: ThreadPoolExecutor, *, is_of_this_run: bool = False
+    ) -> "BurstSession":
         """Resume a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
@@ -128,7 +137,17 @@ class BurstSession:
             CameraDelivery(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
-        return cls(burst_of(writer.plan), deliveries, writer, disk, lost=lost_images(writer, deliveries))
+        session = cls(
+            burst_of(writer.plan),
+            deliveries,
+            writer,
+            disk,
+            lost=lost_images(writer, deliveries),
+            absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
+        )
+        session._is_of_this_run = is_of_this_run
+        session.session = folder if (folder / MANIFEST).exists() else None
+        return session
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
@@ -142,7 +161,7 @@ class BurstSession:
             software=self._writer.software,
             leader=leader,
             number=self.burst.number,
-            burst=burst_record(self.burst),
+            burst=burst_record(self.burst, self._absent),
             cameras=(),
             pins={name: pin for name, pin in (pins or {}).items() if pin},
             spare=self.burst.spare,
@@ -154,25 +173,30 @@ class BurstSession:
 
     @property
     def status(self) -> BurstStatus:
-        """Progress of the burst; a burst of an earlier run has no number in this one."""
+        """Progress of the burst; a burst of an earlier run has no number in this one.
+
+        A finished session that was opened again, as its images still arrive, is not done.
+        """
         done = self.finished.is_set()
         instants = self._recorded_instants if self.burst.video else self.burst.frames
+        parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
+        parts |= {name: (0, why) for name, why in self._absent.items()}
         transfer = tuple(
-            CameraTransfer(camera=name, received=len(of.instants), expected=instants, problem=of.given_up)
-            for name, of in sorted(self._deliveries.items())
+            CameraTransfer(camera=name, received=received, expected=instants, problem=problem)
+            for name, (received, problem) in sorted(parts.items())
         )
+        without = "; ".join(f"without {name}: {why}" for name, why in self._absent.items())
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
-        if self._lost is not None:
-            message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
-                f"; {message}"
-                if message
-                else ""
-                if done
-                else ", waiting for images that its nodes still have"
-            )
+        if self._lost is not None and not done:
+            arriving = sum(instants - len(of.instants) for of in self._deliveries.values() if of.streams)
+            awaits = f"{arriving} arriving" if arriving else "waiting for images that its nodes still have"
+            message = message or awaits
+        if not self._is_of_this_run:
+            whose = f"{self._writer.name} of an earlier run: {received} of {expected} images"
+            message = ("; " if done else ", ").join(filter(None, (whose, message)))
         return BurstStatus(
-            burst=self.burst.number if self._lost is None else 0,
+            burst=self.burst.number if self._is_of_this_run else 0,
             name=self._writer.name,
             cameras=len(self._deliveries),
             instants=instants,
@@ -180,7 +204,7 @@ class BurstSession:
             expected=expected,
             done=done,
             session=None if self.session is None else str(self.session),
-            message="; ".join(filter(None, (self.without, message))),
+            message="; ".join(filter(None, (without, message))),
             transfer=transfer,
             recording=self.burst.video,
             skipped=self._choice.skipped(self._reported_plans),
@@ -245,8 +269,8 @@ class BurstSession:
                         self._writer.add_event,
                         *({**event, "camera": delivery.name} for event in report.events),
                     )
-                delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
-                delivery.note_heard(now_ns, advanced=first or not self._choice.committed.is_set())
+                delivery.note_report(plan, now_ns, is_of_earlier_run=self._lost is not None)
+                self._now_ns = max(self._now_ns, now_ns)
                 await self._commit_instants()
                 if self._choice.committed.is_set():
                     await self._save_plan(self._choice.requested)
@@ -289,7 +313,7 @@ class BurstSession:
             self._background.start(self._break_off(error))
             raise
         saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
-        delivery.note_heard(now_ns, advanced=True)
+        delivery.note_arrivals(self._intake.arrived_bytes(delivery.name), now_ns)
         return saving
 
     def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
@@ -310,12 +334,14 @@ class BurstSession:
         Raises DiskFullError; the burst is then committed to nothing.
         """
         async with self._committing:
+            if self._choice.committed.is_set():
+                return
+            if self._now_ns >= self._ends_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS:
+                for delivery in self._deliveries.values():
+                    if delivery.plan.reported:
+                        delivery.plan = settled(delivery.plan, self.burst)
             awaited = [of.reported_plan for of in self._deliveries.values() if not of.given_up]
-            chosen = (
-                None
-                if self._choice.committed.is_set()
-                else choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
-            )
+            chosen = choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
             if chosen is not None:
                 await self._save_plan(chosen)
                 self._choice.commit(chosen)
@@ -369,11 +395,38 @@ class BurstSession:
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
-    async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
-        """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled."""
+    def progress(self, now_ns: int, *, even_live: bool = False) -> dict[str, int]:
+        """Return until when each camera's images have made progress; 0 for none.
+
+        Those of a burst that is not over yet, which may take days, count only with `even_live`.
+        """
+        if not even_live and now_ns < self._ends_ns:
+            return {}
+        return {name: of.progress_ns for name, of in self._deliveries.items()}
+
+    async def give_up_silent_cameras(
+        self,
+        lost: Mapping[str, str],
+        now_ns: int,
+        *,
+        progress: Mapping[str, int] | None = None,
+        heard: Mapping[str, int] | None = None,
+    ) -> None:
+        """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled.
+
+        `progress` and `heard` are those of each camera in all bursts: in them it may have been busy.
+        """
         self._now_ns = now_ns
+        # On a full disk it is committed by a later report.
+        with suppress(DiskError):
+            await self._commit_instants()
         for name, delivery in self._deliveries.items():
             delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
+            delivery.note_heard((heard or {}).get(name, 0))
+            delivery.progress_ns = max(delivery.progress_ns, (progress or {}).get(name, 0))
+            if delivery.plan.reported and not self._choice.committed.is_set():
+                # It waits for the others.
+                delivery.since_ns = max(delivery.since_ns, now_ns)
             if not self._intake.is_saving(name) and (
                 reason := delivery.why_silent(lost, now_ns, self._ends_ns)
             ):
@@ -433,7 +486,7 @@ class BurstSession:
                 )
             )
         missing = [gap for of in deliveries for gap in of.missing_images(choice, self._lost or {})]
-        burst = choice.record(self._reported_plans)
+        burst = choice.record(self._reported_plans, self._absent)
         self.message = result_text(burst, missing)
         if self.is_empty() and self._lost is None and not any(of.silent for of in deliveries):
             writer.discard()

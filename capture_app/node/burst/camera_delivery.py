@@ -9,6 +9,7 @@ from capture_app.common.timeouts import (
     CAMERA_DISCONNECTED_AGAIN_NS,
     CAMERA_DISCONNECTED_NS,
     CAMERA_STALLED_NS,
+    MIN_UPLOAD_BYTES_PER_S,
 )
 from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
@@ -17,9 +18,6 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
-
-ADVANCE_BYTES = 1 << 18
-"""Image bytes that count as progress; a slow link delivers less than a whole image within the timeout."""
 
 
 @dataclass(slots=True)
@@ -34,8 +32,11 @@ class CameraDelivery:
     instants: InstantSet = field(default_factory=InstantSet)
     """Instants whose images are in the session, by their numbers there."""
     streams: int = 0
-    advanced_ns: int = 0
-    """When it last delivered something, or had to wait for other cameras."""
+    since_ns: int = 0
+    """When the leader began to wait for its images: at the earliest after its report and the choice of
+    instants."""
+    progress_ns: int = 0
+    """Until when the arrived image bytes last it, at the least rate; 0 before the first."""
     counted_bytes: int = 0
     """Number of image bytes already counted as progress."""
     given_up: str = ""
@@ -43,8 +44,8 @@ class CameraDelivery:
     """Given up because it was silent: it may still have its images."""
 
     def __post_init__(self) -> None:
-        """Count the start of the wait as progress."""
-        self.advanced_ns = max(self.advanced_ns, self.heard_ns)
+        """Begin to wait when the camera is first expected."""
+        self.since_ns = max(self.since_ns, self.heard_ns)
 
     @property
     def name(self) -> str:
@@ -81,29 +82,34 @@ class CameraDelivery:
         )
         if now_ns - self.heard_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
-        # The next instant of a camera that still selects frames may be hours away, but not after the last.
-        is_selecting = self.streams and self.name not in lost and self.plan.picking
-        since_ns = max(self.advanced_ns, ends_ns) if is_selecting else self.advanced_ns
+        since_ns = max(self.since_ns, self.progress_ns)
+        # The next instant of a streamed burst may be hours away, but not after the last.
+        if self.streams and self.name not in lost and (self.plan.picking or self.plan.picked is not None):
+            since_ns = max(since_ns, ends_ns)
         # Messages without images, or images that trickle, do not count: they could go on forever.
         return f"it sent nothing for {stalled_ns // 10**9} s" if now_ns - since_ns >= stalled_ns else ""
 
-    def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:
-        """Record a message of the camera; `advanced` if it delivered something or waits for other cameras."""
+    def note_heard(self, now_ns: int) -> None:
+        """Record a message of the camera."""
         self.heard_ns = max(self.heard_ns, now_ns)
-        if advanced:
-            self.advanced_ns = max(self.advanced_ns, now_ns)
 
     def note_arrivals(self, arrived_bytes: int, now_ns: int) -> None:
-        """Count received image bytes as progress if they have grown enough since the last time."""
-        if arrived_bytes - self.counted_bytes >= ADVANCE_BYTES:
+        """Count the image bytes received since the last time as progress, for as long as they may take."""
+        if (grown := arrived_bytes - self.counted_bytes) > 0:
             self.counted_bytes = arrived_bytes
-            self.note_heard(now_ns, advanced=True)
+            self.note_heard(now_ns)
+            lasts_ns = grown * 1_000_000_000 // MIN_UPLOAD_BYTES_PER_S
+            self.progress_ns = min(now_ns, max(self.since_ns, self.progress_ns) + lasts_ns)
 
-    def note_report(self, plan: CameraPlan, *, is_of_earlier_run: bool) -> None:
+    def note_report(self, plan: CameraPlan, now_ns: int, *, is_of_earlier_run: bool) -> None:
         """Store the camera's report as its plan, and wait for its images.
 
-        The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged.
+        The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged. Only
+        a first report counts as progress: it could be repeated forever.
         """
+        self.note_heard(now_ns)
+        if not self.plan.reported or self.given_up:
+            self.since_ns = max(self.since_ns, now_ns)
         if is_of_earlier_run and self.plan.reported:
             plan = replace(
                 plan,

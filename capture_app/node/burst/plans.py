@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 
+from msgspec.structs import replace
+
 from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.common.text import count
@@ -10,6 +12,7 @@ from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.calibration import check_lens
 from capture_app.session.format.manifest import (
+    AbsentCamera,
     BurstRecord,
     MissingImage,
     SkippedFrame,
@@ -47,8 +50,21 @@ def choose_instants(
     return tuple(sorted(complete))
 
 
+def settled(plan: CameraPlan, burst: Burst) -> CameraPlan:
+    """Return a report to which nothing will be added: instants that it leaves out are missing."""
+    known = {*plan.instants, *(gap.instant for gap in plan.missing)}
+    gaps = (
+        MissingImage(camera=plan.camera.name, instant=instant, reason="its node did not report it")
+        for instant in range(len(burst.instants_ns))
+        if instant not in known
+    )
+    return replace(plan, missing=(*plan.missing, *gaps))
+
+
 Reports = Mapping[str, CameraPlan | None]
 """Each camera's report, None for a camera without one, by name."""
+Absent = Mapping[str, str]
+"""Cameras of the rig that take no part, and why."""
 
 
 class InstantChoice:
@@ -116,7 +132,7 @@ class InstantChoice:
             for instant in sorted({*range(chosen[-1])} - {*chosen})
         )
 
-    def record(self, reports: Reports) -> BurstRecord:
+    def record(self, reports: Reports, absent: Absent) -> BurstRecord:
         """Return the burst's record for the manifest."""
         burst = self._burst
         return BurstRecord(
@@ -124,6 +140,7 @@ class InstantChoice:
             period_ns=burst.period_ns,
             requested_ns=burst.requested_ns,
             skipped=self.skipped(reports),
+            absent=_absent_cameras(absent),
         )
 
 
@@ -134,6 +151,8 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
     """
     name, runs = plan.camera.name, plan.missing_runs
     instants = [*plan.instants, *(gap.instant for gap in plan.missing)]
+    # Spare instants may still be to come.
+    unreported = 0 if burst.streamed else len({*range(burst.frames)}.difference(instants))
     last = max(instants, default=-1)
     run_ends = [0, *(run.first + run.count for run in runs)]
     decided = max(run_ends[-1], plan.picked or 0)
@@ -144,6 +163,7 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         f"the burst has no instant {last}": last >= len(burst.instants_ns),
         "it streams a burst that is not streamed": is_streamed and not burst.streamed,
         f"it reports {decided} instants, of which {latest} have passed": decided > latest,
+        f"it leaves out {unreported} of {burst.frames} instants": unreported > 0,
         "its missing instants are not in order": any(
             run.first < end for run, end in zip(runs, run_ends, strict=False)
         ),
@@ -174,12 +194,17 @@ def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
         )
 
 
-def burst_record(burst: Burst) -> BurstRecord:
+def _absent_cameras(absent: Absent) -> tuple[AbsentCamera, ...]:
+    return tuple(AbsentCamera(name=name, reason=why) for name, why in sorted(absent.items()))
+
+
+def burst_record(burst: Burst, absent: Absent) -> BurstRecord:
     """Return the record of a burst as ordered, without its instants if frames are streamed."""
     return BurstRecord(
         instants_ns=() if burst.streamed else tuple(burst.instants_ns),
         period_ns=burst.period_ns,
         requested_ns=burst.requested_ns,
+        absent=_absent_cameras(absent),
     )
 
 

@@ -1,4 +1,4 @@
-"""Sessions of earlier runs of a leader, resumed where they were interrupted or lack images."""
+"""Sessions of a leader's earlier bursts, resumed where they were interrupted or lack images."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
@@ -21,12 +21,17 @@ Key = tuple[int, int]
 
 
 class ResumedBursts:
-    """Sessions in a folder that belong to earlier runs, opened when needed."""
+    """Sessions in a folder that are interrupted, or finished without all images; opened when needed."""
 
     def __init__(
-        self, root: Path, on_resumed: Callable[[BurstSession], None], disk: ThreadPoolExecutor
+        self,
+        root: Path,
+        on_resumed: Callable[[BurstSession], None],
+        disk: ThreadPoolExecutor,
+        run: int | None = None,
     ) -> None:
-        self._root, self._disk, self._on_resumed = root, disk, on_resumed
+        """`run` is the id of the leader's present run, whose bursts keep their numbers."""
+        self._root, self._disk, self._on_resumed, self._run = root, disk, on_resumed, run
         self._open: dict[Key, BurstSession] = {}
         self._folders: dict[Key, Path] = {}
         self._opening = asyncio.Lock()
@@ -125,7 +130,9 @@ class ResumedBursts:
                 await session.suspend()
 
     async def _resume(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
-        session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns, self._disk)
+        session = await asyncio.to_thread(
+            BurstSession.resume, folder, heard_ns, self._disk, is_of_this_run=key[0] == self._run
+        )
         self._open = {of: other for of, other in self._open.items() if not other.finished.is_set()}
         self._open[key] = session
         self._on_resumed(session)

@@ -242,6 +242,12 @@ class BurstUpload:
     """Whether to use the spool; False once that has failed."""
     is_committed: bool = False
     """Whether the leader has named the instants that it requests."""
+    reported: CameraReport | None = None
+    """The `report` that was last sent over the present stream."""
+    due_s: float = 0.0
+    """Time of the event loop at which to report again a burst that is not committed."""
+    attempts: int = 0
+    """Number of reports in a row that did not commit the burst."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
     is_over: bool = False
@@ -281,9 +287,18 @@ class BurstUpload:
         return self.streamed and not self.ended
 
     @property
-    def has_work(self) -> bool:
-        """Whether there is something to report or to send."""
-        return not self.is_picking or bool(self.images) or not self.is_committed
+    def has_ended(self) -> bool:
+        """Whether nothing more will be sent."""
+        is_told = self.is_committed and self.reported is self.report
+        return self.is_over or (is_told and not (self.is_picking or self.frames or self.images))
+
+    def must_be_reported(self, now_s: float) -> bool:
+        """Return whether the leader has to know the report, or to be asked again, at that time."""
+        return self.reported is not self.report or (not self.is_committed and now_s >= self.due_s)
+
+    def put_off(self, due_s: float) -> None:
+        """Send nothing of the burst before `due_s`, unless its report changes."""
+        self.is_committed, self.due_s, self.attempts = False, due_s, self.attempts + 1
 
     def current_report(self, waiting: tuple[int, ...] = ()) -> CameraReport:
         """Return the report as it is now.
@@ -355,7 +370,7 @@ class BurstUpload:
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
-        self.is_committed = False
+        self.is_committed, self.reported, self.attempts = False, None, 0
         self.images.extend(self.disputed)
         self.disputed.clear()
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.common.address import Address
-from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError, TryAgainError
+from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError
 from capture_app.common.tasks import end, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
@@ -40,7 +40,8 @@ SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
 MAX_IN_FLIGHT = 64
 """Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
-ASK_AGAIN_S = 0.05
+ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
+"""Delay before a burst that depends on other cameras is reported again; it doubles each time, to 0.8 s."""
 
 A = TypeVar("A", ImageAck, ReportAck)
 
@@ -48,7 +49,7 @@ A = TypeVar("A", ImageAck, ReportAck)
 class BurstSender:
     """Sender of bursts over one open stream to the leader; `changed` is set whenever there is more to send.
 
-    It sends each burst's report, then its images until the leader has each on its disk.
+    It reports every burst before it sends further images, so that the leader knows what this node holds.
     """
 
     def __init__(
@@ -58,18 +59,22 @@ class BurstSender:
         log: Log,
         waiting: Collection[BurstUpload],
         roots: Collection[str],
+        retry_s: Sequence[float] = RETRY_S,
     ) -> None:
         """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams.
 
         `roots` are, below a relay, pins of the rig's leaders: one of them must have signed the answers to a
-        burst.
+        burst. `retry_s` are the delays after a burst is refused for now, as for `Uploader`.
         """
         self._channel, self._changed, self._log = channel, changed, log
-        self._waiting, self.roots = waiting, roots
-        self._in_flight: deque[ImageUpload] = deque()
+        self._waiting, self.roots, self._retry_s = waiting, roots, retry_s
+        self._in_flight: deque[tuple[BurstUpload, ImageUpload]] = deque()
         self._answer: asyncio.Task[FromLeader] | None = None
-        self._receipts: dict[int, ImageReceipt] = {}
-        """The leader's receipts for partial images, by instant."""
+        self._receipts: dict[str, ImageReceipt] = {}
+        """The leader's receipts for partial images, by checksum."""
+        for burst in waiting:
+            # A reconnected leader still has what it acknowledged; only the stream's own state is new.
+            burst.reopen()
 
     async def aclose(self) -> None:
         """Stop waiting for answers."""
@@ -87,88 +92,96 @@ class BurstSender:
         await self._channel.send(message, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
         return await self._next_answer(ReportAck)
 
-    async def send_burst(self, burst: BurstUpload) -> Refusal | None:
-        """Send a burst while it is encoded; return when the leader has all it requests, or its refusal.
+    async def next_ended(self) -> tuple[BurstUpload, Refusal | None]:
+        """Send all bursts while they are encoded, until one is over; return it, and any final refusal.
 
-        A returned refusal is final. Also returns if a burst that is still being captured has nothing to send
-        while another burst has. Raises TryAgainError where the leader may accept it later, NetworkError
-        where the stream breaks off.
+        A burst is over when the leader has all it requests. One that the leader cannot take yet is offered
+        again later, while the others go on. Raises NetworkError where the stream breaks off.
         """
-        # A reconnected leader still has what it acknowledged; only the stream's own state is new.
-        sent_report: CameraReport | None = None
-        burst.reopen()
-        while not burst.is_over:
+        now = asyncio.get_running_loop().time
+        while True:
             self._changed.clear()
-            refusal = None
-            if sent_report is not burst.report or not burst.is_committed:
-                first, sent_report = sent_report is None, burst.report
-                refusal = await self._take_all_answers(burst) or await self._report_burst(burst, first=first)
-            elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
-                await self._send_image(burst, burst.images[len(self._in_flight)])
+            refused: tuple[BurstUpload, Refusal] | None = None
+            if (ended := next((burst for burst in self._waiting if burst.has_ended), None)) is not None:
+                await self._take_all_answers()
+                disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
+                what = f"the leader has different images of instants {disputed}"
+                return ended, Refusal(what=what) if disputed and not ended.is_over else None
+            if unreported := next((of for of in self._waiting if of.must_be_reported(now())), None):
+                refused = await self._take_all_answers() or await self._report_burst(unreported)
+            elif (unsent := self._next_unsent()) is not None:
+                refused = await self._send_image(*unsent)
             elif self._in_flight:
-                refusal = await self._take_answer(burst)
-            elif (
-                burst.is_picking
-                and not burst.frames
-                and any(other.has_work for other in self._waiting if other is not burst)
-            ):
-                return None
-            elif burst.frames or burst.is_picking:
-                await self._changed.wait()
-            elif burst.disputed:
-                disputed = (str(image.record.instant) for image in burst.disputed)
-                return Refusal(what=f"the leader has different images of instants {', '.join(disputed)}")
+                refused = await self._take_answer()
             else:
-                return None
-            if refusal is not None:
-                await self._take_all_answers(burst)
-                if refusal.retry:
-                    raise TryAgainError(refusal.what, hint=refusal.hint)
-                return refusal
-        await self._take_all_answers(burst)
+                due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
+                if due_s is None:
+                    await self._changed.wait()
+                else:
+                    await has_come(self._changed, max(0.0, due_s - now()))
+            if refused is not None:
+                # What else was refused is sent, and refused, again.
+                await self._take_all_answers()
+                burst, refusal = refused
+                if not refusal.retry:
+                    return burst, refusal
+                if not burst.attempts:
+                    self._log.say(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
+                delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
+                burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
+
+    def _next_unsent(self) -> tuple[BurstUpload, ImageUpload] | None:
+        """Return the next image to send now; a burst that is being captured waits for those that are over."""
+        if len(self._in_flight) < MAX_IN_FLIGHT:
+            for burst in sorted(self._waiting, key=lambda burst: burst.is_picking):
+                sent = sum(of is burst for of, _ in self._in_flight)
+                if burst.is_committed and sent < len(burst.images):
+                    return burst, burst.images[sent]
         return None
 
-    async def _report_burst(self, burst: BurstUpload, *, first: bool) -> Refusal | None:
-        """Report the burst to the leader, with its events the `first` time only.
+    async def _report_burst(self, burst: BurstUpload) -> tuple[BurstUpload, Refusal] | None:
+        """Report the burst to the leader, with its events the first time only; return any refusal.
 
         Drop images that the leader does not need or has already, and store its receipts for partial ones.
         """
-        report = burst.current_report(burst.encoded)
-        answer = await self.ask(report if first else replace(report, events=()))
-        self._check_proof(answer, burst)
+        report, first = burst.current_report(burst.encoded), burst.reported is None
+        burst.reported = burst.report
+        answer = self._proven(await self.ask(report if first else replace(report, events=())), burst)
         if isinstance(answer, Refusal):
-            return answer
-        self._receipts = {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
+            return burst, answer
+        self._receipts |= {receipt.sha256: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
-            # This leader waits before it answers so; another one may not.
-            await asyncio.sleep(ASK_AGAIN_S)
+            # The leader waits for other cameras. It is asked again, more and more rarely.
+            delay_s = ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
+            burst.put_off(asyncio.get_running_loop().time() + delay_s)
             return None
+        burst.attempts = 0
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
         await _delete([*burst.commit(answer.requested), *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
 
-    async def _send_image(self, burst: BurstUpload, image: ImageUpload) -> None:
+    async def _send_image(self, burst: BurstUpload, image: ImageUpload) -> tuple[BurstUpload, Refusal] | None:
         record = image.record
         try:
             data = await asyncio.to_thread(burst.load, image)
         except DiskError as error:
-            raise TryAgainError(error.what, hint=error.hint) from error
+            return burst, Refusal.of_error(error)
         if data is None:
             with contextlib.suppress(ValueError):
                 burst.images.remove(image)
             await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
-            return
-        offset, receipt = 0, self._receipts.pop(record.instant, None)
-        if receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data):
-            offset = receipt.bytes
-        self._in_flight.append(image)
+            return None
+        receipt = self._receipts.pop(record.sha256, None)
+        offset = receipt.bytes if receipt is not None and receipt.bytes <= len(data) else 0
+        self._in_flight.append((burst, image))
         await self._channel.send(
             replace(image, offset=offset), memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S
         )
+        return None
 
-    async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
+    async def _take_answer(self) -> tuple[BurstUpload, Refusal] | None:
         """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
@@ -177,32 +190,34 @@ class BurstSender:
             await asyncio.wait({self._answer, changed}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             changed.cancel()
-        return await self._take_next(burst) if self._answer.done() else None
+        return await self._take_next() if self._answer.done() else None
 
-    async def _take_all_answers(self, burst: BurstUpload) -> Refusal | None:
+    async def _take_all_answers(self) -> tuple[BurstUpload, Refusal] | None:
         """Wait for the answers to all sent images; return the first refusal."""
-        answers = [await self._take_next(burst) for _ in tuple(self._in_flight)]
+        answers = [await self._take_next() for _ in tuple(self._in_flight)]
         return next(filter(None, answers), None)
 
-    async def _take_next(self, burst: BurstUpload) -> Refusal | None:
-        answer, image = await self._next_answer(ImageAck), self._in_flight.popleft()
-        self._check_proof(answer, burst)
+    async def _take_next(self) -> tuple[BurstUpload, Refusal] | None:
+        answer, (burst, image) = await self._next_answer(ImageAck), self._in_flight.popleft()
+        answer = self._proven(answer, burst)
         if isinstance(answer, Refusal):
-            return answer
+            return burst, answer
         if answer.sha256 != image.record.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
         await _delete(burst.confirm({image.record.instant: answer.sha256}))
         return None
 
-    def _check_proof(self, answer: ImageAck | ReportAck | Refusal, burst: BurstUpload) -> None:
-        """Raise NetworkError where the leader above the relay has not signed an answer."""
+    def _proven(self, answer: A | Refusal, burst: BurstUpload) -> A | Refusal:
+        """Return an answer, or a refusal for now where the leader above the relay has not signed it."""
         report, unsigned = burst.report, replace(answer, proof=None)
         about = report.camera, report.leader, report.burst
         if self.roots and not is_proven(answer.proof, self.roots, about, unsigned):
-            raise NetworkError(
-                f"the relay at {self._channel.peer} answered without the signature of its rig's leader",
+            return Refusal(
+                what=f"the relay at {self._channel.peer} answered without the signature of its rig's leader",
                 hint=f"if the rig has a new leader: capture-app trust pair {self._channel.peer}",
+                retry=True,
             )
+        return answer
 
     async def _next_answer(self, kind: type[A]) -> A | Refusal:
         task, self._answer = self._answer or asyncio.create_task(self._receive()), None
@@ -448,6 +463,7 @@ class Uploader:
                             self._log,
                             self._waiting,
                             self._trust.roots_of(channel.who.pin),
+                            self._retry_s,
                         )
                     ) as sender,
                 ):
@@ -460,11 +476,9 @@ class Uploader:
                             if self.spool is not None:
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
-                            await self._send_burst(sender, self._waiting[0])
+                            await self._conclude(*await sender.next_ended())
                             failures = 0
-            except (NetworkError, TryAgainError) as error:
-                if isinstance(error, TryAgainError):
-                    self._waiting.rotate(-1)
+            except NetworkError as error:
                 if not failures:
                     self._log.say(f"images wait: {error}")
                 await asyncio.sleep(self._retry_s[min(failures, len(self._retry_s) - 1)])
@@ -472,11 +486,8 @@ class Uploader:
             finally:
                 self._stream = None
 
-    async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
-        refusal = await sender.send_burst(burst)
-        if refusal is None and burst.is_picking and not burst.is_over:
-            self._waiting.rotate(-1)
-            return
+    async def _conclude(self, burst: BurstUpload, refusal: Refusal | None) -> None:
+        """Delete a burst that is over, or keep what its leader's `refusal` does not let this node delete."""
         where = ""
         if refusal is None or (refusal.forget and burst.report.leader == self._run):
             burst.end()
@@ -489,6 +500,7 @@ class Uploader:
                 self._changed.clear()
                 await self._changed.wait()
             burst.frames.clear()
+            burst.reopen()
             if burst.spooled is not None:
                 self._refused.append(burst)
                 where = f"; its images stay in {burst.spooled.folder}"

@@ -5,7 +5,7 @@ import dataclasses
 import functools
 from bisect import bisect_right
 from collections import deque
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Iterable, Mapping
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -18,7 +18,7 @@ from capture_app.common.errors import (
     SimulshotError,
 )
 from capture_app.common.names import check_name
-from capture_app.common.node_state import NodeState
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
@@ -39,6 +39,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader_engine import Leader
+from capture_app.sync.rig.roster import LEFT
 
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000
@@ -119,6 +120,14 @@ def _number(path: Path, prefix: str) -> int:
     return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0
 
 
+def _newest(times_ns: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the newest time of each name."""
+    newest: dict[str, int] = {}
+    for times in times_ns:
+        newest |= {name: max(time_ns, newest.get(name, 0)) for name, time_ns in times.items()}
+    return newest
+
+
 class ActiveBursts:
     """Bursts in progress: orders them from an engine, and collects each into a session."""
 
@@ -129,10 +138,8 @@ class ActiveBursts:
         """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
         self._disk = disk_threads()
-        self.resumed = ResumedBursts(
-            options.sessions, lambda session: self._background.start(self._follow(session)), self._disk
-        )
-        """Sessions of earlier runs that are being finished."""
+        self.resumed = ResumedBursts(options.sessions, self._take_up, self._disk, engine.config.instance)
+        """Sessions of earlier runs, or finished ones of this run, that are being completed."""
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
         self._last_number = 0
@@ -243,14 +250,10 @@ class ActiveBursts:
             writer,
             self._disk,
             short_timeouts=self._silent,
+            absent=self._lost_cameras() | without,
         )
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
-        if self.now_ns() < self._awaited_until_ns:
-            # A camera that has joined again takes part only once it has answered the welcome.
-            absent = {*self._options.awaited}.difference(burst.clients, without)
-            without |= dict.fromkeys(sorted(absent), "it has not come back since the leader was lost")
-        session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.
         try:
@@ -268,6 +271,20 @@ class ActiveBursts:
             raise
         self._pump.turn()
         return session
+
+    def _lost_cameras(self) -> dict[str, str]:
+        """Return the cameras that the rig had within FORGET_LOST_NS, and why they are not here."""
+        now_ns, members = self.now_ns(), self._engine.roster.by_name()
+        absent: dict[str, str] = {}
+        if now_ns < self._awaited_until_ns:
+            # A camera that has joined again takes part only once it has answered the welcome.
+            awaited = {*self._options.awaited} - {camera.name for camera in self._engine.roster.cameras()}
+            absent = dict.fromkeys(sorted(awaited), "it has not come back since the leader was lost")
+        return absent | {
+            member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
+            for member in members
+            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA
+        }
 
     @property
     def ahead(self) -> tuple[BurstAhead, ...]:
@@ -375,7 +392,15 @@ class ActiveBursts:
     def note_answer(self, answer: BurstAnswered) -> None:
         """Note whether a node takes part in a burst."""
         if answer.refusal and (session := self._bursts.get(answer.burst)):
-            self._background.start(session.give_up_camera(answer.name, answer.refusal))
+            self._background.start(
+                session.give_up_camera(answer.name, answer.refusal, silent=answer.is_silent)
+            )
+
+    def _take_up(self, session: BurstSession) -> None:
+        """Follow a session that was opened again, which may be the newest one."""
+        if self.newest is not None and self.newest.folder == session.folder:
+            self.newest = session
+        self._background.start(self._follow(session))
 
     async def _follow(self, session: BurstSession) -> None:
         self._event_log.note(session.status)
@@ -397,20 +422,28 @@ class ActiveBursts:
             del self._bursts[number]
         self._event_log.note(status)
 
+    async def give_up_silent_cameras(self) -> None:
+        """Stop waiting for cameras that are silent, in all bursts that are being saved."""
+        now_ns = self.now_ns()
+        lost: Mapping[str, str] = {
+            member.name: f"lost: {member.report.message}"
+            for member in self._engine.roster.by_name()
+            if member.report.state is NodeState.LOST
+        }
+        sessions = [*self._bursts.values(), *self.resumed.sessions()]
+        # A camera sends one image after the other: it is waited for while it sends those of any burst.
+        heard = _newest(of.progress(now_ns, even_live=True) for of in sessions)
+        progress = _newest(of.progress(now_ns) for of in sessions)
+        for session in sessions:
+            if not session.finished.is_set():
+                await session.give_up_silent_cameras(lost, now_ns, progress=progress, heard=heard)
+
     async def _watch_silence(self) -> None:
         while True:
             await asyncio.sleep(SILENCE_CHECK_S)
-            now_ns = self.now_ns()
-            lost: Mapping[str, str] = {
-                member.name: f"lost: {member.report.message}"
-                for member in self._engine.roster.by_name()
-                if member.report.state is NodeState.LOST
-            }
-            trouble = ""
-            for session in (*self._bursts.values(), *self.resumed.sessions()):
-                if not session.finished.is_set():
-                    await session.give_up_silent_cameras(lost, now_ns)
-                trouble = trouble or session.trouble
+            await self.give_up_silent_cameras()
+            sessions = (*self._bursts.values(), *self.resumed.sessions())
+            trouble = next((session.trouble for session in sessions if session.trouble), "")
             if trouble != self._trouble:
                 self._trouble = trouble
                 self._event_log.say_of_disk(None, trouble)

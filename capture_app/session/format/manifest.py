@@ -118,6 +118,13 @@ class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     missing: tuple[SkippedFrame, ...]
 
 
+class AbsentCamera(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A camera of the rig that took no part in the burst, and the reason."""
+
+    name: Name
+    reason: Sentence
+
+
 class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """Instants of the burst and the moment requested, in ns of the leader's clock."""
 
@@ -129,6 +136,13 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     """Instants left out because a camera had no frame; later instants replaced them."""
     common_times: CommonTimes | None = None
     """State of an imported recording's times; None for a session of one rig, whose times share a clock."""
+    absent: tuple[AbsentCamera, ...] = ()
+    """Cameras that the rig had within the last ten minutes, or that had no room, and that took no part."""
+
+    @property
+    def absence(self) -> str:
+        """The absent cameras in words: "cam02 missing: lost 12 s before"; empty for none."""
+        return ", ".join(f"{camera.name} missing: {camera.reason}" for camera in self.absent)
 
 
 class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -10,6 +10,7 @@ from stat import S_ISDIR
 from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_struct
@@ -54,6 +55,11 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     instants: int = 0
     images: int = 0
     missing: int = 0
+    """Number of missing images, those of absent cameras included."""
+    arriving: bool = False
+    """Whether the missing images arrive at last."""
+    absent: str = ""
+    """The cameras of the rig that took no part, in words."""
     spread_ns: int | None = None
     """Largest peak-to-peak time of any instant; None without a common clock, or without two images."""
     unsynchronized: bool = False
@@ -95,6 +101,10 @@ class SessionListing:
             known = before.get(folder)
             if known is None or stamp is None or known[0] != stamp:
                 known = stamp, read_card(Path(folder)) if stamp else _card_without_manifest(Path(folder))
+            if known[1].missing:
+                # Its images may arrive at last, which the manifest shows only afterwards.
+                arriving = is_being_written(Path(folder))
+                known = known[0], replace(known[1], arriving=arriving)
             self._known[folder] = known
         return [card for _, card in self._known.values()]
 
@@ -153,7 +163,8 @@ def read_card(folder: Path) -> SessionCard:
         cameras=names,
         instants=instants,
         images=len(manifest.images) + sum(video.frames for video in manifest.videos),
-        missing=len(manifest.missing),
+        missing=len(manifest.missing) + len(manifest.burst.absent) * instants,
+        absent=manifest.burst.absence,
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,

@@ -98,6 +98,11 @@ class Session:
         """Name given to the session when it was captured; its folder may have been renamed since."""
         return self.stored_manifest.name
 
+    @property
+    def is_arriving(self) -> bool:
+        """Whether a leader has the session open because its missing images arrive at last."""
+        return bool(self.stored_manifest.missing) and is_being_written(self.folder)
+
     def camera(self, name: str) -> CameraRecord:
         """Return the record of a camera. Raises BadInputError if the session has no such camera."""
         if name not in self._cameras:

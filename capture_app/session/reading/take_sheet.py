@@ -75,7 +75,8 @@ class TakeSheet:
 
     def __init__(self, session: Session) -> None:
         """Read the camera order of a session. Raises BadInputError if its calibration is malformed."""
-        self.session, self.verdict = session, judge(session.manifest)
+        self.session = session
+        self.verdict = judge(session.manifest, arriving=session.is_arriving)
         self.cameras = tuple(sorted((one.name for one in session.manifest.cameras), key=natural_order))
         self.arc = arc_order(session)
         """Cameras in the order of their arc, for pictures in motion."""

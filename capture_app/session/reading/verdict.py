@@ -24,7 +24,8 @@ Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 """Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
 Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: no instant has two images, or the uncertainty of
-their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing.
+their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing, and at best fair if a
+camera of the rig is absent.
 """
 
 
@@ -76,8 +77,8 @@ class Verdict(Struct, frozen=True, kw_only=True):
         return duration(self.spread_ns) + error
 
 
-def judge(manifest: Manifest) -> Verdict:
-    """Judge a take by its spread, its uncertainty and its missing images."""
+def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
+    """Judge a take by its spread, its uncertainty and its missing images, unless these are `arriving`."""
     sync, times = find_sync_record(manifest), manifest.burst.common_times
     unknown = times is not None and times.unknown
     images = Counter(image.instant for image in manifest.images)
@@ -87,16 +88,21 @@ def judge(manifest: Manifest) -> Verdict:
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
+    absence = manifest.burst.absence
     if unknown:
         purpose = NOT_SYNCHRONIZED
         sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync)
-    expected = len(manifest.cameras) * len(sync.spread_ns)
+    expected = (len(manifest.cameras) + len(manifest.burst.absent)) * len(sync.spread_ns)
     missing = expected - len(manifest.images)
-    headline = f"{purpose}; {_completeness(missing, expected, sync)}"
-    if is_incomplete(missing, expected):
-        grade, headline = "poor", f"poor: {_completeness(missing, expected, sync)}; the rest is {purpose}"
+    completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, sync))))
+    if arriving:
+        completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
+    headline = f"{purpose}; {completeness}"
+    if not arriving and (absence or is_incomplete(missing, expected)):
+        grade = grade_of_part(grade, missing, expected)
+        headline = f"{grade}: {completeness}; the rest is {purpose}"
     return Verdict(
         grade=grade,
         headline=headline,
@@ -117,6 +123,13 @@ def judge(manifest: Manifest) -> Verdict:
 def is_incomplete(missing: int, expected: int) -> bool:
     """Return whether more images are missing than a take can lose without the verdict "poor"."""
     return missing > MAX_MISSING * expected
+
+
+def grade_of_part(grade: Grade, missing: int, expected: int) -> Grade:
+    """Return the grade of a take without some of the rig's cameras, whose others have this grade."""
+    if is_incomplete(missing, expected):
+        return "poor"
+    return "fair" if grade in ("excellent", "good") else grade
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:

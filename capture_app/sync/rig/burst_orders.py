@@ -213,7 +213,8 @@ class Orders:
                 if member.lost or now_ns >= burst.give_up_ns:
                     self._close(number, burst, client)
                     if not burst.cancels and not burst.again:
-                        refused.append(BurstAnswered(member.name, number, member.lost or NO_ANSWER))
+                        why = member.lost or NO_ANSWER
+                        refused.append(BurstAnswered(member.name, number, why, is_silent=True))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:

@@ -119,6 +119,8 @@ class BurstAnswered:
     """Number of the burst."""
     refusal: str = ""
     """Reason given by the client, or that it was lost or silent; empty if it accepted."""
+    is_silent: bool = False
+    """Whether it has not answered: it may have the burst all the same."""
 
 
 LeaderEvent = NodeChanged | BurstAnswered

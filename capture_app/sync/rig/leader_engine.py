@@ -21,7 +21,7 @@ from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.relay_summary import RelaySummary
 from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
-from capture_app.sync.rig.roster import Member, Roster, camera_phases
+from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
 from capture_app.sync.wire.codec import (
@@ -301,7 +301,7 @@ class Leader:
                     self._events.append(answer)
             case Goodbye():
                 self._pass_up(member, message, now_ns)
-                self._note_lost(self.roster.mark_lost(member, "it left"))
+                self._note_lost(self.roster.mark_lost(member, LEFT))
 
     def _sender(
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
@@ -329,7 +329,7 @@ class Leader:
 
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         if message.report.state is NodeState.LOST:
-            event = self.roster.mark_lost(member, message.report.message or "it left")
+            event = self.roster.mark_lost(member, message.report.message or LEFT)
             self._note_lost(event if member.is_confirmed else self.roster.forget(member))
             return
         is_new = self._pass_up(member, message, now_ns)

@@ -35,6 +35,8 @@ MAX_CLIENTS = 32_000
 """Maximum number of a leader's clients; the largest simulated rig has 20,000 nodes."""
 MAX_CAMERAS_PER_MACHINE = 100
 """Maximum number of names per machine, so that one machine cannot exhaust the roster."""
+LEFT = "it left"
+"""Reason of a member that has signed off, and is not missed."""
 MAX_BELOW_RELAY = 1000
 """Maximum number of clients that one paired relay introduces."""
 

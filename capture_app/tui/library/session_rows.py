@@ -20,7 +20,7 @@ from capture_app.common.names import natural_order
 from capture_app.common.text import count, duration, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import grade_of, is_incomplete
+from capture_app.session.reading.verdict import grade_of, grade_of_part, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
@@ -181,8 +181,11 @@ def _notes(card: SessionCard) -> Iterator[Content]:
         return
     what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
     yield Content.styled(what, "$foreground-muted")
+    if card.absent:
+        yield Content.styled(f"! {printable(card.absent)}", "$warning")
     if card.missing:
-        yield Content.styled(f"! {count(card.missing, 'image')} missing", "$warning")
+        state = ("◔", "arriving", "$primary") if card.arriving else ("!", "missing", "$warning")
+        yield Content.styled(f"{state[0]} {count(card.missing, 'image')} {state[1]}", state[2])
     if card.late:
         yield Content.styled(f"! {card.late} late", "$warning")
     if card.note:
@@ -200,7 +203,7 @@ def scatter_of(card: SessionCard) -> Content:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
         )
-    if is_incomplete(card.missing, card.images + card.missing):
+    if not card.arriving and is_incomplete(card.missing, card.images + card.missing):
         sign = GRADES["poor"]
         return Content.assemble(
             (str(sign), f"bold {sign.style}"),
@@ -208,6 +211,7 @@ def scatter_of(card: SessionCard) -> Content:
         )
     error_ns = None if card.uncertainty_ns is None else 2 * card.uncertainty_ns
     grade, _ = grade_of(card.spread_ns, error_ns)
+    grade = grade_of_part(grade, 0, 1) if card.absent else grade
     sign = GRADES[grade]
     if error_ns is None:
         return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")

@@ -335,7 +335,8 @@ class ShootView(ModeView):
             take = Take(status, is_new=not status.done or plan is not None, begun_s=self._record.clock())
             self.takes = [*self.takes, take][-MAX_TAKES:]
         take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
-        if not was_done:
+        # A saved take that is not done is open again: its missing images arrive.
+        if not was_done or (status.session is not None and not status.done):
             take.status, take.problem = status, ""
             if status.done:
                 self._judge(take)

@@ -142,7 +142,7 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
 
 def _in_full(take: Take, now_s: float) -> Iterator[Content]:
     status = take.status
-    if take.sheet is not None:
+    if take.sheet is not None and status.done:
         yield _short_verdict(take.sheet.verdict)
         if take.sheet.verdict.stamps:
             yield Content.styled("! timestamps not measured", "$warning")
@@ -156,7 +156,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
         yield Content(f"{status.received} of {status.expected} images")
     else:
         yield Content.styled("✖ no session", "$error")
-    if status.message and take.sheet is None and (status.done or status.received):
+    if status.message and (not status.done or take.sheet is None) and (status.done or status.received):
         yield Content.styled(printable(status.message), "$warning")
     whole = status.done and all(one.received >= one.expected for one in status.transfer)
     begun = status.done or any(one.received or one.problem for one in status.transfer)
@@ -169,7 +169,7 @@ def _in_short(take: Take, now_s: float) -> Content:
     name = f"{printable(take.status.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
-    if take.sheet is None:
+    if take.sheet is None or not take.status.done:
         saved = "saved" if take.status.session else "no session"
         state = saved if take.status.done else progress_words(take, now_s)
         return Content.assemble(name, (state, "$foreground-muted"))

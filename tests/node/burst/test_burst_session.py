@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import create_numbered
 from capture_app.session.format.manifest import MissingImage
@@ -110,16 +110,23 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("short_timeout", "piece_bytes", "comes"),
-    [(False, 1 << 18, True), (True, 1 << 18, True), (False, 1, False)],
+    ("short_timeout", "bytes_per_s", "comes"),
+    [
+        (False, MIN_UPLOAD_BYTES_PER_S, True),
+        (True, MIN_UPLOAD_BYTES_PER_S, True),
+        (False, MIN_UPLOAD_BYTES_PER_S // 2, False),
+    ],
 )
 async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
-    tmp_path: Path, short_timeout: bool, piece_bytes: int, comes: bool
+    tmp_path: Path, short_timeout: bool, bytes_per_s: int, comes: bool
 ) -> None:
     session = burst_session(tmp_path, "a", short_timeouts=("a",) if short_timeout else ())
     session.stream_opened("a")
     began_ns = now_ns = 5_000_000_000
-    await session.accept_report(report("a", 0), now_ns)
+    gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
+    await session.accept_report(report("a", 0, missing=(gap,)), now_ns)
+    step_ns = (CAMERA_DISCONNECTED_NS if short_timeout else CAMERA_STALLED_NS) // 2
+    piece_bytes = bytes_per_s * step_ns // 10**9
     image = bytes(8 * piece_bytes)
     # Its heartbeats may be lost where its images take all of the link.
     lost = {"a": "lost: silent for 2 s"} if short_timeout else {}
@@ -128,7 +135,7 @@ async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
         nonlocal now_ns
         for begin in range(0, len(image), piece_bytes):
             yield image[begin : begin + piece_bytes]
-            now_ns += (CAMERA_DISCONNECTED_NS if short_timeout else CAMERA_STALLED_NS) // 2
+            now_ns += step_ns
             await session.give_up_silent_cameras(lost, now_ns)
 
     sent = upload("a", 0)

@@ -9,6 +9,7 @@ import pytest
 
 from capture_app.common.errors import DiskFullError, SimulshotError
 from capture_app.node.burst.intake import Intake
+from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
@@ -105,6 +106,7 @@ async def test_whose_pictures_are_waited_for_is_told_a_second_after_the_last_ins
     assert session.status.message == ""
     await session.give_up_silent_cameras({}, last_ns + S)
     assert session.status.message == "waiting for images of a, cam03"
-    await session.accept_report(report("a"), now_ns=0)
+    gaps = (MissingImage(camera="a", instant=n, reason="its lens is covered") for n in range(2))
+    await session.accept_report(report("a", missing=tuple(gaps)), now_ns=0)
     assert session.status.message == "waiting for images of cam03"
     await session.suspend()

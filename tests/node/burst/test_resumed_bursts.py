@@ -2,10 +2,13 @@
 
 import asyncio
 import hashlib
+import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import cv2
 import msgspec
+import numpy as np
 import pytest
 
 from capture_app.common.address import Address
@@ -17,9 +20,20 @@ from capture_app.node.leader.readiness import check_room
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.rig.repair import repair
+from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.node.bursts import DISK, IMAGE, LEADER, burst_session, pieces, receive_image, report, upload
+from tests.node.bursts import (
+    CAMERA,
+    DISK,
+    IMAGE,
+    LEADER,
+    burst_session,
+    pieces,
+    receive_image,
+    report,
+    upload,
+)
 
 
 async def begun_session(root: Path, *names: str) -> BurstSession:
@@ -114,6 +128,31 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
     assert lies(opened) == []
     assert len(opened.manifest.images) == 1
     assert all("no node sent it" in gap.reason for gap in opened.manifest.missing)
+
+
+async def test_repair_says_who_may_still_have_missing_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jpeg = cv2.imencode(".jpg", np.zeros((CAMERA.height, CAMERA.width), np.uint8))[1].tobytes()
+    monkeypatch.setattr("tests.node.bursts.IMAGE", jpeg)
+    session = await begun_session(tmp_path, "a", "b", "c")
+    gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame", dropped=True)
+    await session.accept_report(report("a", 0, missing=(gap,)), 0)
+    await receive_image(session, upload("a", 0), pieces(jpeg))
+    await session.accept_report(report("c", 0, 1), 0)
+    await session.finish_now("it sent nothing for 180 s")
+    with socket.create_server(("127.0.0.1", 0)) as running:
+        address = Address("127.0.0.1", running.getsockname()[1])
+        (result,) = await repair(tmp_path, wait_s=9, address=address, log=Log())
+    assert (result.ok, result.changed, result.missing) == (True, False, 5)
+    assert result.awaited == f"the leader that runs at {address} adds what b, c may still have"
+    for name in ("b", "c"):
+        late = await ResumedBursts(tmp_path, lambda _: None, DISK).reopen(report(name, 0, 1), 0)
+        await late.accept_report(report(name, 0, 1), 0)
+        for instant in (0, 1):
+            await receive_image(late, upload(name, instant), pieces(jpeg))
+    (result,) = await repair(tmp_path, wait_s=9, address=address, log=Log())
+    assert (result.awaited, result.missing) == ("", 1), "no node is asked for a frame that was dropped"
 
 
 def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:

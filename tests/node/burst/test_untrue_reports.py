@@ -1,5 +1,6 @@
 """A camera whose report is invalid, about others or endless is left out; the others' burst is whole."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_STALLED_NS
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
 from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.readiness import expected_image_bytes
@@ -107,6 +108,8 @@ OF_B = MissingImage(camera="b", instant=1, reason="its lens is covered", dropped
     "plan",
     [
         {"missing": (OF_B,)},
+        {"instants": ()},
+        {"instants": (0,)},
         {"instants": (0, 0)},
         {"instants": (0, 1), "missing": (MissingImage(camera="a", instant=1, reason=""),)},
         {"instants": (0, 9)},
@@ -115,7 +118,18 @@ OF_B = MissingImage(camera="b", instant=1, reason="its lens is covered", dropped
         {"missing_runs": (MissingRun(first=0, count=1, reason=""),)},
         {"calibration": LENS},
     ],
-    ids=["another's", "twice", "both", "not ordered", "picking", "picked", "runs", "lens"],
+    ids=[
+        "another's",
+        "nothing",
+        "too little",
+        "twice",
+        "both",
+        "not ordered",
+        "picking",
+        "picked",
+        "runs",
+        "lens",
+    ],
 )
 async def test_a_report_that_cannot_be_true_leaves_its_camera_out(
     tmp_path: Path, plan: dict[str, Any]
@@ -132,6 +146,49 @@ async def test_a_report_that_cannot_be_true_leaves_its_camera_out(
     assert [image.camera for image in manifest.images] == ["b", "b"]
     assert {gap.camera for gap in manifest.missing} == {"a"}
     assert not any(gap.dropped for gap in manifest.missing)
+
+
+async def test_a_report_that_says_nothing_again_and_again_holds_up_no_burst(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b", spare=2)
+    session.stream_opened("a")
+    session.stream_opened("b")
+    ends_ns, now_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS, 0
+    assert (await session.accept_report(report("b", 0, 1), ends_ns)).undecided
+    while not session.finished.is_set():
+        assert now_ns < ends_ns + CAMERA_STALLED_NS, "it never ends"
+        now_ns += 5_000_000_000
+        with suppress(BadInputError):
+            await session.accept_report(report("a"), now_ns)
+        if not (await session.accept_report(report("b", 0, 1), now_ns)).undecided:
+            for instant in (0, 1):
+                await receive_image(session, upload("b", instant), pieces(IMAGE), now_ns)
+        await session.give_up_silent_cameras({}, now_ns)
+    assert session.session is not None
+    manifest = Session.open(session.session).manifest
+    assert [image.camera for image in manifest.images] == ["b", "b"]
+    assert {gap.reason for gap in manifest.missing} == {
+        "a sent an invalid report of burst 1: it leaves out 2 of 2 instants"
+    }
+
+
+async def test_a_report_that_stays_without_its_spare_instants_holds_up_no_burst(tmp_path: Path) -> None:
+    """A node that was started again never selects them, and another camera dropped an earlier frame."""
+    session = burst_session(tmp_path, "a", "b", spare=2)
+    session.stream_opened("a")
+    session.stream_opened("b")
+    ends_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+    gap = MissingImage(camera="b", instant=1, reason="the camera dropped the frame", dropped=True)
+    told = report("a", 0, 1), report("b", 0, 2, 3, missing=(gap,))
+    for now_ns in range(ends_ns, ends_ns + CAMERA_DISCONNECTED_NS, 2_000_000_000):
+        assert all([(await session.accept_report(of, now_ns)).undecided for of in told])
+        await session.give_up_silent_cameras({}, now_ns)
+    await session.give_up_silent_cameras({}, ends_ns + CAMERA_DISCONNECTED_NS)
+    answers = [await session.accept_report(of, ends_ns + CAMERA_DISCONNECTED_NS) for of in told]
+    assert [answer.requested for answer in answers] == [(0, 1), (0, 1)]
+    for name, instant in (("a", 0), ("a", 1), ("b", 0)):
+        await receive_image(session, upload(name, instant), pieces(IMAGE))
+    assert session.session is not None
+    assert [(of.camera, of.instant) for of in Session.open(session.session).manifest.missing] == [("b", 1)]
 
 
 async def test_events_are_in_the_name_of_their_sender(tmp_path: Path) -> None:

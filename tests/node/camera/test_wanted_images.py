@@ -4,8 +4,11 @@ import asyncio
 import threading
 from pathlib import Path
 
+import pytest
+from msgspec.structs import replace
+
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool
+from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
@@ -118,6 +121,66 @@ async def test_a_burst_that_was_cancelled_while_the_node_was_away_is_deleted(tmp
         uploader.add_burst(burst_upload(*pictures(1)))
         await until(lambda: any("was cancelled" in line for line in said))
         await until(lambda: not list((tmp_path / "a").iterdir()))
+
+
+def numbered(burst: int, *shown: Picture) -> BurstUpload:
+    upload = burst_upload(*shown)
+    upload.report = replace(upload.report, burst=burst)
+    return upload
+
+
+@pytest.mark.parametrize(
+    "not_yet",
+    [ReportAck(undecided=True), Refusal(what="the leader's disk is full", retry=True)],
+    ids=["undecided", "refused for now"],
+)
+async def test_the_next_burst_does_not_wait_for_one_that_the_leader_cannot_take_yet(
+    not_yet: ReportAck | Refusal,
+) -> None:
+    sent: list[int] = []
+    may_come = asyncio.Event()
+
+    def answer(report: CameraReport) -> ReportAck | Refusal:
+        return ReportAck() if report.burst > 1 or may_come.is_set() else not_yet
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, _ in images(channel, answer):
+            sent.append(image.burst)
+
+    async with uploading(serve, []) as uploader:
+        for number in (1, 2, 3):
+            uploader.add_burst(numbered(number, *pictures(2)))
+        await until(lambda: sent == [2, 2, 3, 3])
+        may_come.set()
+        await until(lambda: sent == [2, 2, 3, 3, 1, 1])
+
+
+async def test_the_leader_hears_of_every_burst_before_it_receives_further_images() -> None:
+    came: list[tuple[str, int]] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await received_from(channel)) is not None:
+            message, _ = received
+            if isinstance(message, ImageUpload):
+                came.append(("image", message.burst))
+                if len(came) == 4:
+                    uploader.add_burst(numbered(4, *pictures(1)))
+                await channel.send(ImageAck(sha256=message.record.sha256))
+                continue
+            if isinstance(message, CameraReport):
+                came.append(("report", message.burst))
+            await channel.send(ReportAck())
+
+    async with uploading(serve, []) as uploader:
+        slow = SlowPicture(b"the last of the first burst")
+        uploader.add_burst(numbered(1, *pictures(1), slow))
+        for number in (2, 3):
+            uploader.add_burst(numbered(number, *pictures(1)))
+        await until(lambda: ("report", 4) in came)
+        assert came == [*(("report", n) for n in (1, 2, 3)), ("image", 1), ("report", 4)]
+        slow.may_end.set()
+        await until(lambda: len(came) == 9)
+    assert came[5:] == [("image", n) for n in (1, 2, 3, 4)]
 
 
 class SlowPicture(Picture):

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import hashlib
 import random
 import threading
 import weakref
@@ -12,18 +13,31 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    CAMERA_DISCONNECTED_NS,
+    FORGET_LOST_NS,
+    MIN_UPLOAD_BYTES_PER_S,
+)
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.protocol.log import Log
+from capture_app.rig.repair import repair
+from capture_app.session.format.manifest import AbsentCamera
+from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import Verdict, judge
 from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.datagrams import Hello, TimeRequest, Trigger
+from capture_app.sync.wire.codec import FromClient, decode
+from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
 from capture_app.trust.trust import Trust
-from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
+from tests.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
 
@@ -166,6 +180,146 @@ async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path:
         assert await take() < 15
         assert await take(late=True) == 0
         assert 170 < await take() < 200, "it is trusted again"
+    finally:
+        await bursts.close()
+
+
+async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -> None:
+    engine, clock = engine_of("a", "died", "left", "removed"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+
+    async def take() -> BurstSession:
+        session = await bursts.order(BurstOrder(frames=1, spare=0))
+        number = session.burst.number
+        await session.accept_report(replace(report("a", 0), burst=number), clock.shown_ns)
+        await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        await session.finished.wait()
+        return session
+
+    def hear(name: str, message: FromClient) -> None:
+        engine.receive_message(message, (name, 0), clock.shown_ns)
+
+    try:
+        hear("left", Goodbye(engine.roster.members["left"].number))
+        for _ in range(12):
+            clock.shown_ns += 10**9
+            hear("a", TimeRequest(engine.roster.members["a"].number, 0, 0))
+            engine.handle_timer(clock.shown_ns)
+        engine.forget("removed")
+        taken = await take()
+        assert taken.status.message == "without died: lost 12 s before"
+        assert (taken.status.received, taken.status.expected) == (1, 2), "its command does not exit with 0"
+        assert [(of.camera, of.problem) for of in taken.status.transfer] == [
+            ("a", ""), ("died", "lost 12 s before")
+        ]  # fmt: skip
+        manifest = Session.open(taken.folder).manifest
+        assert manifest.burst.absent == (AbsentCamera(name="died", reason="lost 12 s before"),)
+        again = await asyncio.to_thread(BurstSession.resume, taken.folder, clock.shown_ns, DISK)
+        await again.finish_if_complete()
+        assert Session.open(taken.folder).manifest.burst == manifest.burst
+        clock.shown_ns += FORGET_LOST_NS
+        hear("a", Hello("a", 0, CAMERA))
+        hear("a", TimeRequest(engine.roster.members["a"].number, 0, 0))
+        engine.handle_timer(clock.shown_ns)
+        assert (await take()).status.message == "", "it is forgotten"
+    finally:
+        await bursts.close()
+
+
+async def test_images_that_come_late_complete_their_session_in_the_same_run(tmp_path: Path) -> None:
+    engine, clock = engine_of("a", "b"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+
+    def shown(session: BurstSession) -> Verdict:
+        opened = Session.open(session.folder)
+        return judge(opened.manifest, arriving=opened.is_arriving)
+
+    try:
+        session = await bursts.order(BurstOrder(frames=1, spare=0))
+        number = session.burst.number
+        told = {name: replace(report(name, 0), burst=number) for name in ("a", "b")}
+        await session.accept_report(told["a"], clock.shown_ns)
+        await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        clock.shown_ns += 2 * AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS
+        await bursts.give_up_silent_cameras()
+        assert shown(session).grade == "poor", "a camera that is away may never come back"
+        # It has waited for its network, and comes back.
+        late = await bursts.find_session(told["b"], "")
+        assert isinstance(late, BurstSession)
+        late.stream_opened("b")
+        await late.accept_report(told["b"], clock.shown_ns)
+        assert bursts.newest is late
+        status = late.status
+        assert (status.burst, status.received, status.expected, status.done) == (number, 1, 2, False)
+        assert status.message == "1 arriving"
+        assert status.session == str(session.folder), "which is how the screen knows that it is open again"
+        assert shown(session).grade != "poor"
+        assert shown(session).headline.endswith("1 of 2 images, 1 arriving")
+        (card,) = list_sessions(tmp_path)
+        assert (card.missing, card.arriving) == (1, True)
+        (result,) = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
+        assert (result.ok, result.missing) == (True, 1)
+        assert result.awaited == "the leader adds what b may still have"
+        await receive_image(late, replace(upload("b", 0), burst=number), pieces(IMAGE), clock.shown_ns)
+        assert (late.status.done, late.status.message, late.status.received) == (True, "", 2)
+        assert "all 2 images there" in shown(session).headline
+        (card,) = list_sessions(tmp_path)
+        assert (card.missing, card.arriving) == (0, False)
+    finally:
+        await bursts.close()
+
+
+async def test_a_take_that_no_camera_has_confirmed_is_kept_for_their_images(tmp_path: Path) -> None:
+    """The network was away when they answered; they have their frames."""
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        session = await order(bursts, frames=2)
+        bursts.note_answer(BurstAnswered("a", session.burst.number, "silent for 2 s", is_silent=True))
+        await session.finished.wait()
+        late = await bursts.find_session(replace(report("a", 0, 1), burst=session.burst.number), "")
+        assert isinstance(late, BurstSession)
+        assert late.folder == session.folder
+
+
+async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlier_one(tmp_path: Path) -> None:
+    """A slow link: an image takes 40 s, and what stands behind it is neither reported nor given up."""
+    engine, clock = engine_of("a", "b"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+    piece = bytes(MIN_UPLOAD_BYTES_PER_S)
+
+    async def deliver(session: BurstSession, name: str, data: AsyncIterator[bytes], size: int) -> None:
+        number = session.burst.number
+        session.stream_opened(name)
+        await session.accept_report(replace(report(name, 0), burst=number), clock.shown_ns)
+        sent = replace(upload(name, 0), burst=number)
+        sha256 = hashlib.sha256(bytes(size) if size > len(IMAGE) else IMAGE).hexdigest()
+        sent = replace(sent, record=replace(sent.record, bytes=size, sha256=sha256))
+        await receive_image(session, sent, data, clock.shown_ns)
+
+    async def slowly() -> AsyncIterator[bytes]:
+        for _ in range(40):
+            yield piece
+            clock.shown_ns += 10**9
+            await bursts.give_up_silent_cameras()
+
+    try:
+        takes = [await bursts.order(BurstOrder(frames=1, spare=0)) for _ in range(3)]
+        clock.shown_ns += 3 * 10**9
+        for take in takes:
+            await deliver(take, "b", pieces(IMAGE), len(IMAGE))
+        for take in takes:
+            assert not take.finished.is_set(), "it stands in the queue of a camera that is at work"
+            await deliver(take, "a", slowly(), 40 * len(piece))
+            await take.finished.wait()
+        assert [take.status.message for take in takes] == ["", "", ""]
+        silent = await bursts.order(BurstOrder(frames=1, spare=0))
+        clock.shown_ns += 13 * 10**9
+        await deliver(silent, "b", pieces(IMAGE), len(IMAGE))
+        await bursts.give_up_silent_cameras()
+        assert silent.status.message == "1 image missing (a: it sent nothing)", "it is not busy any more"
     finally:
         await bursts.close()
 

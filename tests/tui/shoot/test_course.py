@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace as replace_fields
 from textual.pilot import Pilot
 from textual.widgets import Button
 from textual.widgets._toast import Toast
@@ -15,7 +16,7 @@ from capture_app.common.errors import BadInputError, DiskFullError, IncompleteEr
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
-from capture_app.protocol.status import BurstAhead, BurstStatus
+from capture_app.protocol.status import BurstAhead, BurstStatus, CameraTransfer
 from capture_app.tui.question import Question
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import until
@@ -336,3 +337,35 @@ async def test_a_take_whose_leader_is_lost_goes_on_when_it_is_back(tmp_path: Pat
         rig.tell()
         await until(pilot, lambda: studio.view.takes[0].status.done)
         assert "saved on the leader's machine:\n/elsewhere/burst-001" in studio.view.take_panel.plain
+
+
+async def test_a_saved_take_whose_images_arrive_at_last_is_shown_as_it_is_now(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    path = "/elsewhere/burst-001"
+    parts = {name: CameraTransfer(camera=name, received=2, expected=2) for name in ("cam01", "cam02")}
+    away = replace_fields(parts["cam02"], received=0, problem="it sent nothing")
+    taken = BurstStatus(
+        burst=1, name="burst-001", cameras=2, instants=2, received=2, expected=4, done=True, session=path,
+        message="2 images missing (cam02: it sent nothing)", transfer=(parts["cam01"], away),
+    )  # fmt: skip
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+
+        async def shows(status: BurstStatus, *texts: str) -> None:
+            rig.burst_status = status
+            rig.tell()
+            await until(pilot, lambda: all(text in studio.view.take_panel.plain for text in texts))
+
+        await shows(taken, "2 of 4 images", "cam02    ░░░░░░░░░░ 0/2 ✖ it sent nothing")
+        coming = replace_fields(away, received=1, problem="")
+        arriving = replace_fields(taken, received=3, done=False, transfer=(parts["cam01"], coming))
+        await shows(replace_fields(arriving, message="1 arriving"), "3 of 4 images", "1 arriving", "1/2")
+        assert "saved" not in studio.view.take_panel.plain
+        whole = replace_fields(taken, received=4, message="", transfer=tuple(parts.values()))
+        await shows(whole, "saved on the leader's machine", "4 of 4 images")
+        # A status from before it was saved may come last.
+        rig.burst_status = replace_fields(arriving, session=None)
+        rig.tell()
+        await pilot.pause()
+        assert "4 of 4 images" in studio.view.take_panel.plain

@@ -26,7 +26,7 @@ from capture_app.node.burst.plans import (
     choose_instants,
     instant_range,
     result_text,
-    truth_problem,
+    size_problem,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
@@ -278,7 +278,7 @@ class BurstSession:
             record=replace(upload.record, instant=number, path=image_path(upload.camera, number, suffix)),
         )
         delivery = self._delivery(upload.camera)
-        if problem := truth_problem(upload, delivery.plan.camera.facts):
+        if problem := size_problem(upload, delivery.plan.camera.facts):
             await self.give_up_camera(delivery.name, problem.what)
             raise problem
         if (others := self._intake.find(delivery.name, number)) is not None:

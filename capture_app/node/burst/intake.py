@@ -170,7 +170,7 @@ class Intake:
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._burst.video:
-            data = b"".join([chunk async for chunk in payload])
+            data = b"".join([chunk async for chunk in declared(upload, payload)])
             whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
@@ -186,7 +186,7 @@ class Intake:
                 self._partial[camera] = partial
                 await on_disk(self._disk, partial.open)
             end = upload.offset
-            async for chunk in payload:
+            async for chunk in declared(upload, payload):
                 await on_disk(self._disk, partial.add, chunk)
                 end += len(chunk)
                 arrived[instant] = max(arrived.get(instant, 0), end)
@@ -263,6 +263,15 @@ class Intake:
         """Raise TryAgainError once the burst is over."""
         if self._over.is_set():
             raise TryAgainError(f"burst {self._burst.number} is over")
+
+
+async def declared(upload: ImageUpload, payload: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """Yield a payload as it arrives. Raises NetworkError before the first byte beyond its declared size."""
+    left = upload.record.bytes + upload.truth_bytes - upload.offset
+    async for chunk in payload:
+        if (left := left - len(chunk)) < 0:
+            raise NetworkError(f"{upload.camera} sent more bytes of an image than it declared")
+        yield chunk
 
 
 def known(sha256: str) -> "asyncio.Future[str]":

@@ -27,6 +27,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.trust.trust import Trust
+from tests.images import small_jpeg
 from tests.node.bursts import CAMERA, DISK, IMAGE, INSTANTS_NS, PERIOD_NS, burst_session, report, upload
 from tests.node.enrolment.test_below_relays import relays
 from tests.node.joining import joined
@@ -108,7 +109,7 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
         return save(writer, images, in_videos=in_videos)
 
     monkeypatch.setattr(SessionWriter, "save", slow)
-    frame = bytes(100_000)
+    frame = small_jpeg(bytes(100_000))
     leader.service._memory = MemoryShares(3 * len(frame))
     machine, other = (introduced(tmp_path, trust, name) for name in ("machine", "other"))
     names = [f"mine{n}" for n in range(8)]

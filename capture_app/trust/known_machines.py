@@ -265,13 +265,12 @@ class CameraNames:
         """Whether the file has all changes."""
         return self.owners == self._stored
 
-    def keep(self, owners: dict[str, str] | None = None) -> None:
+    def keep(self) -> None:
         """Store the changes, blocking on the disk. Raises DiskError if that fails; the next call tries again.
 
-        In a thread, give it a copy of the owners, as the leader goes on changing them.
+        It may run in a thread while the leader goes on changing the owners.
         """
-        now = dict(self.owners) if owners is None else owners
-        if now != self._stored:
+        if (now := dict(self.owners)) != self._stored:
             removed = self._stored.keys() - now.keys()
             changed = {name: pin for name, pin in now.items() if self._stored.get(name) != pin}
             self._file.change(lambda all_: {n: p for n, p in all_.items() if n not in removed} | changed)

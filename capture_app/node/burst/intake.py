@@ -105,20 +105,18 @@ class PartialImage:
                 file.truncate(record.bytes)
                 file.seek(0)
                 sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-            if (
+            arrived = (
                 length == record.bytes + upload.truth_bytes
                 and sha256 == record.sha256
                 and upload.truth_sha256 in (None, hashlib.sha256(truth).hexdigest())
-            ):
-                # One at a time, as an image can be as large as a machine's share of memory.
-                with _checking:
-                    wrong = damage(self.file.read_bytes(), size)
-                if not wrong:
-                    return truth
-                self.file.unlink()
-                raise DamagedImageError(f"its image is damaged: {wrong}")
+            )
+            # One at a time in memory, whatever their size.
+            with _checking:
+                wrong = damage(self.file.read_bytes(), size) if arrived else ""
+            if arrived and not wrong:
+                return truth
             self.file.unlink()
-        raise damaged(record)
+        raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
 
 
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:

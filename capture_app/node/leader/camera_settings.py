@@ -50,13 +50,10 @@ class RigSettings:
                 held[control] = Setting(state.value if isinstance(asked, str) else asked, state.unit)
         if held != self._held.get(request.camera, {}):
             self._held[request.camera] = held
+            self._file.parent.mkdir(parents=True, exist_ok=True)
             async with self._writing:
-                await asyncio.to_thread(self._write, msgspec.json.encode(self._held))
+                await asyncio.to_thread(write_atomic, self._file, msgspec.json.encode(self._held))
         return answer
-
-    def _write(self, data: bytes) -> None:
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(self._file, data)
 
     async def give(self, camera: str) -> None:
         """Apply stored settings to a camera that has just joined; log once what it cannot do."""

@@ -162,7 +162,7 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """Store the names' owners off the event loop, with one write for all changes during the last one."""
         while self._names is not None and not self._names.is_stored:
             try:
-                await asyncio.to_thread(self._names.keep, dict(self._names.owners))
+                await asyncio.to_thread(self._names.keep)
             except SimulshotError as error:
                 self.log.say_of_disk(None, str(error))
                 return

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image
+from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image, is_whole_jpeg
 
 if TYPE_CHECKING:
     import numpy as np
@@ -151,7 +151,7 @@ def _raw_pixels(data: bytes, layout: PixelFormat, min_width: int | None) -> "NDA
 def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | PixelPicture | None:
     """Return the image in a buffer's bytes; None if the bytes cannot be an image of that format."""
     if layout.fourcc in ("MJPG", "JPEG"):
-        return JpegPicture(data) if data.startswith(JPEG_BEGIN) else None
+        return JpegPicture(data) if data.startswith(JPEG_BEGIN) and is_whole_jpeg(data) else None
     return raw_picture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
 
 

@@ -87,6 +87,10 @@ class TryAgainError(BadInputError):
     """Temporary failure that a later attempt may not meet: a session in use, an image damaged in transit."""
 
 
+class DamagedImageError(BadInputError):
+    """Image that was damaged before it was sent: the sending node reports it as missing."""
+
+
 class CancelledBurstError(BadInputError):
     """Images of a cancelled burst: the sending node may delete them."""
 

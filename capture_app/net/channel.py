@@ -161,6 +161,11 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
         self._reader, self._writer = reader, writer
         self._decoder, self._stream_timeouts = decoder, stream_timeouts
 
+    @property
+    def machine(self) -> str:
+        """Machine at the other end, whose streams share its limits: its pin; in an open rig its host."""
+        return self.who.via or self.who.pin or self.peer.host
+
     async def identify(self, trust: Trust) -> None:
         """Start TLS on an accepted stream, identify the peer and greet it. Raises OSError where that fails.
 

@@ -75,7 +75,7 @@ class KeyRequester:
             self._keys.hold(leader, answer.grant)
             self._pump.turn()
             if self._succession is None or self._succession.leader == leader:
-                self._trust.take_trust_of(channel.who, answer.machines, answer.names)
+                await asyncio.to_thread(self._trust.take_trust_of, channel.who, answer.machines, answer.names)
         except SimulshotError as error:
             # Reachability of the leader is checked elsewhere.
             if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):

@@ -235,7 +235,10 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
                     await above.send(
                         SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
                     )
-                await above.send(message, b"".join([chunk async for chunk in below.payload()]))
+                # No first message of a stream has a payload; it is read, and not kept.
+                async for _ in below.payload():
+                    pass
+                await above.send(message)
                 await below.relay(above)
         finally:
             self._upstream_channels.discard(above)

@@ -91,7 +91,7 @@ class KnownMachines:
             folder / FILE, tuple[KnownMachine, ...], (), "delete it, and pair the machines again"
         )
         self._seen: tuple[int, int, int] | None = None
-        self._machines: tuple[KnownMachine, ...] = ()
+        self._by_pin: dict[str, KnownMachine] = {}
         self.version = 0
         """Number of changes noticed."""
 
@@ -101,23 +101,27 @@ class KnownMachines:
         Raises BadInputError for a damaged file, DiskError for an unreadable one. If the file becomes damaged
         or unreadable later, the machines read before remain.
         """
+        self._refresh()
+        return tuple(self._by_pin.values())
+
+    def find(self, pin: str) -> KnownMachine | None:
+        """Return the machine with a pin, or None. Raises as `all` does."""
+        self._refresh()
+        return self._by_pin.get(pin)
+
+    def _refresh(self) -> None:
         seen = None
         with suppress(OSError):
             state = self._file.path.stat()
             seen = state.st_ino, state.st_mtime_ns, state.st_size
         if seen != self._seen:
             try:
-                self._machines = self._file.read() if seen is not None else ()
+                self._by_pin = {one.pin: one for one in (self._file.read() if seen is not None else ())}
             except SimulshotError:
                 if self._seen is None:
                     raise
             self._seen = seen
             self.version += 1
-        return self._machines
-
-    def find(self, pin: str) -> KnownMachine | None:
-        """Return the machine with a pin, or None."""
-        return next((machine for machine in self.all() if machine.pin == pin), None)
 
     def add(
         self,
@@ -256,10 +260,18 @@ class CameraNames:
         """Pin of the machine of each name; the leader changes it, and `keep` stores it."""
         self._stored = dict(self.owners)
 
+    @property
+    def is_stored(self) -> bool:
+        """Whether the file has all changes."""
+        return self.owners == self._stored
+
     def keep(self) -> None:
-        """Store the changes. Raises DiskError if that fails; the next call tries again."""
-        if self.owners != self._stored:
-            removed = self._stored.keys() - self.owners.keys()
-            changed = {name: pin for name, pin in self.owners.items() if self._stored.get(name) != pin}
+        """Store the changes, blocking on the disk. Raises DiskError if that fails; the next call tries again.
+
+        It may run in a thread while the leader goes on changing the owners.
+        """
+        if (now := dict(self.owners)) != self._stored:
+            removed = self._stored.keys() - now.keys()
+            changed = {name: pin for name, pin in now.items() if self._stored.get(name) != pin}
             self._file.change(lambda all_: {n: p for n, p in all_.items() if n not in removed} | changed)
-            self._stored = dict(self.owners)
+            self._stored = now

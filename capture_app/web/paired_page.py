@@ -36,6 +36,10 @@ from capture_app.web.own_page import only_own_page
 MAX_UNKNOWN = 128
 """Max number of open connections without an admitted device; the oldest in excess are closed."""
 MAX_GREETED = 64
+MAX_LINKS_PER_DEVICE = 8
+"""Maximum number of links of an admitted device, one for each open page; the oldest in excess is closed."""
+BAD_PAGE = 1003
+"""Code that closes a link whose page must not connect again by itself."""
 LOOK_EVERY_S = 0.5
 HEARTBEAT_S = 5.0
 CLOSE_S = 2.0
@@ -193,7 +197,8 @@ class PairedPage(ABC):
         self._files = {path.name.removeprefix("index.html"): path for path in folder.iterdir()}
         self._values = values
         self._door = Door()
-        self._links: set[PageLink] = set()
+        self._links: dict[PageLink, None] = {}
+        """Open links, oldest first."""
 
     @abstractmethod
     async def serve_link(self, link: PageLink) -> None:
@@ -262,7 +267,10 @@ class PairedPage(ABC):
         assert isinstance(request.protocol, _Connection)
         link = PageLink(admitted, socket_, request.protocol)
         link.reading = asyncio.create_task(self.serve_link(link))
-        self._links.add(link)
+        self._links[link] = None
+        own = [one for one in self._links if one.admitted == admitted]
+        for oldest in own[:-MAX_LINKS_PER_DEVICE]:
+            oldest.end(BAD_PAGE, b"Too many pages of this device are open: close some.")
         self._door.trusted.add(request.transport)
         try:
             await link.reading
@@ -270,9 +278,9 @@ class PairedPage(ABC):
             if not link.close_code:
                 raise
         except (*UNREADABLE, ValueError, TimeoutError):
-            link.end(1003, b"This page is of another version: load it again.")
+            link.end(BAD_PAGE, b"This page is of another version: load it again.")
         finally:
-            self._links.discard(link)
+            self._links.pop(link, None)
         if link.close_code:
             await socket_.close(code=link.close_code, message=link.close_reason)
         return socket_

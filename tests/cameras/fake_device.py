@@ -9,11 +9,12 @@ from fractions import Fraction
 from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice
+from tests.images import small_jpeg
 
 MJPG = PixelFormat("MJPG", 640, 480, 0)
 PERIOD_NS = 33_333_333
 START_OF_EXPOSURE = v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC | v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE
-JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
+JPEG = small_jpeg(b"any bytes a camera calls pixels")
 
 
 def rates(*fps: int) -> tuple[tuple[Fraction, Fraction], ...]:

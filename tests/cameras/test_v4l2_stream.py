@@ -110,8 +110,9 @@ async def test_damaged_frames_are_gaps_and_their_buffers_go_back(bench: Bench) -
     bench.device.deliver(2, data=b"not a JPEG")
     assert (await bench.frame()).sequence == 0
     await until(lambda: len(bench.device.queued) == 3)
-    bench.device.deliver(3)
-    assert (await bench.frame()).sequence == 3
+    bench.device.deliver(3, data=JPEG[:-2])
+    bench.device.deliver(4, data=JPEG + bytes(100))
+    assert (await bench.frame()).sequence == 4, "some cameras fill up their buffers"
 
 
 async def test_automatic_exposure_is_not_claimed_to_be_known() -> None:

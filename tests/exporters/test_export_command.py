@@ -13,8 +13,10 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.common.plugins import plugin_names
+from capture_app.session.exporting import exported_burst
 from capture_app.session.exporting.exporter import GROUP, load_exporters
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
+from capture_app.session.reading.decoding import Size, decode_image, size_of
 from tests.exporters.conftest import Make, encode, picture
 from tests.session.conftest import edit_manifest
 
@@ -114,7 +116,17 @@ def test_missing_and_changed_images(make: Make, refuses: Callable[..., None], na
 
 
 @pytest.mark.parametrize("name", BY_FORMAT)
-def test_images_that_lie_about_themselves(make: Make, refuses: Callable[..., None], name: str) -> None:
+def test_images_that_lie_about_themselves(
+    make: Make, refuses: Callable[..., None], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their headers suffice: one of 16384x16384 px took 1.6 GB before it was refused."""
+    decoded: list[Size | None] = []
+
+    def noted(data: bytes, **options: Any) -> Any:
+        decoded.append(size_of(data))
+        return decode_image(data, **options)
+
+    monkeypatch.setattr(exported_burst, "decode_image", noted)
     session = make(sizes={"right": (80, 64)}, missing=(), substitutes={})
 
     def claim(content: dict[str, Any]) -> None:
@@ -125,6 +137,7 @@ def test_images_that_lie_about_themselves(make: Make, refuses: Callable[..., Non
     calibration = session.folder / "calibration.json"
     calibration.write_text(calibration.read_text().replace('"width": 80', '"width": 96'))
     refuses(session.folder, ExitCode.BAD_INPUT, "is 80x64 pixels; right takes 96x64", name)
+    assert (80, 64) not in decoded
 
 
 def test_what_does_not_decode(make: Make, refuses: Callable[..., None]) -> None:

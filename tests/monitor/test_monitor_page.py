@@ -6,6 +6,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 
+from capture_app.web.paired_page import MAX_LINKS_PER_DEVICE
 from tests.monitor.served import ServedMonitor, StandInMonitor, monitored
 from tests.waiting import SLOW_PATIENCE_S, time_limit
 
@@ -78,6 +79,27 @@ async def test_an_order_that_cannot_be_is_answered_and_nonsense_ends_the_link(se
             while (await monitor.link.receive()).type is not aiohttp.WSMsgType.CLOSE:
                 pass
         assert monitor.link.close_code == 1003
+
+
+async def test_a_device_has_few_links_however_many_it_opens(served: ServedMonitor) -> None:
+    """One admitted monitor opened as many as it liked, each of which follows the rig."""
+    async with StandInMonitor(served.page) as monitor, StandInMonitor(served.page, "1" * 32) as other:
+        await other.open()
+        links = []
+        for _ in range(MAX_LINKS_PER_DEVICE + 2):
+            await monitor.open()
+            links.append(monitor.link)
+        for link in links[:2]:
+            async with time_limit("the end of the oldest links"):
+                while (closed := await link.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                    pass
+            assert (closed.data, closed.extra) == (
+                1003,
+                "Too many pages of this device are open: close some.",
+            )
+        for link in (*links[2:], other.link):
+            monitor.link = link
+            await monitor.hear()
 
 
 @pytest.mark.slow

@@ -14,13 +14,14 @@ from capture_app.session.format.manifest import CameraRecord, ImageRecord, Missi
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
+from tests.images import small_jpeg
 
 PERIOD_NS = 33_333_333
 INSTANTS_NS = (1_000_000_000, 1_033_333_333)
 LEADER = 77
 DISK = disk_threads()
 CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
-IMAGE = b"a picture of some length"
+IMAGE = small_jpeg(b"a picture of some length")
 
 
 def burst_session(

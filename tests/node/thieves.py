@@ -19,8 +19,9 @@ from capture_app.sync.wire.datagrams import Hello, JoinRefusal, TimeRequest, Wel
 from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
+from tests.images import small_jpeg
 
-FORGERY = b"a picture that the thief has made"
+FORGERY = small_jpeg(b"a picture that the thief has made")
 
 
 async def ask(channel: Channel[Any], message: Any, *payload: bytes) -> Any:

@@ -46,7 +46,7 @@ RARE = {
     "near_ns": 0,
 }
 """Intervals of the exchanges between a node and its leader."""
-MAX_WAIT_S = 420.0
+MAX_WAIT_S = 330.0
 """Time after everything is healed within which every burst has ended and every spool is empty."""
 RESTART_S = 2.0
 """Time after which a process that ended by itself is started again."""

@@ -16,7 +16,7 @@ from capture_app.session.format.journal import frame_of_line
 from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord
 from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.recording_sources import Source, Video
-from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image
+from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image, is_whole_jpeg
 from capture_app.session.reading.reader import Session
 
 KIND = "replay"
@@ -238,6 +238,6 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
 def _jpeg(data: bytes) -> JpegPicture | None:
     """Return an image as JPEG: unchanged if it is one, else encoded again."""
     if data.startswith(JPEG_BEGIN):
-        return JpegPicture(data)
+        return JpegPicture(data) if is_whole_jpeg(data) else None
     image = decode_image(data, colour=True)
     return None if image is None else JpegPicture(encode_image(image))

@@ -11,7 +11,13 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.common.camera_facts import CameraFacts
-from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError
+from capture_app.common.errors import (
+    BadInputError,
+    DamagedImageError,
+    DiskError,
+    DiskFullError,
+    SimulshotError,
+)
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS
@@ -28,7 +34,7 @@ from capture_app.node.burst.plans import (
     instant_range,
     result_text,
     settled,
-    truth_problem,
+    size_problem,
 )
 from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
@@ -290,25 +296,31 @@ class BurstSession:
         """Receive an image as it arrives; the returned future yields its checksum once it is on disk.
 
         If the stream breaks off with NetworkError, the part received so far stays. Raises BadInputError,
-        TryAgainError for a damaged image, DiskFullError, as does the future; a full disk ends the burst.
+        TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
+        full disk ends the burst.
         """
         self._intake.check_open()
         if self.burst.streamed and upload.record.instant >= self.burst.frames:
             # The node learned late that the burst ends earlier.
             return known(upload.record.sha256)
-        number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
+        instant = upload.record.instant
+        number, suffix = self._choice.number(instant), check_image_path(upload.record)
         upload = replace(
             upload,
             record=replace(upload.record, instant=number, path=image_path(upload.camera, number, suffix)),
         )
         delivery = self._delivery(upload.camera)
-        if problem := truth_problem(upload, delivery.plan.camera.facts):
+        if problem := size_problem(upload, delivery.plan.camera.facts):
             await self.give_up_camera(delivery.name, problem.what)
             raise problem
         if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:
-            saving = await self._intake.receive(upload, payload)
+            facts = delivery.plan.camera.facts
+            saving = await self._intake.receive(upload, payload, (facts.width, facts.height))
+        except DamagedImageError as error:
+            delivery.note_damaged(instant, error.what)
+            raise
         except DiskError as error:
             self._background.start(self._break_off(error))
             raise
@@ -431,6 +443,8 @@ class BurstSession:
                 reason := delivery.why_silent(lost, now_ns, self._ends_ns)
             ):
                 await self.give_up_camera(name, reason, silent=True)
+        # A camera may have sent a damaged image last, and no report since.
+        await self.finish_if_complete()
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
         """Finish now, with the images received so far; `reason` is recorded with the missing ones.

@@ -120,6 +120,13 @@ class CameraDelivery:
         self.plan = replace(plan, reported=True)
         self.given_up, self.silent = "", False
 
+    def note_damaged(self, instant: int, reason: str) -> None:
+        """Record an image that arrived damaged as missing, by its instant as ordered."""
+        gap = MissingImage(camera=self.name, instant=instant, reason=reason)
+        instants = tuple(other for other in self.plan.instants if other != instant)
+        missing = tuple(other for other in self.plan.missing if other.instant != instant)
+        self.plan = replace(self.plan, instants=instants, missing=(*missing, gap))
+
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
         """Return receipts of its images, complete or partial, numbered as ordered. Blocks on the disk.
 

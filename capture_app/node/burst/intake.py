@@ -12,12 +12,13 @@ from itertools import islice
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from capture_app.common.errors import NetworkError, TryAgainError
+from capture_app.common.errors import DamagedImageError, NetworkError, TryAgainError
 from capture_app.common.names import is_name
 from capture_app.protocol.messages import ImageReceipt, ImageUpload
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import PART
 from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.reading.decoding import Size, damage
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
@@ -30,6 +31,7 @@ MAX_BATCH = 128
 MAX_WAITING_TRUTH_BYTES = 1 << 20
 """Larger ground truth does not wait for the disk in memory: its camera's next image waits."""
 
+_checking = threading.Lock()
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -87,10 +89,11 @@ class PartialImage:
                 os.close(self._handle)
                 self._handle = -1
 
-    def split_off_truth(self) -> bytes:
+    def split_off_truth(self, size: Size) -> bytes:
         """Truncate the file to the image, verify both, and return the ground truth.
 
-        Raises TryAgainError, and deletes the file, where it does not match the upload's header; DiskError.
+        `size` is that of the camera's images, px. Raises TryAgainError where the file does not match the
+        upload's header, DamagedImageError for another size or a cut image, and deletes it; DiskError.
         """
         self.close()
         upload, record = self.upload, self.upload.record
@@ -102,14 +105,18 @@ class PartialImage:
                 file.truncate(record.bytes)
                 file.seek(0)
                 sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-            if (
+            arrived = (
                 length == record.bytes + upload.truth_bytes
                 and sha256 == record.sha256
                 and upload.truth_sha256 in (None, hashlib.sha256(truth).hexdigest())
-            ):
+            )
+            # One at a time in memory, whatever their size.
+            with _checking:
+                wrong = damage(self.file.read_bytes(), size) if arrived else ""
+            if arrived and not wrong:
                 return truth
             self.file.unlink()
-        raise damaged(record)
+        raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
 
 
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
@@ -162,18 +169,23 @@ class Intake:
         """Return the mean size in bytes of each camera's received images with their ground truth."""
         return {camera: sum(sizes.values()) // len(sizes) for camera, sizes in self._arrived.items() if sizes}
 
-    async def receive(self, upload: ImageUpload, payload: AsyncIterator[bytes]) -> "asyncio.Future[str]":
+    async def receive(
+        self, upload: ImageUpload, payload: AsyncIterator[bytes], size: Size
+    ) -> "asyncio.Future[str]":
         """Receive an image as it arrives and save it, unless another upload of it was faster: see `add`.
 
-        If the stream breaks off with NetworkError, the part received so far stays. Raises TryAgainError for a
-        damaged image or once the burst is over, DiskError.
+        `size` is that of the camera's images, px. If the stream breaks off with NetworkError, the part
+        received so far stays. Raises TryAgainError for an image damaged on its way or once the burst is over,
+        DamagedImageError for one that was damaged before, DiskError.
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._burst.video:
-            data = b"".join([chunk async for chunk in payload])
+            data = b"".join([chunk async for chunk in declared(upload, payload)])
             whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
+            if wrong := damage(data, size):
+                raise DamagedImageError(f"its image is damaged: {wrong}")
             async with self._writing[camera]:
                 self.check_open()
                 return self.find(camera, instant) or self.add(
@@ -186,7 +198,7 @@ class Intake:
                 self._partial[camera] = partial
                 await on_disk(self._disk, partial.open)
             end = upload.offset
-            async for chunk in payload:
+            async for chunk in declared(upload, payload):
                 await on_disk(self._disk, partial.add, chunk)
                 end += len(chunk)
                 arrived[instant] = max(arrived.get(instant, 0), end)
@@ -194,7 +206,7 @@ class Intake:
             self.check_open()
             if (others := self.find(camera, instant)) is not None:
                 return others
-            truth = await on_disk(self._disk, partial.split_off_truth)
+            truth = await on_disk(self._disk, partial.split_off_truth, size)
             saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))
             if len(truth) > MAX_WAITING_TRUTH_BYTES:
                 await asyncio.wait([saving])
@@ -263,6 +275,15 @@ class Intake:
         """Raise TryAgainError once the burst is over."""
         if self._over.is_set():
             raise TryAgainError(f"burst {self._burst.number} is over")
+
+
+async def declared(upload: ImageUpload, payload: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """Yield a payload as it arrives. Raises NetworkError before the first byte beyond its declared size."""
+    left = upload.record.bytes + upload.truth_bytes - upload.offset
+    async for chunk in payload:
+        if (left := left - len(chunk)) < 0:
+            raise NetworkError(f"{upload.camera} sent more bytes of an image than it declared")
+        yield chunk
 
 
 def known(sha256: str) -> "asyncio.Future[str]":

@@ -7,7 +7,8 @@ from msgspec.structs import replace
 
 from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.errors import BadInputError, TryAgainError
-from capture_app.common.text import count
+from capture_app.common.text import count, megabytes
+from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.calibration import check_lens
@@ -23,6 +24,8 @@ from capture_app.sync.rig.frame_selection import Burst
 
 MAX_TRUTH_BYTES, MAX_TRUTH_BYTES_PER_PIXEL = 16 << 20, 8
 """More than the uncompressed depth, object and mover of a pixel."""
+MAX_EXTRA_BYTES, MAX_BYTES_PER_PIXEL = 1 << 20, 8
+"""More than an image file's header and thumbnail, and than a pixel of three uncompressed 16-bit values."""
 
 
 def choose_instants(
@@ -174,10 +177,17 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         check_lens(f"the calibration of {name}", plan.calibration)
 
 
-def truth_problem(upload: ImageUpload, facts: CameraFacts) -> BadInputError | None:
-    """Return the error of more ground truth than the pixels of a simulated camera can have, else None."""
-    pixels = facts.width * facts.height if facts.kind == SIMULATED else 0
-    if upload.truth_bytes <= min(MAX_TRUTH_BYTES, pixels * MAX_TRUTH_BYTES_PER_PIXEL):
+def size_problem(upload: ImageUpload, facts: CameraFacts) -> BadInputError | None:
+    """Return the error of more bytes than a camera's pixels, or their ground truth, can have; else None."""
+    pixels = facts.width * facts.height
+    if upload.record.bytes > min(MAX_PAYLOAD_BYTES, MAX_EXTRA_BYTES + pixels * MAX_BYTES_PER_PIXEL):
+        return BadInputError(
+            f"{upload.camera} sent an image of {megabytes(upload.record.bytes)}, too many for"
+            f" {facts.width}x{facts.height} pixels",
+            hint="check that camera's driver, and update that machine",
+        )
+    truth_pixels = pixels if facts.kind == SIMULATED else 0
+    if upload.truth_bytes <= min(MAX_TRUTH_BYTES, truth_pixels * MAX_TRUTH_BYTES_PER_PIXEL):
         return None
     return BadInputError(
         f"{upload.camera} sent an image with {upload.truth_bytes} bytes of ground truth",

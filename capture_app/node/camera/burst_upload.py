@@ -10,6 +10,7 @@ import hashlib
 import os
 import shutil
 import threading
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
@@ -399,13 +400,14 @@ class BurstUpload:
         lost = {*self.report.plan.instants} - here - self.confirmed
         return sorted(lost if self.requested is None else lost & self.requested)
 
-    def report_lost(self, instants: Collection[int], reason: str) -> None:
-        """Report announced images that will not come as missing."""
+    def report_lost(self, instants: Collection[int], reason: str) -> list[Path]:
+        """Report announced images that will not come as missing, and drop them; return their files."""
         for instant in instants:
             self._note_missing(instant, cut(reason))
         if not self.streamed or self.ended:
             left = tuple(instant for instant in self.report.plan.instants if instant not in instants)
             self.report = self.report.with_plan(instants=left)
+        return self._let_go(instants)
 
     @property
     def encoded(self) -> tuple[int, ...]:
@@ -418,11 +420,13 @@ class BurstUpload:
             self.report = self.report.with_plan(missing=(*self.report.plan.missing, gap))
             return
         run = MissingRun(first=instant, count=1, reason=reason, dropped=dropped)
-        last = self.missing_runs[-1] if self.missing_runs else run
+        # A frame can turn out to be missing after later ones, when it is encoded or sent.
+        place = bisect_left(self.missing_runs, instant, key=lambda run: run.first)
+        last = self.missing_runs[place - 1] if place else run
         if replace(run, first=last.first, count=instant - last.first) == last:
-            self.missing_runs[-1] = replace(last, count=last.count + 1)
+            self.missing_runs[place - 1] = replace(last, count=last.count + 1)
         else:
-            self.missing_runs.append(run)
+            self.missing_runs.insert(place, run)
 
     def _let_go(self, instants: Collection[int]) -> list[Path]:
         dropped = [image for image in self.images if image.record.instant in instants]

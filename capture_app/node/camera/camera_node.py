@@ -180,9 +180,10 @@ class CameraNode:
                     "injection": aligner.actuator.profile,
                     "start_latencies_ns": aligner.start_latencies_ns,
                 }
-                self.options.profiles.save(
-                    mode_key(self._camera.facts), **{name: value for name, value in proven.items() if value}
-                )
+                changes = {name: value for name, value in proven.items() if value}
+                save = functools.partial(self.options.profiles.save, mode_key(self._camera.facts), **changes)
+                # It waits for the disk, and for the other nodes of this machine.
+                asyncio.get_running_loop().run_in_executor(None, save)
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         if isinstance(event, FramesSelected):

@@ -12,7 +12,13 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.common.address import Address
-from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError
+from capture_app.common.errors import (
+    CameraError,
+    DamagedImageError,
+    DiskError,
+    NetworkError,
+    SimulshotError,
+)
 from capture_app.common.tasks import end, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
@@ -169,8 +175,6 @@ class BurstSender:
         except DiskError as error:
             return burst, Refusal.of_error(error)
         if data is None:
-            with contextlib.suppress(ValueError):
-                burst.images.remove(image)
             await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
             return None
         receipt = self._receipts.pop(record.sha256, None)
@@ -201,7 +205,10 @@ class BurstSender:
         answer, (burst, image) = await self._next_answer(ImageAck), self._in_flight.popleft()
         answer = self._proven(answer, burst)
         if isinstance(answer, Refusal):
-            return burst, answer
+            if answer.error != DamagedImageError.__name__:
+                return burst, answer
+            await self._report_lost(burst, [image.record.instant], answer.what)
+            return None
         if answer.sha256 != image.record.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
         await _delete(burst.confirm({image.record.instant: answer.sha256}))
@@ -234,11 +241,12 @@ class BurstSender:
                 return answer
 
     async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
-        burst.report_lost(instants, reason)
+        files = burst.report_lost(instants, reason)
         self._log.say(
             f"burst {burst.report.burst}: instants {', '.join(map(str, instants))} are lost: {reason}"
         )
         await _write_report(burst, burst.report)
+        await _delete(files)
 
 
 async def _write_report(burst: BurstUpload, report: CameraReport) -> None:

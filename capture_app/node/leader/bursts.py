@@ -29,7 +29,6 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.readiness import (
     check_room,
     degraded_nodes,
-    expected_image_bytes,
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
@@ -221,12 +220,12 @@ class ActiveBursts:
         prefix = name or (RECORDING if order.video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
         self._engine.orders.check(self._engine.grid, order)
-        image_bytes = expected_image_bytes(self._engine.roster.by_name(), self._image_bytes)
+        cameras = self._engine.roster.cameras()
         # A recording may be stopped at any time.
         frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
         root = self._options.sessions
-        without = check_room(root, image_bytes, frames, self.spools)
-        if without.keys() >= image_bytes.keys():
+        without = await asyncio.to_thread(check_room, root, cameras, self._image_bytes, frames, self.spools)
+        if without and without.keys() >= {member.name for member in cameras}:
             raise DiskFullError(
                 "; ".join(f"{name}: {why}" for name, why in without.items()),
                 hint="make room on that node, or take fewer frames",

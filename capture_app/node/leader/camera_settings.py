@@ -3,6 +3,7 @@
 A camera that returns gets its own settings back. A new one gets the settings that all others have in common.
 """
 
+import asyncio
 from contextlib import suppress
 from pathlib import Path
 
@@ -33,6 +34,7 @@ class RigSettings:
     def __init__(self, sessions: Path, viewfinders: Viewfinders, log: Log) -> None:
         self._file, self._viewfinders, self._log = sessions / SETTINGS, viewfinders, log
         self._held: dict[str, dict[Control, Setting]] = {}
+        self._writing = asyncio.Lock()
         with suppress(OSError, *UNREADABLE):
             self._held = msgspec.json.decode(self._file.read_bytes(), type=dict[str, dict[Control, Setting]])
 
@@ -49,7 +51,8 @@ class RigSettings:
         if held != self._held.get(request.camera, {}):
             self._held[request.camera] = held
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(self._file, msgspec.json.encode(self._held))
+            async with self._writing:
+                await asyncio.to_thread(write_atomic, self._file, msgspec.json.encode(self._held))
         return answer
 
     async def give(self, camera: str) -> None:

@@ -1,5 +1,6 @@
 """The leader of a rig: its engine on a socket, the server for images, and the sessions it saves."""
 
+import asyncio
 import random
 import secrets
 from collections.abc import Sequence
@@ -44,6 +45,8 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """Address for other machines."""
         self.log = options.log
         self.engine, self._clock, self._names = engine, options.clock, names
+        self._storing: asyncio.Task[None] | None = None
+        """Task that stores the names."""
         sealed = None if options.trust.is_open else SealedLeader(engine)
         self.enrolment = Enrolment(options.trust, self.log, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
@@ -117,6 +120,9 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         self._pump.close()
         await self._server.stop()
         await self.bursts.close()
+        if self._storing is not None:
+            await self._storing
+            await self._store_names()
 
     @property
     def instance(self) -> int:
@@ -145,11 +151,18 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
                 self.bursts.note_answer(event)
             else:
                 self.service.roster_changed.set()
-                if event.change in ("joined", "returned", "forgotten") and self._names is not None:
-                    try:
-                        self._names.keep()
-                    except SimulshotError as error:
-                        self.log.say_of_disk(None, str(error))
+                is_storing = self._storing is not None and not self._storing.done()
+                if event.change in ("joined", "returned", "forgotten") and not is_storing:
+                    self._storing = asyncio.create_task(self._store_names())
             self.log.note(event)
         for change in self._rig.look_at_rates(now_ns):
             self.log.note(change)
+
+    async def _store_names(self) -> None:
+        """Store the names' owners off the event loop, with one write for all changes during the last one."""
+        while self._names is not None and not self._names.is_stored:
+            try:
+                await asyncio.to_thread(self._names.keep)
+            except SimulshotError as error:
+                self.log.say_of_disk(None, str(error))
+                return

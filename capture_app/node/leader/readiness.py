@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from collections import Counter
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
@@ -104,28 +105,68 @@ def _guessed_bytes(camera: CameraFacts) -> int:
 
 
 def check_room(
-    root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, SpoolSpace]
+    root: Path,
+    cameras: Sequence[Member],
+    known: Mapping[str, int],
+    frames: int,
+    spools: Mapping[str, SpoolSpace],
 ) -> dict[str, str]:
-    """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes reported them.
+    """Check that a burst of `frames` of each camera fits; `known` are mean image sizes from earlier images.
 
-    Return the cameras to leave out, with the reason. Raises DiskFullError where there is no room here.
+    Return the cameras to leave out, with the reason: those of machines that need more than their share of the
+    disk, and those without room in their spool. Raises DiskFullError where that concerns most machines.
     """
-    without: dict[str, str] = {}
-    needed = int(MARGIN * frames * sum(image_bytes.values())) + SPARE_BYTES
+    sizes = expected_image_bytes(cameras, known)
+    needed = {name: int(MARGIN * frames * size) for name, size in sizes.items()}
     free = free_bytes(root)
-    if needed > free:
+    measured = [member for member in cameras if member.name in known]
+    guessed = [member for member in cameras if member.name not in known]
+    # What a machine only claims takes no room from what others are known to need.
+    without, left = _over_share(measured, needed, free - SPARE_BYTES)
+    without |= _over_share(guessed, needed, left)[0]
+    if 2 * len({_machine(one) for one in cameras if one.name in without}) > len({*map(_machine, cameras)}):
         raise DiskFullError(
-            f"the burst may need {megabytes(needed)} and {root} has {megabytes(free)} free",
+            f"the burst may need {megabytes(sum(needed.values()) + SPARE_BYTES)}"
+            f" and {root} has {megabytes(free)} free",
             hint="make room, or take fewer frames",
         )
-    for name, size in image_bytes.items():
-        spool, needed = spools.get(name), int(MARGIN * frames * size)
-        if spool is not None and needed > spool.free_bytes:
+    for name in sorted((needed.keys() - without.keys()) & spools.keys()):
+        if needed[name] > (spool := spools[name]).free_bytes:
             without[name] = (
-                f"it may need {megabytes(needed)},"
+                f"it may need {megabytes(needed[name])},"
                 f" and has {megabytes(spool.free_bytes)} free in its {spool.spool}"
             )
     return without
+
+
+def _over_share(
+    cameras: Sequence[Member], needed: Mapping[str, int], room: int
+) -> tuple[dict[str, str], int]:
+    """Return the cameras of machines that need more than an equal share of `room`, and the room left.
+
+    Machines that need less than their share leave the rest to the others (max-min fairness).
+    """
+    by_machine: Counter[str] = Counter()
+    for member in cameras:
+        by_machine[_machine(member)] += needed.get(member.name, 0)
+    ascending = sorted(by_machine.items(), key=lambda item: item[1])
+    for place, (_, size) in enumerate(ascending):
+        share = max(0, room) // (len(ascending) - place)
+        if size > share:
+            over = dict(ascending[place:])
+            return {
+                member.name: f"its machine may need {megabytes(over[_machine(member)])},"
+                f" and its share of the leader's disk is {megabytes(share)}"
+                for member in cameras
+                if _machine(member) in over
+            }, room
+        room -= size
+    return {}, room
+
+
+def _machine(member: Member) -> str:
+    """Return the machine whose share a camera takes: by its pin, in an open rig by its address."""
+    return member.pin or member.address[0]
 
 
 def review_rates(

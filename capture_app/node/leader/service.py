@@ -19,7 +19,12 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import end
 from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
-from capture_app.net.channel import Channel, TooLargeMessageError, UnreadableMessageError
+from capture_app.net.channel import (
+    MAX_PAYLOAD_BYTES,
+    Channel,
+    TooLargeMessageError,
+    UnreadableMessageError,
+)
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.enrolment import Asked, Enrolment, is_node
@@ -27,6 +32,7 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.camera_settings import RigSettings
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.memory_shares import MemoryShares
 from capture_app.node.leader.snapshots import fitted_burst
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
@@ -109,6 +115,7 @@ class LeaderService:
         self._settings = RigSettings(options.sessions, viewfinders, options.log)
         self.roster_changed = asyncio.Event()
         """Set whenever a node has joined, was lost, or was removed."""
+        self._memory = MemoryShares(2 * MAX_PAYLOAD_BYTES)
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that delivers images."""
 
@@ -200,7 +207,15 @@ class LeaderService:
         """Receive an image that this stream has reported; permission was checked with the report."""
         if (session := working_on.get((message.leader, message.burst, message.camera))) is None:
             raise BadInputError(f"this stream may not send for camera {message.camera!r} in that burst")
-        saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
+        # A video's frames wait for the disk in memory; images are received into files, but for their truth.
+        machine, size = channel.machine, message.record.bytes if session.burst.video else message.truth_bytes
+        await self._memory.take(machine, size)
+        try:
+            saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
+        except BaseException:
+            self._memory.give_back(machine, size)
+            raise
+        saving.add_done_callback(lambda _: self._memory.give_back(machine, size))
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
 

@@ -30,7 +30,7 @@ from capture_app.protocol.orders import (
 from capture_app.protocol.status import NodeDetail, Preview
 
 A = TypeVar("A", NodeDetail, ControlsAnswer, StampSaved)
-MAX_PREVIEW_BYTES = 4 << 20
+MAX_PREVIEW_BYTES, MAX_PREVIEW_BYTES_PER_MACHINE = 4 << 20, 64 << 20
 STORED = 4
 """Previews stored of each camera: as many as one may be behind the others."""
 
@@ -49,18 +49,29 @@ class _Stream:
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
     """One request at a time, because answers do not name their request."""
 
-    async def read(self, preview: Preview) -> None:
-        """Read its next preview and store it, if an operator watches and it is not too large."""
-        if self.request.fps and self.channel.unread <= MAX_PREVIEW_BYTES:
-            self.pictures.append(
-                replace(
-                    preview,
-                    jpeg=b"".join([chunk async for chunk in self.channel.payload()]),
-                    completes=False,
-                )
-            )
-            while sum(len(one.jpeg) for one in self.pictures) > MAX_PREVIEW_BYTES:
-                self.pictures.popleft()
+    arriving_bytes: int = 0
+    """Size of the preview that is being read."""
+
+    @property
+    def bytes_in_memory(self) -> int:
+        """Size of its previews, stored and arriving."""
+        return self.arriving_bytes + sum(len(one.jpeg) for one in self.pictures)
+
+    async def read(self, preview: Preview, of_others: int) -> None:
+        """Read its next preview and store it, if an operator watches and it is not too large.
+
+        `of_others` are the bytes in memory of its machine's other cameras.
+        """
+        size = self.channel.unread
+        if not self.request.fps or size > MAX_PREVIEW_BYTES:
+            return
+        while self.pictures and self.bytes_in_memory + size > MAX_PREVIEW_BYTES:
+            self.pictures.popleft()
+        if of_others + self.bytes_in_memory + size <= MAX_PREVIEW_BYTES_PER_MACHINE:
+            self.arriving_bytes = size
+            jpeg = b"".join([chunk async for chunk in self.channel.payload()])
+            self.arriving_bytes = 0
+            self.pictures.append(replace(preview, jpeg=jpeg, completes=False))
 
 
 @dataclass(slots=True)
@@ -85,7 +96,15 @@ class Viewfinders:
                     case CameraHealth():
                         stream.health = message
                     case Preview(camera=camera) if camera == name:
-                        await stream.read(message)
+                        others = (one for one in self._streams.values() if one is not stream)
+                        await stream.read(
+                            message,
+                            sum(
+                                one.bytes_in_memory
+                                for one in others
+                                if one.channel.machine == channel.machine
+                            ),
+                        )
                         # Its node waits for this, also if nobody has watched since it sent the preview.
                         await channel.send(PreviewSeen(camera=name))
                     case NodeDetail() | ControlsAnswer() | StampSaved():

@@ -14,7 +14,7 @@ from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE, re
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import MANIFEST, FrameRecord, ImageRecord
-from capture_app.session.reading.decoding import decode_image, encode_image
+from capture_app.session.reading.decoding import decode_image, encode_image, size_of
 from capture_app.session.reading.reader import Session
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
@@ -114,15 +114,15 @@ class ExportedBurst:
             raise BadInputError(f"{path} is not the image that was saved", hint=RESTORE_IMAGE)
         self._done += 1
         self._progress(min(self._done, len(self.images)), len(self.images))
-        if (pixels := decode_image(data, colour=True)) is None:
-            raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
         width, height = self.size(image.camera)
-        if pixels.shape[:2] != (height, width):
+        # An image of another size need not be decoded, and might not fit into memory.
+        if (size := size_of(data)) not in (None, (width, height)):
             raise BadInputError(
-                f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; "
-                f"{image.camera} takes {width}x{height}",
+                f"{path} is {size[0]}x{size[1]} pixels; {image.camera} takes {width}x{height}",
                 hint=RESTORE_IMAGE,
             )
+        if (pixels := decode_image(data, colour=True)) is None:
+            raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
         return data, (redraw(pixels) if redraw else pixels)
 
     def _in_order(self, camera: str) -> list[ImageRecord]:

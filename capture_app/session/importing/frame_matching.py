@@ -9,10 +9,12 @@ from typing import Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
+from capture_app.session.format.manifest import MAX_WRITTEN
 
 LONE_PERIOD_NS = 33_333_333
 """Period that is assumed if every camera has only one frame."""
 NO_FRAME = "no frame within half a period"
+_CORRECT = "correct these times, or give the rate instead: --fps"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,14 +93,16 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
 
 
 def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
-    """Raise BadInputError if a frame was not taken after the previous one."""
+    """Raise BadInputError if a time is out of range, or a frame was not taken after the previous one."""
+    if wild := [frame.index for frame in frames if abs(frame.leader_ns) > MAX_WRITTEN]:
+        raise BadInputError(f"{where}: the time of frame {wild[0]} is out of range", hint=_CORRECT)
     for before, after in pairwise(frames):
         if after.leader_ns <= before.leader_ns:
             back_ms = (before.leader_ns - after.leader_ns) / 1e6
             how = f"is {back_ms:g} ms before" if back_ms else "is at the same time as"
             raise BadInputError(
                 f"{where}: times go backwards: frame {after.index} {how} frame {before.index}",
-                hint="correct these times, or give the rate instead: --fps",
+                hint=_CORRECT,
             )
 
 

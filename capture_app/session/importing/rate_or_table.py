@@ -4,6 +4,7 @@ import csv
 import re
 import statistics
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
+from capture_app.session.format.manifest import MAX_WRITTEN
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -162,15 +164,16 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
 def _parse(where: str, text: str | None, ns: int | None) -> int | None:
     """Parse a cell: a time in units of `ns`, or a frame number if `ns` is None; None for an empty cell."""
     cell = (text or "").strip()
-    try:
-        if ns is None:
-            return int(cell) if cell else None
-        return int((Decimal(cell) * ns).to_integral_value()) if cell else None
-    except (ArithmeticError, ValueError):
-        raise BadInputError(
-            f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
-            hint=f"write a number such as {'12.5' if ns else '12'}; leave the cell of a dropped frame empty",
-        ) from None
+    if not cell:
+        return None
+    with suppress(ArithmeticError, ValueError):
+        number = Decimal(int(cell)) if ns is None else Decimal(cell) * ns
+        if abs(number) <= MAX_WRITTEN:
+            return round(number)
+    raise BadInputError(
+        f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
+        hint=f"write a number such as {'12.5' if ns else '12'}; leave the cell of a dropped frame empty",
+    )
 
 
 def _timed_frames(path: Path, name: str, rows: Sequence[_Row], count: int) -> _Timed:

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-JPEG_BEGIN = b"\xff\xd8"
+JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
+MAX_PADDING = 1 << 20
+"""Limit on the bytes that a camera adds to a JPEG after its end."""
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
+_PIXELS = 0xDA
+"""Marker of a JPEG's first scan, which its compressed pixels follow."""
 _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
 MAX_ENTRIES = 4096
 UPRIGHT = 1
@@ -58,7 +63,7 @@ def read_exif(data: bytes) -> Exif:
 def _segments(data: bytes) -> Iterator[tuple[int, int]]:
     """Yield marker and place of a JPEG's segments up to its pixels; at the place is the segment's length."""
     at, marker = 2, 0
-    while marker != 0xDA and (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
+    while marker != _PIXELS and (at := data.find(b"\xff", at, MAX_HEADER_BYTES)) >= 0:
         while data[at] == 0xFF:
             at += 1
         marker, at = data[at], at + 1
@@ -134,10 +139,29 @@ def size_of(data: bytes) -> Size | None:
 def _jpeg(data: bytes) -> Size:
     # Start of frame of any type; the three other markers in this range are tables.
     frames = (
-        at for marker, at in _segments(data) if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
+        at
+        for marker, at in islice(_segments(data), MAX_ENTRIES)
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC)
     )
     height, width = struct.unpack_from(">3xHH", data, next(frames, len(data)))
     return width, height
+
+
+def is_whole_jpeg(data: bytes) -> bool:
+    """Return whether the end of a JPEG's pixels is there; bytes that a camera adds after it do not matter."""
+    try:
+        pixels = next(at for marker, at in islice(_segments(data), MAX_ENTRIES) if marker == _PIXELS)
+    except (StopIteration, struct.error, IndexError):
+        return False
+    return data.rfind(JPEG_END, max(pixels, len(data) - MAX_PADDING)) >= 0
+
+
+def damage(data: bytes, size: Size) -> str:
+    """Return what is wrong with an image file of a camera of that size, by its header and end; else empty."""
+    own = size_of(data)
+    if own == size:
+        return "cut off" if data.startswith(JPEG_BEGIN) and not is_whole_jpeg(data) else ""
+    return "not an image" if own is None else f"{own[0]}x{own[1]} pixels, not {size[0]}x{size[1]}"
 
 
 def _bmp(data: bytes) -> Size:

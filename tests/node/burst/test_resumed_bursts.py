@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
+from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.camera.burst_upload import Spool
-from capture_app.node.leader.readiness import check_room
 from capture_app.protocol.log import Log
-from capture_app.protocol.messages import SpoolSpace
 from capture_app.rig.repair import repair
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
@@ -153,16 +151,6 @@ async def test_repair_says_who_may_still_have_missing_images(
             await receive_image(late, upload(name, instant), pieces(jpeg))
     (result,) = await repair(tmp_path, wait_s=9, address=address, log=Log())
     assert (result.awaited, result.missing) == ("", 1), "no node is asked for a frame that was dropped"
-
-
-def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:
-    space = SpoolSpace(camera="a", free_bytes=1_000, spool="/spool")
-    check_room(tmp_path / "later", {"a": 100, "b": 100}, 9, {"a": space})
-    assert check_room(tmp_path, {"a": 100, "b": 100}, 9, {"a": space}) == {}
-    (without,) = check_room(tmp_path, {"a": 100, "b": 100}, 10, {"a": space}).items()
-    assert without == ("a", "it may need 0.0 MB, and has 0.0 MB free in its /spool")
-    with pytest.raises(DiskFullError, match="free"):
-        check_room(tmp_path, {"a": 10**15}, 1000, {})
 
 
 def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_path: Path) -> None:

@@ -6,10 +6,12 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
+from capture_app.node.burst.plans import check_report
 from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, Spool
 from capture_app.protocol.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import JOURNAL
+from capture_app.sync.rig.frame_selection import Burst
 from tests.net.echoes import received_from
 from tests.node.camera.uploading import Picture, burst_upload, further, uploading
 from tests.waiting import until
@@ -40,6 +42,20 @@ def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
         MissingRun(first=4, count=1, reason="the camera dropped the frame", dropped=True),
         MissingRun(first=5, count=1, reason="its file in the spool is damaged"),
     )
+
+
+def test_frames_that_turn_out_to_be_missing_after_later_ones_are_told_in_order() -> None:
+    """The leader refused the whole report of a camera whose frame was lost while it was encoded."""
+    upload = streamed(1, *(Picture(b"x") for _ in range(4)))
+    upload.extend(further(gaps=(4, 5), over=6))
+    for instant in (1, 3, 2):
+        upload.report_lost([instant], "its image is damaged: cut off")
+    upload.extend(further(over=6, ended=True))
+    told = upload.current_report(upload.encoded).plan
+    assert [(run.first, run.count) for run in told.missing_runs] == [(1, 2), (3, 1), (4, 2)]
+    instants_ns = tuple(range(0, 6 * 33_333_333, 33_333_333))
+    burst = Burst(1, instants_ns, 33_333_333, 0, ("a",), streamed=True)
+    check_report(told, burst, latest=6)
 
 
 def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None:

@@ -18,6 +18,7 @@ from capture_app.session.writing.recovery import RESERVE
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.wire.datagrams import JoinRefusal, Welcome
 from capture_app.trust.trust import Trust
+from tests.images import small_jpeg
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced
 from tests.node.thieves import bring, granted, say_hello
@@ -25,6 +26,7 @@ from tests.waiting import time_limit, until
 
 CAM, THIEF = ("cam0", 1111), ("cam0", 2222)
 FIVE = range(5)
+TRUE_PICTURE = small_jpeg(b"the true picture")
 
 
 @pytest.fixture
@@ -76,10 +78,10 @@ async def test_after_a_restart_of_the_leader_a_name_is_still_its_owners(
         assert pictures(tmp_path) == []
         assert any("two machines are called cam0" in line.text for line in leader.log.after(0))
         async with joined(leader.own_address, CAM, trust=owner):
-            answers = await bring(leader.own_address, owner, CAM, burst, FIVE, b"the true picture")
+            answers = await bring(leader.own_address, owner, CAM, burst, FIVE, TRUE_PICTURE)
             assert len(granted(answers)) == 7, answers
             await until(lambda: (session.folder / "session.json").exists())
-    assert all(file.read_bytes() == b"the true picture" for file in pictures(tmp_path))
+    assert all(file.read_bytes() == TRUE_PICTURE for file in pictures(tmp_path))
 
 
 async def test_an_old_session_that_lacks_images_takes_them_from_its_camera_alone(

@@ -29,6 +29,7 @@ from capture_app.protocol.pairing_messages import Invite
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.trust.identity import is_proven, sign
 from capture_app.trust.trust import Trust
+from tests.images import small_jpeg
 from tests.net.echoes import serving
 from tests.node.camera.uploading import Picture, burst_upload, receipts_of
 from tests.node.enrolment.test_below_relays import ask, relays
@@ -38,7 +39,7 @@ from tests.node.test_other_machines import seen
 from tests.node.thieves import image, report
 from tests.waiting import until
 
-PICTURE = b"the only copy"
+PICTURE = small_jpeg(b"the only copy")
 CAMERA = ("a", 1)
 
 

@@ -227,3 +227,10 @@ def test_every_frame_is_used_at_most_once_and_near_its_instants_first(times: lis
     for name, frames in cameras.items():
         indices = [i.frames[name].index for i in timeline.instants if name in i.frames]
         assert len(indices) <= len(frames)
+
+
+@pytest.mark.parametrize("at_ns", [10**300, -(10**300)], ids=["late", "early"])
+def test_a_time_out_of_range_is_named(at_ns: int) -> None:
+    frames = sorted([TimedFrame(0, 0), TimedFrame(1, at_ns)], key=lambda frame: frame.leader_ns)
+    with pytest.raises(BadInputError, match="camera a: the time of frame 1 is out of range"):
+        timeline_by_times("x", {"a": frames, "b": [TimedFrame(0, 0), TimedFrame(1, 1)]})

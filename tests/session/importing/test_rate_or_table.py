@@ -132,6 +132,10 @@ def test_times_alone_recover_the_instants(
         ("camera,sync_index,time\na,0,0\nb,0,0\nb,1,1\n", "has 1 times of camera a, which has 2"),
         ("camera,sync_index,time\na,0,0\na,0,1\nb,0,0\nb,1,1\n", "instant 0 of camera a twice"),
         ("camera,frame,time\na,0,nan\n", "not a time"),
+        *(
+            (f"camera,frame,time\na,0,0\na,1,{time}\nb,0,0\nb,1,1\n", f"line 3: '{time}' is not a time")
+            for time in ("1e300", "-1e300", "1e999999", "9e9")
+        ),
     ],
 )
 def test_bad_tables_say_why(table: Callable[[str], Path], text: str, reason: str) -> None:

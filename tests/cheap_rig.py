@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import AsyncIterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from capture_app.cameras.specs import open_camera
 from capture_app.common.address import Address
@@ -16,15 +17,18 @@ from capture_app.node.leader.leader_options import LeaderOptions
 
 
 @contextlib.asynccontextmanager
-async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
+async def rig_of(cameras: int, sessions: Path, **options_of_nodes: Any) -> AsyncIterator[LeaderNode]:
     """A leader and so many cheap cameras, in this process."""
     options = LeaderOptions(sessions=sessions, host="127.0.0.1", port=0)
-    async with await LeaderNode.start(options) as leader, cheap_cameras(cameras, leader.own_address):
+    async with (
+        await LeaderNode.start(options) as leader,
+        cheap_cameras(cameras, leader.own_address, **options_of_nodes),
+    ):
         yield leader
 
 
 @contextlib.asynccontextmanager
-async def cheap_cameras(cameras: int, leader: Address) -> AsyncIterator[None]:
+async def cheap_cameras(cameras: int, leader: Address, **options: Any) -> AsyncIterator[None]:
     """So many cheap cameras of any leader, in this process."""
     nodes = [
         CameraNode(
@@ -34,6 +38,7 @@ async def cheap_cameras(cameras: int, leader: Address) -> AsyncIterator[None]:
                     open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
                 ),
                 leaders=(leader,),
+                **options,
             )
         )
         for name in (f"cam{number:02d}" for number in range(cameras))

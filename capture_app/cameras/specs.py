@@ -24,10 +24,10 @@ ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
 """Attributes that a driver must have; see `CameraDriver`."""
 DEFAULT_SIZE = (640, 480)
 DEFAULT_FPS = 30.0
-_WHOLE = {"width": (1, 65_535), "height": (1, 65_535), "exposure-us": (1, 60_000_000)}
+_WHOLE = {"width": (1, 65_535), "height": (1, 65_535)}
 _NUMBERS = {
     "fps": (0.001, 10_000.0),
-    "exposure_us": (0.1, 1e7),
+    "exposure_us": (0.1, 6e7),
     "gain": (0.1, 1000.0),
     "row_us": (0.01, 1000.0),
 }
@@ -82,10 +82,16 @@ def parse_spec(spec: str) -> CameraSpec:
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if not (key and equals and value):
             raise BadInputError(f"camera {spec!r}: {part!r} is not key=value", hint=_form(kind))
+        key = _with_underscores(key)
         if key in options:
             raise BadInputError(f"camera {spec!r} says {key} twice", hint="leave one out")
         options[key] = value
     return CameraSpec(kind, device, options)
+
+
+def _with_underscores(key: str) -> str:
+    """Return an option's name as we write it; `exposure-us` is accepted as `exposure_us`."""
+    return key.replace("-", "_")
 
 
 def _form(kind: str) -> str:
@@ -101,11 +107,13 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     """
     parsed = parse_spec(spec)
     driver = load_driver(parsed.kind)
+    names = {_with_underscores(name): name for name in driver.OPTIONS}
     for key in parsed.options:
-        if key not in driver.OPTIONS:
+        if key not in names:
             known = f"there are {', '.join(driver.OPTIONS)}" if driver.OPTIONS else "it has none"
             raise BadInputError(f"{parsed.kind} cameras have no option {key!r}", hint=known)
-    return driver.open_camera(parsed.device, parsed.options, clock=clock, name=name)
+    options = {names[key]: value for key, value in parsed.options.items()}
+    return driver.open_camera(parsed.device, options, clock=clock, name=name)
 
 
 def read_number(
@@ -170,5 +178,5 @@ def read_request(options: Mapping[str, str], camera: str) -> CameraRequest:
         if number is not None and key in _WHOLE and number != round(number):
             raise BadInputError(f"{key}={options[key]} of {camera}", hint="a whole number is needed")
         if number is not None:
-            asked[key.replace("-", "_")] = round(number) if key in _WHOLE else number
+            asked[key] = round(number) if key in _WHOLE else number
     return CameraRequest(**asked)

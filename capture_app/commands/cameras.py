@@ -15,7 +15,7 @@ from capture_app.common.camera_facts import Control, ControlValue, describe
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
-from capture_app.console.usage import examples
+from capture_app.console.usage import examples, write_plugins
 from capture_app.session.files.durable import write_atomic
 
 if TYPE_CHECKING:
@@ -170,8 +170,7 @@ class CamerasGroup(click.Group):
             needs = driver.NEEDS and f" Needs {driver.NEEDS}."
             options = f" Options: {', '.join(driver.OPTIONS)}." if driver.OPTIONS else ""
             rows.append((driver.SPEC, driver.HELP + needs + options))
-        with formatter.section("Cameras"):
-            formatter.write_dl(rows)
+        write_plugins(formatter, "Cameras", rows)
 
 
 @click.group(

@@ -16,7 +16,7 @@ from capture_app.common.optional_packages import RECONSTRUCTION
 from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
-from capture_app.console.usage import examples
+from capture_app.console.usage import examples, write_plugins
 from capture_app.session.exporting.exporter import (
     GROUP,
     Exporter,
@@ -44,8 +44,7 @@ class _ImportCommand(click.Command):
         """Write what is recognized, then the examples."""
         from capture_app.session.importing.importer import load_importers
 
-        with formatter.section("Recognized"):
-            formatter.write_dl([(one.program, one.help) for one in load_importers()])
+        write_plugins(formatter, "Recognized", [(one.program, one.help) for one in load_importers()])
         super().format_epilog(ctx, formatter)
 
 
@@ -289,8 +288,7 @@ class _ExportCommand(click.Command):
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the formats, then the examples."""
-        with formatter.section("Formats"):
-            formatter.write_dl([(name, one.help) for name, one in self._exporters(ctx).items()])
+        write_plugins(formatter, "Formats", [(name, one.help) for name, one in self._exporters(ctx).items()])
         super().format_epilog(ctx, formatter)
 
     def _exporters(self, ctx: click.Context) -> dict[str, Exporter]:

@@ -42,7 +42,7 @@ class Child:
     on_line: Talk | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
     spoken: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set once it has printed a line."""
+    """Set once it has printed a line about itself, `NAME: ...`."""
     listening: asyncio.Task[None] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -75,7 +75,8 @@ class Child:
         async for raw in self.process.stderr:
             line = raw.decode(errors="replace").rstrip()
             self.said.append(line)
-            self.spoken.set()
+            if line.startswith(f"{self.name}: "):
+                self.spoken.set()
             if self.on_line is not None:
                 self.on_line(line)
 

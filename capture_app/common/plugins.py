@@ -2,21 +2,26 @@
 
 import logging
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, entry_points
+from importlib.metadata import EntryPoint, distributions
 from typing import Any
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.optional_packages import DISTRIBUTION
 from capture_app.common.text import first_line
+from capture_app.common.timeouts import NAMED_PLUGIN_TIMEOUT_S, PLUGIN_TIMEOUT_S
 
+_GROUPS = f"{DISTRIBUTION}."
+"""Prefix of the names of all groups."""
 _log = logging.getLogger(__name__)
 
 
 def plugin_names(group: str) -> tuple[str, ...]:
     """Return the sorted names of a group's plugins without importing them."""
-    return tuple(_entry_points(group))
+    return tuple(_find_plugins(group, tuple(sys.path)))
 
 
 def load_plugin(group: str, name: str, *attributes: str) -> Any:
@@ -24,53 +29,95 @@ def load_plugin(group: str, name: str, *attributes: str) -> Any:
 
     Raises:
         BadInputError: no installed package has a plugin of this name.
-        NotAvailableError: the plugin cannot be imported, or lacks an attribute.
+        NotAvailableError: the plugin cannot be imported, or not in time, or lacks an attribute.
     """
-    found = _entry_points(group)
+    found = _find_plugins(group, tuple(sys.path))
     if name not in found:
         known = ", ".join(found) or f"none; reinstall {DISTRIBUTION}"
         raise BadInputError(f"{name!r} is not in {group}", hint=f"installed: {known}")
-    return _load(found[name], attributes)
+    return _load(*found[name], attributes, NAMED_PLUGIN_TIMEOUT_S)
 
 
 def load_plugins(group: str, *attributes: str) -> dict[str, Any]:
-    """Import all plugins of a group, by name; report each broken one in one line on stderr and skip it."""
+    """Import all plugins of a group, by name; report each broken one once, on stderr, and skip it."""
+    return dict(_load_all(group, attributes, tuple(sys.path)))
+
+
+@cache
+def _load_all(group: str, attributes: tuple[str, ...], path: tuple[str, ...]) -> Mapping[str, Any]:
     loaded = {}
-    for name, entry in _entry_points(group).items():
+    for name, (package, entry) in _find_plugins(group, path).items():
         try:
-            loaded[name] = _load(entry, attributes)
+            loaded[name] = _load(package, entry, attributes, PLUGIN_TIMEOUT_S)
         except NotAvailableError as error:
             _log.warning("%s", error)
     return loaded
 
 
-def _entry_points(group: str) -> Mapping[str, EntryPoint]:
-    """Return a group's entry points by name, sorted; no other package replaces one of simulshot's."""
-    return _find_entry_points(group, tuple(sys.path))
+def _find_plugins(group: str, path: tuple[str, ...]) -> Mapping[str, tuple[str, EntryPoint]]:
+    """Return a group's packages and entry points by name, sorted; no package replaces one of simulshot's."""
+    found = [one for one in _find_all(path) if one[1].group == group]
+    found.sort(key=lambda one: (one[0] == DISTRIBUTION, one[0]))
+    return dict(sorted({entry.name: (package, entry) for package, entry in found}.items()))
 
 
 @cache
-def _find_entry_points(group: str, path: tuple[str, ...]) -> Mapping[str, EntryPoint]:
-    """Read the metadata of all packages on the path, once: a command line asks for it several times."""
-    package_of = cache(_package)  # which reads a package's metadata, too
-    found = sorted(entry_points(group=group), key=lambda entry: package_of(entry.dist), reverse=True)
-    found.sort(key=lambda entry: package_of(entry.dist) == DISTRIBUTION)
-    return dict(sorted({entry.name: entry for entry in found}.items()))
+def _find_all(path: tuple[str, ...]) -> list[tuple[str, EntryPoint]]:
+    """Read all packages on the path once: their names and plugins. Report each damaged one, and skip it."""
+    found: dict[str, list[EntryPoint]] = {}
+    for distribution in distributions():
+        try:
+            entries = [one for one in distribution.entry_points if one.group.startswith(_GROUPS)]
+            if entries and "Name" not in distribution.metadata:
+                raise FileNotFoundError("it has no METADATA")
+            if entries:  # of two versions of a package, the first one is imported
+                found.setdefault(distribution.name, entries)
+        except Exception as error:  # noqa: BLE001 - whatever other people's packages hold
+            _log.warning(
+                "the package at %s is skipped: %s (reinstall it, or remove that folder)",
+                getattr(distribution, "_path", distribution),
+                first_line(error),
+            )
+    return [(package, entry) for package, entries in found.items() for entry in entries]
 
 
-def _package(distribution: Distribution | None) -> str:
-    return distribution.name if distribution else ""
+def _load(package: str, entry: EntryPoint, attributes: tuple[str, ...], timeout_s: float) -> Any:
+    what = f"the plugin {entry.name!r} of {entry.group}"
 
-
-def _load(entry: EntryPoint, attributes: tuple[str, ...]) -> Any:
-    try:
+    def load() -> Any:
         plugin = entry.load()
         if missing := [one for one in attributes if not hasattr(plugin, one)]:
             raise AttributeError(f"it has no {missing[0]!r}")
-    except Exception as error:
-        package = _package(entry.dist)
+        return plugin
+
+    try:
+        return load() if package == DISTRIBUTION else _in_thread(load, what, timeout_s)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # an import may even call sys.exit
+        reason = first_line(error) if isinstance(error, Exception) else repr(error)
         raise NotAvailableError(
-            f"the plugin {entry.name!r} of {entry.group} does not load: {first_line(error)}",
+            f"{what} does not load: {reason}",
             hint=f"it is {entry.value} of the package {package}: update or uninstall that package",
         ) from error
-    return plugin
+
+
+def _in_thread(load: Callable[[], Any], what: str, timeout_s: float) -> Any:
+    """Return what `load` returns, or raise what it raises; it may hang, and is then abandoned."""
+    loaded = Future[Any]()
+
+    def run() -> None:
+        try:
+            loaded.set_result(load())
+        except BaseException as error:  # noqa: BLE001 - raised below
+            loaded.set_exception(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(PLUGIN_TIMEOUT_S)
+    if thread.is_alive() and timeout_s > PLUGIN_TIMEOUT_S:
+        _log.warning("%s is still being imported", what)
+        thread.join(timeout_s - PLUGIN_TIMEOUT_S)
+    if thread.is_alive():
+        raise TimeoutError(f"it is still being imported after {timeout_s:g} s")
+    return loaded.result()

@@ -69,6 +69,12 @@ CHILD_STOP_TIMEOUT_S = 2.0
 SCREEN_STOP_TIMEOUT_S = 10.0
 """The screen closes though its rig has not ended."""
 
+# Plugins of other packages
+PLUGIN_TIMEOUT_S = 5.0
+"""A plugin is still being imported: it is skipped."""
+NAMED_PLUGIN_TIMEOUT_S = 60.0
+"""The same for a plugin that was asked for by name."""
+
 # Cameras to become ready
 READY_TIMEOUT_S = 120.0
 """Cameras are not ready."""

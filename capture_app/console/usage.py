@@ -2,7 +2,7 @@
 
 import logging
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from enum import IntEnum
@@ -64,6 +64,15 @@ def examples(*lines: str, after: str = "") -> str:
     # A line with only \b keeps click from wrapping the paragraph.
     shown = "\n".join(("\b", "Examples:", *(f"  {line}" for line in lines)))
     return f"{after}\n\n{shown}" if after else shown
+
+
+def write_plugins(formatter: click.HelpFormatter, title: str, rows: Sequence[tuple[str, str]]) -> None:
+    """Write the installed plugins of a kind as a section of a help page: the name and text of each."""
+    with formatter.section(title):
+        if rows:
+            formatter.write_dl(rows)
+        else:
+            formatter.write_text("none loads: reinstall simulshot")
 
 
 def add_verbosity(command: C) -> C:

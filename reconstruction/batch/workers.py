@@ -42,7 +42,8 @@ MEMORY_OF_UNIT = 1 << 30
 """Maximum memory in bytes of a unit with five 640x480 images."""
 MAX_QUEUED_JOBS = 100
 """Jobs in the cluster's queue if `--jobs` is not given."""
-CONNECT_S = 5
+CONNECT_S, START_S = 5, 120
+"""Timeout for a scheduler at an address, and for one that is started here, on a busy machine, too."""
 NO_DASHBOARD = "127.0.0.1:0"
 CHECK_S = 30
 """Interval at which jobs that ended early are replaced, and a queue in which none starts is reported."""
@@ -197,7 +198,7 @@ class Workers:
 
     def _connect(self, place: Any) -> Any:
         try:
-            return self.dask.Client(place, timeout=CONNECT_S)
+            return self.dask.Client(place, timeout=CONNECT_S if place == self.where else START_S)
         except (OSError, ValueError) as error:
             raise NotAvailableError(
                 f"no Dask scheduler answers at {place}: {first_line(error)}",

@@ -4,15 +4,18 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from time import monotonic
+from typing import TypeVar
 
 import click
 import msgspec
 
-from capture_app.common.errors import NotApplicableError, SimulshotError
+from capture_app.common.errors import BadInputError, NotApplicableError, SimulshotError
+from capture_app.common.text import UNREADABLE
 from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
 
 LOOK_S = 2.0
 """Interval between two searches for the rig's calibration."""
+T = TypeVar("T")
 HINT = "docs/calibration.md shows how; with simulated cameras, take once"
 
 
@@ -29,12 +32,12 @@ def live(width: int) -> None:
 
     cv2.setNumThreads(1)
     messages = _messages()
-    rig = msgspec.msgpack.decode(next(messages), type=LiveRig)
+    rig = _decode(next(messages, b""), LiveRig)
     modes = {name: CameraMode.of(facts) for name, facts in rig.cameras.items()}
     folder = Path(rig.sessions_folder) if rig.sessions_folder else None
     engine, due_s = None, 0.0
     for data in messages:
-        given = msgspec.msgpack.decode(data, type=InstantImages)
+        given = _decode(data, InstantImages)
         decoded = ((name, decode_preview(jpeg)) for name, jpeg in given.jpegs.items())
         images = {name: image for name, image in decoded if image is not None}
         answer = DepthPreview(given.instant_ns, given.camera)
@@ -52,6 +55,16 @@ def live(width: int) -> None:
             answer = msgspec.structs.replace(answer, problem=str(error))
         sys.stdout.buffer.write(pack(answer))
         sys.stdout.buffer.flush()
+
+
+def _decode(data: bytes, kind: type[T]) -> T:
+    try:
+        return msgspec.msgpack.decode(data, type=kind)
+    except UNREADABLE as error:
+        raise BadInputError(
+            "there are no previews of a rig on stdin",
+            hint="the screen starts this command: run capture-app and choose live depth",
+        ) from error
 
 
 def _messages() -> Iterator[bytes]:

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from typing import Any, ClassVar
 
 import pytest
 
@@ -16,6 +17,27 @@ def test_parse_spec() -> None:
     assert specs.parse_spec("v4l2:/dev/video2, width=640 ,fps=30") == specs.CameraSpec(
         "v4l2", "/dev/video2", {"width": "640", "fps": "30"}
     )
+
+
+@pytest.mark.parametrize("kind", ["aravis", "libcamera", "hyphens"])
+@pytest.mark.parametrize("key", ["exposure_us", "exposure-us"])
+def test_every_camera_accepts_both_spellings_of_an_option(
+    monkeypatch: pytest.MonkeyPatch, kind: str, key: str
+) -> None:
+    given: dict[str, str] = {}
+    driver = FakeDriver() if kind == "hyphens" else specs.load_driver(kind)
+    monkeypatch.setattr(specs, "camera_kinds", lambda: (kind,))
+    monkeypatch.setattr(specs, "load_driver", lambda _: driver)
+    monkeypatch.setattr(driver, "open_camera", lambda device, options, **_: given.update(options))
+    specs.open_camera(f"{kind}:1,{key}=4000", clock=HostClock(), name="a")
+    assert given == {"exposure-us" if kind == "hyphens" else "exposure_us": "4000"}
+
+
+class FakeDriver:
+    """A driver of another package, whose own option has a hyphen."""
+
+    OPTIONS: ClassVar = {"exposure-us": "exposure"}
+    open_camera: Any = None
 
 
 @pytest.mark.parametrize(
@@ -45,6 +67,7 @@ def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:
         ("sim:pi,,", "not key=value"),
         ("sim:pi,seed=", "not key=value"),
         ("sim:pi,seed=1,seed=2", "says seed twice"),
+        ("sim:pi,noise-us=1,noise_us=2", "says noise_us twice"),
         (
             "v4l2:/dev/video0,zoom=2",
             "v4l2 cameras have no option 'zoom' (there are width, height, fps, format)",

@@ -9,10 +9,13 @@ from pathlib import Path
 import click
 import pytest
 
+from capture_app.cameras import specs
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.console.terminal import log_line, run_command_line, show_count, talk
 from capture_app.console.usage import Verbosity, add_verbosity, examples, set_verbosity
+from capture_app.session.exporting import exporter
+from capture_app.session.importing import importer
 from tests.command_lines import every_command, parse
 
 COMMANDS = {typed: command for typed, command in every_command() if not command.hidden}
@@ -42,6 +45,17 @@ def test_examples_are_shown_as_they_are_typed(capsys: pytest.CaptureFixture[str]
 
     run_command_line(command, "it", ["--help"])
     assert capsys.readouterr().out.endswith(f"\n  Some words.\n\n  Examples:\n    {line}\n")
+
+
+@pytest.mark.parametrize("typed", ["sessions export", "sessions import", "cameras"])
+def test_help_where_no_plugin_loads(
+    typed: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exporter, "load_plugins", lambda *_: {})
+    monkeypatch.setattr(importer, "load_importers", tuple)
+    monkeypatch.setattr(specs, "load_plugins", lambda *_: {})
+    assert run([*typed.split(), "--help"]) == ExitCode.OK
+    assert "none loads: reinstall simulshot" in capsys.readouterr().out
 
 
 @click.command()

@@ -3,6 +3,7 @@
 import asyncio
 import resource
 import sys
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MAX_STREAMS_PER_MACHINE
 from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.snapshots import MAX_PER_PAGE, fitted_burst
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
@@ -28,6 +30,7 @@ from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.datagrams import Heartbeat, Hello, Principal, Report, Welcome
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
+from tests.node.camera.controlled_camera import StillClock
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced
 from tests.node.thieves import ask, say_hello
@@ -106,9 +109,20 @@ async def test_one_machine_has_so_many_names_and_others_still_join(
     assert sum(node.name.startswith("later") for node in nodes) == MAX_CAMERAS_PER_MACHINE
 
 
+@pytest.fixture
+async def still_leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
+    """A leader whose time stands still: nobody is lost while a thousand cameras join."""
+    options = LeaderOptions(
+        sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust, clock=StillClock()
+    )
+    async with await LeaderNode.start(options) as node:
+        yield node
+
+
 async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
-    trust: Trust, leader: LeaderNode
+    trust: Trust, still_leader: LeaderNode
 ) -> None:
+    leader = still_leader
     for machine in range(10):
         names = [f"cam-{machine}-{n:03d}-{'n' * 40}" for n in range(MAX_CAMERAS_PER_MACHINE)]
         join_many(leader, f"pin-{machine}", names)

@@ -116,14 +116,15 @@ def new_settings(
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
-    """Read width, height, fps, format, exposure-us and gain. Raises BadInputError naming the wrong one."""
+    """Read width, height, fps, format, exposure_us and gain. Raises BadInputError naming the wrong one."""
     asked = read_request(options, "a camera of libcamera")
     fourcc = asked.format and FOURCC.get(asked.format.upper(), asked.format.upper())
     if fourcc not in (None, *FOURCC.values()):
         raise BadInputError(
             f"format={asked.format} cannot be saved", hint=f"there are {', '.join(FOURCC.values())}"
         )
-    return dataclasses.replace(asked, format=fourcc)
+    whole_us = None if asked.exposure_us is None else max(1, round(asked.exposure_us))
+    return dataclasses.replace(asked, format=fourcc, exposure_us=whole_us)
 
 
 def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, PixelFormat]:

@@ -76,7 +76,7 @@ OPTIONS = {
     "width": "pixels of the picture",
     "height": "the same",
     "fps": "frames a second",
-    "exposure-us": "exposure, else the camera chooses it",
+    "exposure_us": "exposure, else the camera chooses it",
     "gain": "analogue gain, else the camera chooses it",
     "format": f"one of {', '.join(FOURCC.values())}",
 }

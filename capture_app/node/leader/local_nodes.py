@@ -1,8 +1,10 @@
 """Processes on the leader's machine that end with it: camera nodes, and the server for phones."""
 
 import asyncio
+import os
 from collections.abc import Collection, Sequence
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 import msgspec
@@ -10,13 +12,14 @@ import msgspec
 from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.child import Child
-from capture_app.common.errors import BadInputError, NetworkError
+from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.common.tasks import first_of, has_come
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
+from capture_app.session.files.locks import lock_folder
 from capture_app.trust.trust import Trust
 
 
@@ -132,21 +135,14 @@ class LocalNodes:
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
             self._specs[spec] = name
-        with suppress(TimeoutError):
-            async with asyncio.timeout(NODE_START_TIMEOUT_S):
-                # The node prints when its camera is open, or before it ends with an error.
-                await first_of(child.process.wait(), child.spoken.wait())
-                if any(": error: " in line for line in child.said):
-                    await child.process.wait()
-        if child.process.returncode is not None:
-            raise await child.failure()
+        await _opened(child)
         return name
 
     async def add_simulated(self, order: AddSimulated, taken: Collection[str] = ()) -> tuple[str, ...]:
-        """Start further simulated cameras and return their names; they open some seconds later.
+        """Start further simulated cameras and return their names once they are open.
 
         `taken` are names of other nodes. Raises BadInputError for a scene that does not exist or has no more
-        views.
+        views, and a node's own error if it ends.
         """
         cameras, scene = order.cameras, order.scene
         if scene not in VIEWS:
@@ -160,12 +156,14 @@ class LocalNodes:
                     hint=f"it has {len(pool)} views, {len(free)} of them free"
                     + ("" if flat else f"; any number can use {FLAT_SCENES[0]}"),
                 )
+            started = []
             for name in free[:cameras]:
                 self._check(name, taken)
                 model = "phone-a" if pool.index(name) < 2 else "phone-b"
                 options = f"scene={scene}", "" if flat else f"view={name}", order.options
                 spec = f"sim:{model},{','.join(filter(None, options))}"
-                await self._start(name, spec, "sim", order.tolerance_us)
+                started.append(await self._start(name, spec, "sim", order.tolerance_us))
+        await asyncio.gather(*map(_opened, started))
         return tuple(free[:cameras])
 
     async def remove(self, name: str) -> None:
@@ -198,9 +196,10 @@ class LocalNodes:
             )
 
     async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
+        spool = await asyncio.to_thread(_free_spool, self._spool, name)
         arguments = [
             *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
-            *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
+            *("--spool", str(spool), "--leader", str(self._leader), "--clock", clock),
             *self._options,
             *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
@@ -214,3 +213,39 @@ class LocalNodes:
         if self._children.get(name) is child:
             del self._children[name], self._watching[name]
             self._event_log.add(str(error), camera=name, level="error")
+
+
+def _free_spool(spool: Path, camera: str) -> Path:
+    """Return `spool`, or the first free one of its `.2`, `.3` ... if another rig has such a camera there.
+
+    Bursts that killed rigs left for a camera of that name in the others are moved into it.
+    """
+    roots = [spool]
+    while (roots[-1] / camera).is_dir():
+        roots.append(spool / f".{len(roots) + 1}")
+    free, *others = [root for root in roots if not _is_used(root / camera)]
+    for burst in chain.from_iterable((root / camera).glob("*/") for root in others):
+        with suppress(OSError):  # another rig has just moved it
+            burst.rename(free / camera / burst.name)
+    return free
+
+
+def _is_used(spool: Path) -> bool:
+    """Return whether a node has locked a camera's spool."""
+    if not spool.is_dir():
+        return False
+    try:
+        os.close(lock_folder(spool))
+    except TryAgainError:
+        return True
+    return False
+
+
+async def _opened(node: Child) -> None:
+    """Wait until a node has opened its camera. Raises the node's own error if it ends."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(NODE_START_TIMEOUT_S):
+            # Its first line comes when its camera is open.
+            await first_of(node.process.wait(), node.spoken.wait())
+    if node.process.returncode is not None:
+        raise await node.failure()

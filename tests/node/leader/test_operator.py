@@ -1,6 +1,8 @@
 """What operators see of a leader and ask of it, over a connection that comes back."""
 
 import asyncio
+import contextlib
+import os
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
@@ -11,7 +13,8 @@ from typing import Any
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError
+from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError, SimulshotError
+from capture_app.node.leader import local_nodes
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
@@ -26,6 +29,7 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
+from capture_app.session.files.locks import lock_folder
 from capture_app.sync.rig.events import BurstAnswered, NodeChanged
 from capture_app.sync.timekeeping.rates import HostOffRate
 
@@ -166,6 +170,50 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
         await asyncio.gather(*removals)
         assert list(nodes.names) == []
         assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
+
+
+async def test_two_rigs_have_simulated_cameras_of_the_same_names(tmp_path: Path) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        for sessions in ("one", "two"):
+            leader = await stack.enter_async_context(await leader_at(tmp_path / sessions))
+            nodes = LocalNodes(leader.own_address, tmp_path / "spool", leader.log)
+            await stack.enter_async_context(aclosing(nodes))
+            assert await nodes.add_simulated(AddSimulated(cameras=1, scene="bars")) == ("cam00",)
+            async with aclosing(RigLink(leader.own_address).updates()) as updates:
+                await next_of(updates, lambda update: isinstance(update, RigStatus) and bool(update.nodes))
+            assert list(nodes.names) == ["cam00"]
+
+
+def test_bursts_of_killed_rigs_are_moved_to_the_next_one(tmp_path: Path) -> None:
+    def leave(root: Path, burst: str) -> Path:
+        (root / "cam00" / burst).mkdir(parents=True)
+        (root / "cam00" / burst / "image.jpg").write_text(burst)
+        return root
+
+    spool = leave(tmp_path / "spool", "1")
+    assert local_nodes._free_spool(spool, "cam01") == spool
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    using = lock_folder(spool / "cam00")
+    second = leave(local_nodes._free_spool(spool, "cam00"), "2")
+    assert second != spool
+    assert local_nodes._free_spool(spool, "cam00") == second, "it is free, and has what a rig left in it"
+    using_second = lock_folder(second / "cam00")
+    leave(local_nodes._free_spool(spool, "cam00"), "3")
+    os.close(using)
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    os.close(using_second)
+    images = [f"{burst}/image.jpg" for burst in ("1", "3")]
+    assert sorted(str(path.relative_to(spool / "cam00")) for path in spool.glob("cam00/*/*")) == images
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    assert sorted(path.read_text() for path in spool.glob("cam00/*/*")) == ["1", "2", "3"]
+    assert not [*spool.glob(".*/cam00/*")]
+
+
+async def test_simulated_cameras_that_cannot_start_say_why(tmp_path: Path) -> None:
+    (tmp_path / "spool").write_text("a file")
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        with pytest.raises(SimulshotError, match="spool' is a file"):
+            await give_order(leader.own_address, AddSimulated(cameras=2, scene="bars"))
 
 
 async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
+from reconstruction.batch import workers
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.batch_run import batch, exit_code
 from reconstruction.batch.summary import Row, depth_sheets
@@ -107,9 +108,13 @@ def test_what_no_depth_can_be_made_of_is_not_applicable_and_no_failure(
     assert "1 unit computed, 1 not applicable" in (beside.out / "summary.html").read_text()
 
 
-def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
+def test_units_that_fail_leave_the_others_alone(
+    run: Callable[..., Any], boards: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sessions = [boards.folder, boards.folder / "nowhere"]
-    done = run(workers=Workers(jobs=1), task=FAILING, sessions=sessions)
+    with monkeypatch.context() as patch:
+        patch.setattr(workers, "CONNECT_S", 1e-9)  # a scheduler of its own may take long to start
+        done = run(workers=Workers(jobs=1), task=FAILING, sessions=sessions)
     problems = {row.instant: row.error for row in done.result.units}
     assert problems[0] == "ValueError: unheard of in two lines"
     assert "its process died twice" in problems[1]

@@ -19,7 +19,7 @@ from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstAhead, BurstStatus, CameraTransfer
 from capture_app.tui.question import Question
 from capture_app.tui.widgets.lines import Lines
-from tests.tui.driving import until
+from tests.tui.driving import toasts, until
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
@@ -244,23 +244,19 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
     async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
         await studio.enter(pilot)
         await pilot.press("x")
-        await studio.settle(pilot)
-        await studio.settle(pilot)
-        assert "no burst is scheduled" in str(studio.app.screen.query_one(Toast).render())
+        await until(pilot, lambda: any("no burst is scheduled" in said for said in toasts(studio.app)))
         await pilot.press("space")
-        await studio.settle(pilot)
+        await until(pilot, lambda: line_of(studio) == "◔ burst-001: taken; cameras are saving")
         await pilot.press("x")
-        await studio.settle(pilot)
+        await until(pilot, lambda: studio.app.screen.query(Button))
         first = studio.app.screen.query(Button).first()
         assert str(first.label).startswith("1 burst-001: 0 of ")
         rig.failure = BadInputError(
             "burst 1 is not under way", hint="capture-app sessions list shows saved ones"
         )
         await pilot.press("1")
-        await studio.settle(pilot)
+        await until(pilot, lambda: any("not under way" in said for said in toasts(studio.app)))
         assert ("order", CancelBurst(burst=1)) in rig.asked
-        await studio.settle(pilot)
-        assert any("not under way" in str(toast.render()) for toast in studio.app.screen.query(Toast))
         rig.saves.set()
         await studio.settle(pilot)
 

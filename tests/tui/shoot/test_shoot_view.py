@@ -18,6 +18,9 @@ from tests.tui.driving import screen_of, until
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
 
+COUNTDOWN_S = 3600.0
+"""It never ends while a test runs, however long a busy machine takes."""
+
 
 async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: Path) -> None:
     rig = ready_rig(3)
@@ -88,21 +91,19 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
 
 
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
-    studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": 20.0}))
+    studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")
-        await pilot.pause()
-        assert studio.view.stage.current == "countdown"
-        assert 0 < int(studio.view.query_one(Digits).value) <= 20
+        await until(pilot, lambda: studio.view.stage.current == "countdown")
+        assert COUNTDOWN_S - 600 < int(studio.view.query_one(Digits).value) <= COUNTDOWN_S
         await pilot.press("space")
-        await studio.settle(pilot)
-        assert studio.view.stage.current == "live"
+        await until(pilot, lambda: studio.view.stage.current == "live")
         assert studio.requests == []
 
 
 async def test_the_screen_may_be_left_during_a_countdown(tmp_path: Path) -> None:
-    studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": 20.0}))
+    studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": COUNTDOWN_S}))
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")

@@ -12,9 +12,9 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import EXACT_STAMPS, PhaseControl
 from capture_app.common.errors import CameraError
 from capture_app.session.reading.decoding import encode_image
+from capture_app.simulation.profiles import SensorProfile
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.simulation.profiles import SensorProfile
 from capture_app.simulation.simulation_driver import SimulatedCamera
 
 if TYPE_CHECKING:
@@ -91,7 +91,15 @@ class VirtualCamera(SimulatedCamera):
     """A camera of a virtual rig, in the clock of its machine."""
 
     def __init__(
-        self, world: "World", name: str, clock: Any, device: Device, *, drops: float, image_bytes: int, lie: str
+        self,
+        world: "World",
+        name: str,
+        clock: Any,
+        device: Device,
+        *,
+        drops: float,
+        image_bytes: int,
+        lie: str,
     ) -> None:
         if device.is_lost:
             raise CameraError("the camera is not connected", hint="connect it")

@@ -56,7 +56,7 @@ class Disks:
 
     def __init__(self, world: "World") -> None:
         self.world = world
-        memory = Path("/dev/shm")  # noqa: S108 - inodes are not reused there
+        memory = Path("/dev/shm")
         self.root = Path(
             tempfile.mkdtemp(prefix="virtual-", dir=memory if os.access(memory, os.W_OK) else None)
         )
@@ -145,7 +145,7 @@ class Disks:
                 del self.kill_after[owner]
                 self.world.note(owner.name, f"killed before {what}")
                 owner.is_alive = False
-                self.world.at(self.world.now_ns, lambda: self.world.on_killed(owner))
+                self.world.at(self.world.now_ns, lambda: self.world.on_end(owner, None))
                 raise KilledError
         if disk.is_failing:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
@@ -187,7 +187,18 @@ class Disks:
 
         real = {
             name: getattr(os, name)
-            for name in ("open", "write", "close", "rename", "replace", "unlink", "remove", "mkdir", "rmdir", "ftruncate")
+            for name in (
+                "open",
+                "write",
+                "close",
+                "rename",
+                "replace",
+                "unlink",
+                "remove",
+                "mkdir",
+                "rmdir",
+                "ftruncate",
+            )
         }
 
         def opened(path: Any, flags: int, *rest: Any, **options: Any) -> int:

@@ -40,10 +40,10 @@ class Saved:
     """A session as it is on disk at the end."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.plan, self.session, self.error = folder, None, None, ""
+        self.folder, self.error = folder, ""
         self.problems: list[str] = []
-        self.plan: BurstPlan | None
-        self.session: Session | None
+        self.plan: BurstPlan | None = None
+        self.session: Session | None = None
         try:
             self.plan = read_plan(folder)
         except SimulshotError as error:
@@ -94,12 +94,10 @@ def _confirmed(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Itera
         if key not in by_key:
             by_key[key] = sessions[key].checksums() if key in sessions else {}
         saved = sessions.get(key)
-        is_video = saved is not None and saved.plan is not None and saved.plan.streamed is not None
+        streamed = None if saved is None or saved.plan is None else saved.plan.streamed
         there = by_key[key].get((camera, instant))
-        if is_video and saved is not None and saved.session is not None and saved.plan.streamed.video:  # type: ignore[union-attr]
-            if there is None:
-                lost.setdefault(key, []).append(f"{camera}/{instant}")
-        elif there != sha256:
+        # The frames of a video have no checksums of their own.
+        if there is None or (there != sha256 and not (streamed is not None and streamed.video)):
             lost.setdefault(key, []).append(f"{camera}/{instant}")
     for key, images in lost.items():
         name = sessions[key].folder.name if key in sessions else f"burst {key}, which has no session"
@@ -178,6 +176,5 @@ def _said(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[s
             yield f"{take.step}: said to be saved as {status.name}, which does not open"
         elif len(saved.session.manifest.images) < status.received:
             yield (
-                f"{status.name}: {status.received} images said,"
-                f" {len(saved.session.manifest.images)} there"
+                f"{status.name}: {status.received} images said, {len(saved.session.manifest.images)} there"
             )

@@ -12,7 +12,7 @@ from asyncio import sslproto
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from tests.virtual.world import WALL_NS, KilledError, Process, process
 
@@ -100,8 +100,8 @@ class VirtualSocket:
         return data, [(socket.SOL_SOCKET, _SO_TIMESTAMPNS, stamp)], 0, sender
 
     def recvfrom(self, *_: Any) -> tuple[bytes, tuple[str, int]]:
-        data, _, _, sender = self.recvmsg()
-        return data, sender
+        data, *_, sender = self.recvmsg()
+        return bytes(data), sender
 
     def close(self) -> None:
         if self.is_open:
@@ -410,7 +410,9 @@ class Network:
     def _socket(self, number: Any) -> VirtualSocket:
         return self._sockets[number if isinstance(number, int) else number.fileno()]
 
-    def send_datagram(self, of: VirtualSocket, sender: tuple[str, int], data: bytes, to: tuple[str, int]) -> None:
+    def send_datagram(
+        self, of: VirtualSocket, sender: tuple[str, int], data: bytes, to: tuple[str, int]
+    ) -> None:
         """Send a datagram on its way."""
         target = self._machine(to[0])
         if target is None:
@@ -421,9 +423,7 @@ class Network:
         if lost or link.is_cut:
             return
         for _ in range(2 if link.rng.random() < link.double else 1):
-            self.world.at(
-                self.world.now_ns + link.delay_ns(), lambda: self._deliver(link, data, sender, to)
-            )
+            self.world.at(self.world.now_ns + link.delay_ns(), lambda: self._deliver(link, data, sender, to))
 
     def _deliver(self, link: Link, data: bytes, sender: tuple[str, int], to: tuple[str, int]) -> None:
         of = self._bound.get((socket.SOCK_DGRAM, *to))
@@ -433,11 +433,12 @@ class Network:
 
     def _wake(self, of: VirtualSocket) -> None:
         if of.reader is not None:
-            self.world.loop.call_soon(self._readable, of, context=of.reader._context)
+            self.world.loop.call_soon(self._readable, of, context=cast(Any, of.reader)._context)
 
     def _readable(self, of: VirtualSocket) -> None:
         if of.reader is not None and of.queue:
-            of.reader._callback(*of.reader._args)
+            reader = cast(Any, of.reader)
+            reader._callback(*reader._args)
             if of.queue:
                 self._wake(of)
 
@@ -465,10 +466,10 @@ class Network:
         if (found := self._servers.get((host, port))) is None:
             raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
         server_factory, listening, context = found
-        own_port = self._ports[self.host(owner.machine)] = self._ports.get(self.host(owner.machine), 40000) + 1
-        near = MemoryTransport(
-            self, owner, (self.host(owner.machine), own_port), contextvars.copy_context()
+        own_port = self._ports[self.host(owner.machine)] = (
+            self._ports.get(self.host(owner.machine), 40000) + 1
         )
+        near = MemoryTransport(self, owner, (self.host(owner.machine), own_port), contextvars.copy_context())
         far = MemoryTransport(self, listening.owner, (host, port), context)
         near.peer, far.peer = far, near
         far.soon(lambda: far.made(server_factory()))
@@ -486,7 +487,7 @@ class Network:
             raise
         return over._app_transport, protocol
 
-    def getaddrinfo(self, host: Any, port: Any, type: int = socket.SOCK_DGRAM, **_: Any) -> Any:  # noqa: A002
+    def getaddrinfo(self, host: Any, port: Any, type: int = socket.SOCK_DGRAM, **_: Any) -> Any:
         """Return a numeric address as it is."""
         return [(socket.AF_INET, type, 0, "", (str(host or "0.0.0.0"), int(port)))]
 

@@ -89,9 +89,7 @@ def draw(seed: int) -> Plan:
     liars = {cameras[-1]: rng.choice(LIES)} if rng.random() < 0.25 else {}
     seconds = rng.uniform(50, 90)
     machines = ["lead", *cameras, *(["relay"] if behind else []), *(["lead2"] if has_standby else [])]
-    steps = [
-        _fault(rng, rng.uniform(SETTLE_S, seconds), machines, cameras) for _ in range(rng.randint(2, 7))
-    ]
+    steps = [_fault(rng, rng.uniform(SETTLE_S, seconds), machines, cameras) for _ in range(rng.randint(2, 7))]
     steps += [_order(rng, rng.uniform(SETTLE_S - 5, seconds)) for _ in range(rng.randint(3, 7))]
     if has_standby:
         # A leader that comes back while its standby leads takes over again; both are tried.
@@ -139,4 +137,6 @@ def _order(rng: random.Random, at_s: float) -> Step:
         "long": rng.randint(25, 40),
         "cancel": 3,
     }[kind]
-    return Step(at_s, kind, "desk", float(value), rng.uniform(1, 5) if kind in ("recording", "series") else 0.0)
+    return Step(
+        at_s, kind, "desk", float(value), rng.uniform(1, 5) if kind in ("recording", "series") else 0.0
+    )

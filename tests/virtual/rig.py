@@ -2,22 +2,19 @@
 
 import asyncio
 import contextlib
-import re
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import replace
-
 from capture_app.common.address import Address
-from capture_app.common.errors import CameraError, SimulshotError
+from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.net import local_network
+from capture_app.net.channel import Channel
 from capture_app.node import joining
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera import burst_upload, uploader
+from capture_app.node.camera import burst_upload
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.bursts import ActiveBursts
@@ -36,7 +33,7 @@ from capture_app.trust.trust import Trust
 from tests.virtual.cameras import Device, VirtualCamera
 from tests.virtual.network import Link
 from tests.virtual.plan import Plan, Step
-from tests.virtual.world import KilledError, Process, World, process
+from tests.virtual.world import Process, World, process
 
 PORT = 47010
 RARE = {
@@ -166,8 +163,7 @@ class VirtualRig:
             self.clocks[machine] = MachineClock(world, machine)
         if plan.wifi:
             world.network.shape = _as_wifi
-        world.ended_with = self._restart_later  # type: ignore[method-assign]
-        world.on_killed = self._restart_later
+        world.on_end = self._restart_later
 
     # Processes
 
@@ -244,7 +240,7 @@ class VirtualRig:
         self.world.network.switch(name, on=True)
         self.world.start(name, name, self.works[name])
 
-    def _restart_later(self, one: Process, error: BaseException | None = None) -> None:
+    def _restart_later(self, one: Process, error: Exception | None) -> None:
         """Start a process again that has ended, as a service manager does."""
         if error is not None and not isinstance(error, SimulshotError):
             self.world.fail(f"{one.name} ended with {type(error).__name__}: {error}")
@@ -307,7 +303,9 @@ class VirtualRig:
         """Return the images that are still in cameras' spools."""
         folders = [self.world.disks.of(name).folder / "spool" for name in self.plan.cameras]
         return [
-            str(path.relative_to(self.world.disks.root)) for folder in folders for path in folder.rglob("*.jpg")
+            str(path.relative_to(self.world.disks.root))
+            for folder in folders
+            for path in folder.rglob("*.jpg")
         ]
 
     def _open_bursts(self) -> list[str]:
@@ -374,17 +372,17 @@ class VirtualRig:
                 await asyncio.sleep(step.seconds)
                 world.network.cut(target, is_cut=False)
             case "loss" | "slow-link" | "late-link":
-                field_, value = {
-                    "loss": ("loss", step.value),
-                    "slow-link": ("bytes_per_s", step.value),
-                    "late-link": ("jitter_ns", round(step.value * 1e6)),
+                name, scale = {
+                    "loss": ("loss", 1),
+                    "slow-link": ("bytes_per_s", 1),
+                    "late-link": ("jitter_ns", 1e6),
                 }[step.kind]
-                before = [getattr(link, field_) for link in links]
+                before = [getattr(link, name) for link in links]
                 for link in links:
-                    setattr(link, field_, value)
+                    setattr(link, name, step.value * scale)
                 await asyncio.sleep(step.seconds)
                 for link, old in zip(links, before, strict=True):
-                    setattr(link, field_, old)
+                    setattr(link, name, old)
             case "disk-full" | "disk-failing":
                 name = step.kind.replace("disk-", "is_")
                 setattr(disk, name, True)
@@ -416,10 +414,11 @@ class VirtualRig:
         return Address(self.world.network.host(machine), PORT)
 
     def _order(self, step: Step) -> None:
-        options: dict[str, Any] = {
-            "series": {"frames": 3, "repeat": round(step.value), "every_s": step.seconds},
-            "recording": {"video": True},
-        }.get(step.kind, {"frames": round(step.value)})
+        options: dict[str, Any] = {"frames": round(step.value)}
+        if step.kind == "series":
+            options = {"frames": 3, "repeat": round(step.value), "every_s": step.seconds}
+        elif step.kind == "recording":
+            options = {"video": True}
         plan = TakePlan(wait_ready_s=5, **options)
         self.world.within(
             self.world.processes["desk"],
@@ -488,7 +487,7 @@ class VirtualRig:
     # What is noted
 
     @contextlib.contextmanager
-    def observed(self):  # type: ignore[no-untyped-def]
+    def observed(self) -> Iterator[None]:
         """Note orders and confirmations within the block, and let liars lie."""
         rig, undo = self, contextlib.ExitStack()
 
@@ -533,30 +532,21 @@ class VirtualRig:
                     rig.evidence.confirmed[report.leader, report.burst, report.camera, instant] = sha256
             return confirm(upload, stored)
 
-        send = uploader.BurstSender._report_burst
-        send_image = uploader.BurstSender._send_image
+        send = Channel.send
 
-        async def reporting(sender: Any, burst: Any, *, first: bool) -> Any:
+        async def sending(channel: Channel[Any], message: Any, *payloads: Any, **options: Any) -> None:
             lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
-            if lie in ("nothing", "partial") and not burst.streamed:
-                honest = burst.report
-                left = honest.plan.instants[:1] if lie == "partial" else ()
-                burst.report = honest.with_plan(instants=left, missing=())
-                try:
-                    return await send(sender, burst, first=first)
-                finally:
-                    burst.report = honest
-            return await send(sender, burst, first=first)
-
-        async def sending(sender: Any, burst: Any, image: Any) -> None:
-            if rig.plan.liars.get(getattr(process.get(), "name", ""), "") == "silent":
+            if lie == "silent" and isinstance(message, ImageUpload):
                 await asyncio.Event().wait()
-            await send_image(sender, burst, image)
+            is_short = isinstance(message, CameraReport) and message.plan.picked is None
+            if lie in ("nothing", "partial") and is_short and not message.plan.picking:
+                left = message.plan.instants[:1] if lie == "partial" else ()
+                message = message.with_plan(instants=left, missing=())
+            await send(channel, message, *payloads, **options)
 
         replaced(ActiveBursts, "order", ordering)
         replaced(burst_upload.BurstUpload, "confirm", confirming)
-        replaced(uploader.BurstSender, "_report_burst", reporting)
-        replaced(uploader.BurstSender, "_send_image", sending)
+        replaced(Channel, "send", sending)
         replaced(joining, "power_saving_towards", lambda _: None)
         # Exchanges are most of the work of a rig at rest: these nodes ask as seldom as among thousands.
         replaced(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE))

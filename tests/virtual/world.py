@@ -86,13 +86,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         self.world = world
         self._clock_resolution = 1e-9
         self.set_task_factory(OwnedTask.of)
-        self._queues: "weakref.WeakKeyDictionary[ThreadPoolExecutor, _Worker]" = weakref.WeakKeyDictionary()
+        self._queues: weakref.WeakKeyDictionary[ThreadPoolExecutor, _Worker] = weakref.WeakKeyDictionary()
 
     def time(self) -> float:
         """Return the virtual time, s."""
         return self.world.now_ns / 1e9
 
-    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:
+    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
         """Run `func` on the loop, as late as the machine's disk is slow; a single thread keeps its order."""
         future: asyncio.Future[Any] = self.create_future()
         owner = process.get()
@@ -106,7 +106,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                 result = context.run(func, *args)
             except KilledError:
                 return
-            except BaseException as error:  # noqa: BLE001 - the future carries it, as a thread's would
+            except BaseException as error:
                 if not future.cancelled():
                     future.set_exception(error)
             else:
@@ -132,7 +132,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
 
     async def sock_recv(self, sock: Any, _: int) -> bytes:
         """Receive on a virtual socket."""
-        while not sock.queue:
+        while not sock.queue:  # noqa: ASYNC110 - a reader is for the pump
             await asyncio.sleep(0.01)
         return bytes(sock.recvmsg()[0])
 
@@ -144,15 +144,19 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         """Stop watching a virtual socket."""
         return self.world.network.unwatch(fd)
 
-    async def getaddrinfo(self, host: Any, port: Any, **options: Any) -> Any:  # type: ignore[override]
+    async def getaddrinfo(self, host: Any, port: Any, **options: Any) -> Any:
         """Return a numeric address as it is."""
         return self.world.network.getaddrinfo(host, port, **options)
 
-    async def create_connection(self, factory: Any, host: Any = None, port: Any = None, **options: Any) -> Any:  # type: ignore[override]
+    async def create_connection(  # type: ignore[override]
+        self, factory: Any, host: Any = None, port: Any = None, **options: Any
+    ) -> Any:
         """Connect over the virtual network."""
         return await self.world.network.connect(factory, str(host), int(port), options.get("ssl"))
 
-    async def create_server(self, factory: Any, *_: Any, sock: Any = None, **__: Any) -> Any:  # type: ignore[override]
+    async def create_server(  # type: ignore[override]
+        self, factory: Any, *_: Any, sock: Any = None, **__: Any
+    ) -> Any:
         """Serve on a listening virtual socket."""
         return self.world.network.serve(factory, sock)
 
@@ -210,8 +214,8 @@ class World:
         self._steps = 0
         self._runs: dict[str, int] = {}
         self.processes: dict[str, Process] = {}
-        self.on_killed: Callable[[Process], None] = lambda _: None
-        """Called when a process was killed in the middle of its work."""
+        self.on_end: Callable[[Process, Exception | None], None] = lambda _, __: None
+        """Called when a process has ended by itself, with its error; None where a disk's step was its last."""
         self.failures: list[str] = []
         """Broken invariants and unhandled errors."""
         self.loop.set_exception_handler(self._unhandled)
@@ -285,21 +289,15 @@ class World:
                 await work()
             except asyncio.CancelledError:
                 raise
-            except Exception as error:  # noqa: BLE001 - whatever ends a process is what is looked for
+            except Exception as error:
                 if started.is_alive:
                     self.note(name, f"ended: {type(error).__name__}: {error}")
-                    started.is_alive = False
-                    if not isinstance(error, KilledError):
-                        self.ended_with(started, error)
+                    self.on_end(started, error)
             finally:
                 started.is_alive = False
 
         started.main = context.run(self.loop.create_task, main())
         return started
-
-    def ended_with(self, _: Process, error: Exception) -> None:
-        """Handle the error that ended a process; a rig's plan may expect it."""
-        self.fail(f"a process ended with {type(error).__name__}: {error}")
 
     async def stop(self, name: str) -> None:
         """End a process in good order, as by Ctrl-C."""
@@ -389,7 +387,7 @@ class World:
             run_handle = asyncio.Handle._run
 
             def run(handle: asyncio.Handle) -> None:
-                if (owner := handle._context.get(process)) is not None:
+                if (owner := handle._context.get(process)) is not None:  # type: ignore[attr-defined]
                     if owner.is_frozen:
                         owner.frozen.append(handle)
                         return

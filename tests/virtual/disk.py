@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from capture_app.session.files import durable
 from tests.virtual.world import KilledError, Process, process
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class Disks:
         for number in [number for number, (owner, _, _) in self._open.items() if owner is one]:
             del self._open[number]
             with contextlib.suppress(OSError):
-                _close(number)
+                _REAL.close(number)
         self.kill_after.pop(one, None)
 
     # Power
@@ -157,128 +158,127 @@ class Disks:
             return None
         return self._disks.get(text[len(start) :].split("/", 1)[0])
 
+    # In the place of the functions of `os`, `io` and `shutil`
+
+    def _opened(self, path: Any, flags: int, *rest: Any, **options: Any) -> int:
+        owner, disk = process.get(), self._disk_at(path)
+        if disk is not None and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
+            self._step(disk, f"opening {_name(path)}")
+        elif disk is not None:
+            _check_alive()
+        number = _REAL.open(path, flags, *rest, **options)
+        if owner is not None and disk is not None:
+            self._open[number] = (owner, disk, os.fsdecode(path))
+        return number
+
+    def _closed(self, number: int) -> None:
+        owner = process.get()
+        if owner is None or owner.is_alive or number in self._open:
+            self._open.pop(number, None)
+            _REAL.close(number)
+
+    def _written(self, number: int, data: Any) -> int:
+        if (known := self._open.get(number)) is None:
+            _check_alive()
+        else:
+            _, disk, path = known
+            self._step(disk, f"a write to {_name(path)}")
+            if disk.is_full:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return _REAL.write(number, data)
+
+    def _reserved(self, number: int, *_: int) -> None:
+        """Reserve nothing, as a file system that cannot, unless the disk is full."""
+        disk = self._disk_at(Path(f"/proc/self/fd/{number}").readlink())
+        if disk is not None and disk.is_full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
     def _synced(self, number: int) -> None:
-        owner, disk, path = self._open[number]
-        self._step(disk, f"sync of {Path(path).name}")
-        short = path.removeprefix(f"{self.root}/")
-        if not self.world.in_thread and owner is process.get():
-            disk.syncs_on_loop.append(short)
-        if self.ignored_sync(short):
+        if number not in self._open:
+            _check_alive()
             return
+        _, disk, path = self._open[number]
+        self._step(disk, f"sync of {_name(path)}")
+        short = path.removeprefix(f"{self.root}/")
+        if not self.world.in_thread:
+            disk.syncs_on_loop.append(short)
+        if not self.ignored_sync(short):
+            self._make_safe(disk, number)
+
+    def _make_safe(self, disk: Disk, number: int) -> None:
+        """Remember what a power cut leaves of an open file or folder from now on."""
         about = os.fstat(number)
         if stat.S_ISDIR(about.st_mode):
-            entries = {entry.name: entry for entry in os.scandir(number)}
-            disk.names[about.st_ino] = {name: entry.inode() for name, entry in entries.items()}
+            with os.scandir(number) as entries:
+                found = list(entries)
+            disk.names[about.st_ino] = {entry.name: entry.inode() for entry in found}
             disk.folders.add(about.st_ino)
-            disk.folders.update(entry.inode() for entry in entries.values() if entry.is_dir())
+            disk.folders.update(entry.inode() for entry in found if entry.is_dir())
         else:
-            with _open_file(path, "rb") if os.path.exists(path) else contextlib.nullcontext() as file:
-                same = file is not None and os.path.samestat(os.fstat(file.fileno()), about)
-                if same:
-                    disk.files[about.st_ino] = file.read()
-                else:
-                    with _open_file(f"/proc/self/fd/{number}", "rb") as file:
-                        disk.files[about.st_ino] = file.read()
+            disk.files[about.st_ino] = Path(f"/proc/self/fd/{number}").read_bytes()
+
+    def _changing(self, name: str) -> Callable[..., Any]:
+        """Return the function of `os` by that name, as a step of the disk."""
+        real = getattr(_REAL, name)
+
+        def change(path: Any, *rest: Any, **options: Any) -> Any:
+            if (disk := self._disk_at(path)) is not None:
+                self._step(disk, f"{name} of {_name(path)}")
+            else:
+                _check_alive()
+            return real(path, *rest, **options)
+
+        return change
+
+    def _usage(self, path: Any) -> Usage:
+        disk = self._disk_at(path)
+        free = 0 if disk is not None and disk.is_full else FREE_BYTES
+        return Usage(2 * FREE_BYTES, 2 * FREE_BYTES - free, free)
+
+    def _opened_file(self, path: Any, mode: str = "r", *rest: Any, **options: Any) -> Any:
+        if (mode[0] != "r" or "+" in mode) and (disk := self._disk_at(path)) is not None:
+            self._step(disk, f"opening {_name(path)}")
+        return _REAL.open_file(path, mode, *rest, **options)
 
     @contextlib.contextmanager
     def entered(self, replaced: Callable[..., None]) -> Iterator[None]:
         """Put the disks between processes and the system within the block."""
-        from capture_app.session.files import durable
-
-        real = {
-            name: getattr(os, name)
-            for name in (
-                "open",
-                "write",
-                "close",
-                "rename",
-                "replace",
-                "unlink",
-                "remove",
-                "mkdir",
-                "rmdir",
-                "ftruncate",
-            )
-        }
-
-        def opened(path: Any, flags: int, *rest: Any, **options: Any) -> int:
-            owner, disk = process.get(), self._disk_at(path)
-            if owner is not None and disk is not None:
-                if flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
-                    self._step(disk, f"opening {Path(os.fsdecode(path)).name}")
-                elif not owner.is_alive:
-                    raise KilledError
-            number = int(real["open"](path, flags, *rest, **options))
-            if owner is not None and disk is not None:
-                self._open[number] = (owner, disk, os.fsdecode(path))
-            return number
-
-        def close(number: int) -> None:
-            owner = process.get()
-            if owner is not None and not owner.is_alive and number not in self._open:
-                return
-            self._open.pop(number, None)
-            real["close"](number)
-
-        def write(number: int, data: Any) -> int:
-            if (known := self._open.get(number)) is not None:
-                self._step(known[1], f"a write to {Path(known[2]).name}")
-                if known[1].is_full:
-                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            elif (owner := process.get()) is not None and not owner.is_alive:
-                raise KilledError
-            return int(real["write"](number, data))
-
-        def fallocate(number: int, offset: int, size: int) -> None:
-            # As on a file system that cannot reserve space, unless there is none.
-            where = os.readlink(f"/proc/self/fd/{number}")
-            disk = self._disk_at(where)
-            if disk is not None and disk.is_full:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-        def synced(number: int) -> None:
-            if number in self._open:
-                self._synced(number)
-            elif (owner := process.get()) is not None and not owner.is_alive:
-                raise KilledError
-
-        def changing(name: str) -> Callable[..., Any]:
-            def change(path: Any, *rest: Any, **options: Any) -> Any:
-                if (disk := self._disk_at(path)) is not None:
-                    self._step(disk, f"{name} of {Path(os.fsdecode(path)).name}")
-                elif (owner := process.get()) is not None and not owner.is_alive:
-                    raise KilledError
-                return real[name](path, *rest, **options)
-
-            return change
-
-        def usage(path: Any) -> Usage:
-            disk = self._disk_at(path)
-            free = 0 if disk is not None and disk.is_full else FREE_BYTES
-            return Usage(2 * FREE_BYTES, 2 * FREE_BYTES - free, free)
-
-        def open_file(path: Any, mode: str = "r", *rest: Any, **options: Any) -> Any:
-            if mode[0] != "r" or "+" in mode:
-                if (disk := self._disk_at(path)) is not None:
-                    self._step(disk, f"opening {Path(os.fsdecode(path)).name}")
-            return _open_file(path, mode, *rest, **options)
-
         replaced(
             os,
-            open=opened,
-            close=close,
-            write=write,
-            fsync=synced,
-            fdatasync=synced,
-            posix_fallocate=fallocate,
-            ftruncate=lambda number, size: real["ftruncate"](number, size),
-            **{name: changing(name) for name in ("rename", "replace", "unlink", "remove", "mkdir", "rmdir")},
+            open=self._opened,
+            close=self._closed,
+            write=self._written,
+            fsync=self._synced,
+            fdatasync=self._synced,
+            posix_fallocate=self._reserved,
+            **{name: self._changing(name) for name in _CHANGES},
         )
-        replaced(io, open=open_file)
-        replaced(builtins, open=open_file)
-        replaced(shutil, disk_usage=usage)
+        replaced(io, open=self._opened_file)
+        replaced(builtins, open=self._opened_file)
+        replaced(shutil, disk_usage=self._usage)
+        # Syncs in threads of their own would be real threads.
         replaced(durable, FEW_SYNCS=1 << 30)
         yield
 
 
-_open_file, _close = io.open, os.close
+_CHANGES = ("rename", "replace", "unlink", "remove", "mkdir", "rmdir")
+
+
+class _REAL:
+    """The system's own functions, taken before any is replaced."""
+
+    open, close, write = os.open, os.close, os.write
+    rename, replace, unlink, remove, mkdir, rmdir = (
+        staticmethod(of) for of in (os.rename, os.replace, os.unlink, os.remove, os.mkdir, os.rmdir)
+    )
+    open_file: Any = staticmethod(io.open)
+
+
+def _name(path: Any) -> str:
+    return Path(os.fsdecode(path)).name
+
+
+def _check_alive() -> None:
+    """Raise KilledError in a process that was killed."""
+    if (owner := process.get()) is not None and not owner.is_alive:
+        raise KilledError

@@ -66,7 +66,7 @@ class VirtualSocket:
     def fileno(self) -> int:
         return self.number
 
-    def setblocking(self, _: bool) -> None: ...
+    def setblocking(self, *_: Any) -> None: ...
     def setsockopt(self, *_: Any) -> None: ...
     def listen(self, *_: Any) -> None: ...
 
@@ -89,7 +89,7 @@ class VirtualSocket:
     def sendto(self, data: bytes, address: tuple[str, int]) -> int:
         if not self.owner.is_alive:
             raise KilledError
-        self._network.send_datagram(self, self._bound(), bytes(data), (address[0], address[1]))
+        self._network.send_datagram(self, bytes(data), (address[0], address[1]))
         return len(data)
 
     def recvmsg(self, *_: Any) -> tuple[bytes, list[Any], int, tuple[str, int]]:
@@ -100,8 +100,8 @@ class VirtualSocket:
         return data, [(socket.SOL_SOCKET, _SO_TIMESTAMPNS, stamp)], 0, sender
 
     def recvfrom(self, *_: Any) -> tuple[bytes, tuple[str, int]]:
-        data, *_, sender = self.recvmsg()
-        return bytes(data), sender
+        message = self.recvmsg()
+        return message[0], message[3]
 
     def close(self) -> None:
         if self.is_open:
@@ -410,10 +410,9 @@ class Network:
     def _socket(self, number: Any) -> VirtualSocket:
         return self._sockets[number if isinstance(number, int) else number.fileno()]
 
-    def send_datagram(
-        self, of: VirtualSocket, sender: tuple[str, int], data: bytes, to: tuple[str, int]
-    ) -> None:
+    def send_datagram(self, of: VirtualSocket, data: bytes, to: tuple[str, int]) -> None:
         """Send a datagram on its way."""
+        sender = of.getsockname()
         target = self._machine(to[0])
         if target is None:
             return
@@ -461,7 +460,7 @@ class Network:
         while out.rng.random() < out.loss:
             round_trip_ns += 1_000_000_000
         await asyncio.sleep(round_trip_ns / 1e9)
-        while out.is_cut or not self.is_on(str(target)):
+        while out.is_cut or not self.is_on(str(target)):  # noqa: ASYNC110 - as TCP, which asks again
             await asyncio.sleep(1.0)
         if (found := self._servers.get((host, port))) is None:
             raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")

@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -136,9 +136,8 @@ class Evidence:
     takes: list[Take] = field(default_factory=list)
     spans: list[Span] = field(default_factory=list)
     confirmed: dict[tuple[int, int, str, int], str] = field(default_factory=dict)
-    """Checksums of the images that a node counts as safe: by leader's run, burst, camera, instant as ordered."""
+    """Checksums of the images that a node counts as safe: by leader's run, burst, camera, ordered instant."""
     log_lines: Counter[str] = field(default_factory=Counter)
-    slow_status: list[str] = field(default_factory=list)
 
 
 class VirtualRig:
@@ -341,70 +340,91 @@ class VirtualRig:
         self._do(self._fault(step))
 
     async def _fault(self, step: Step) -> None:
-        world, target = self.world, step.target
-        links, disk = world.network.links_of(target), world.disks.of(target)
-        match step.kind:
-            case "kill" | "power" | "stop":
-                self._down[target] += 1
-                if step.kind == "stop" and self._down[target] == 1:
-                    await world.stop(target)
-                else:
-                    if step.kind == "power":
-                        world.network.switch(target, on=False)
-                    await world.kill(target)
-                    if step.kind == "power":
-                        disk.is_failing = disk.is_full = False
-                        world.disks.cut_power(target)
-                await asyncio.sleep(step.seconds)
-                self._down[target] -= 1
-                if not self._down[target]:
-                    self._start(target)
-            case "kill-at-disk-step":
-                if (one := world.processes[target]).is_alive:
-                    world.disks.kill_after[one] = max(1, round(step.value))
-            case "freeze":
-                one = world.processes[target]
-                world.freeze(target)
-                await asyncio.sleep(step.seconds)
-                world.thaw(one)
-            case "cut":
-                world.network.cut(target, is_cut=True)
-                await asyncio.sleep(step.seconds)
-                world.network.cut(target, is_cut=False)
-            case "loss" | "slow-link" | "late-link":
-                name, scale = {
-                    "loss": ("loss", 1),
-                    "slow-link": ("bytes_per_s", 1),
-                    "late-link": ("jitter_ns", 1e6),
-                }[step.kind]
-                before = [getattr(link, name) for link in links]
-                for link in links:
-                    setattr(link, name, step.value * scale)
-                await asyncio.sleep(step.seconds)
-                for link, old in zip(links, before, strict=True):
-                    setattr(link, name, old)
-            case "disk-full" | "disk-failing":
-                name = step.kind.replace("disk-", "is_")
-                setattr(disk, name, True)
-                await asyncio.sleep(step.seconds)
-                setattr(disk, name, False)
-            case "disk-slow":
-                before_s, disk.mean_delay_s = disk.mean_delay_s, step.value
-                await asyncio.sleep(step.seconds)
-                disk.mean_delay_s = before_s
-            case "camera-stall":
-                self.devices[target].is_stalled = True
-                await asyncio.sleep(step.seconds)
-                self.devices[target].is_stalled = False
-            case "camera-lost":
-                device = self.devices[target]
-                device.is_lost = True
-                if device.opened is not None and world.processes[target].is_alive:
-                    world.within(world.processes[target], device.opened.fail)
-                await asyncio.sleep(step.seconds)
-                device.is_lost = False
-            case "clock-slew":
-                self.clocks[target].slew(step.value, step.seconds)
+        """Let one fault happen, and be over."""
+        await getattr(self, f"_{step.kind.replace('-', '_')}")(step)
+
+    async def _kill(self, step: Step) -> None:
+        await self._down_for(step, self.world.kill(step.target))
+
+    async def _stop(self, step: Step) -> None:
+        is_up = not self._down[step.target]
+        await self._down_for(step, (self.world.stop if is_up else self.world.kill)(step.target))
+
+    async def _power(self, step: Step) -> None:
+        self.world.network.switch(step.target, on=False)
+
+        async def cut() -> None:
+            await self.world.kill(step.target)
+            disk = self.world.disks.of(step.target)
+            disk.is_failing = disk.is_full = False
+            self.world.disks.cut_power(step.target)
+
+        await self._down_for(step, cut())
+
+    async def _down_for(self, step: Step, ends: Coroutine[Any, Any, None]) -> None:
+        """End a process, and start it again when nothing keeps it down any more."""
+        self._down[step.target] += 1
+        await ends
+        await asyncio.sleep(step.seconds)
+        self._down[step.target] -= 1
+        if not self._down[step.target]:
+            self._start(step.target)
+
+    async def _kill_at_disk_step(self, step: Step) -> None:
+        if (one := self.world.processes[step.target]).is_alive:
+            self.world.disks.kill_after[one] = max(1, round(step.value))
+
+    async def _freeze(self, step: Step) -> None:
+        one = self.world.processes[step.target]
+        self.world.freeze(step.target)
+        await asyncio.sleep(step.seconds)
+        self.world.thaw(one)
+
+    async def _cut(self, step: Step) -> None:
+        self.world.network.cut(step.target, is_cut=True)
+        await asyncio.sleep(step.seconds)
+        self.world.network.cut(step.target, is_cut=False)
+
+    async def _changed(self, things: Iterable[Any], name: str, value: Any, seconds: float) -> None:
+        """Give things another value for a while."""
+        before = [(of, getattr(of, name)) for of in things]
+        for of, _ in before:
+            setattr(of, name, value)
+        await asyncio.sleep(seconds)
+        for of, old in before:
+            setattr(of, name, old)
+
+    async def _loss(self, step: Step) -> None:
+        await self._changed(self.world.network.links_of(step.target), "loss", step.value, step.seconds)
+
+    async def _slow_link(self, step: Step) -> None:
+        links = self.world.network.links_of(step.target)
+        await self._changed(links, "bytes_per_s", step.value, step.seconds)
+
+    async def _late_link(self, step: Step) -> None:
+        links = self.world.network.links_of(step.target)
+        await self._changed(links, "jitter_ns", step.value * 1e6, step.seconds)
+
+    async def _disk_full(self, step: Step) -> None:
+        await self._changed([self.world.disks.of(step.target)], "is_full", True, step.seconds)
+
+    async def _disk_failing(self, step: Step) -> None:
+        await self._changed([self.world.disks.of(step.target)], "is_failing", True, step.seconds)
+
+    async def _disk_slow(self, step: Step) -> None:
+        await self._changed([self.world.disks.of(step.target)], "mean_delay_s", step.value, step.seconds)
+
+    async def _camera_stall(self, step: Step) -> None:
+        await self._changed([self.devices[step.target]], "is_stalled", True, step.seconds)
+
+    async def _camera_lost(self, step: Step) -> None:
+        device, one = self.devices[step.target], self.world.processes[step.target]
+        if device.opened is not None:
+            self.world.within(one, device.opened.fail)
+        await self._changed([device], "is_lost", True, step.seconds)
+
+    async def _clock_slew(self, step: Step) -> None:
+        self.clocks[step.target].slew(step.value, step.seconds)
 
     # The operator
 

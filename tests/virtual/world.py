@@ -215,7 +215,7 @@ class World:
         self._runs: dict[str, int] = {}
         self.processes: dict[str, Process] = {}
         self.on_end: Callable[[Process, Exception | None], None] = lambda _, __: None
-        """Called when a process has ended by itself, with its error; None where a disk's step was its last."""
+        """Called when a process has ended by itself, with its error; None if it was killed by its disk."""
         self.failures: list[str] = []
         """Broken invariants and unhandled errors."""
         self.loop.set_exception_handler(self._unhandled)

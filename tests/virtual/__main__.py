@@ -1,10 +1,10 @@
 """Command line of virtual rigs: see `tests/virtual/__init__.py`."""
 
 import argparse
+import multiprocessing
 import os
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 
 from tests.virtual.plan import Plan, draw
 from tests.virtual.run import Result, run, run_seed
@@ -32,8 +32,8 @@ def _results(seeds: list[int], jobs: int) -> Iterator[Result]:
     if jobs == 1:
         yield from map(run_seed, seeds)
         return
-    with ProcessPoolExecutor(jobs, max_tasks_per_child=20) as pool:
-        yield from pool.map(run_seed, seeds)
+    with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=20) as pool:
+        yield from pool.imap(run_seed, seeds)
 
 
 def main() -> int:

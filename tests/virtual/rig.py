@@ -174,7 +174,7 @@ class VirtualRig:
     def _log(self, name: str) -> Log:
         def show(line: str) -> None:
             self.evidence.log_lines[name] += 1
-            self.world.note(name, line.replace(str(self.world.disks.root), ""))
+            self.world.note(name, line)
 
         return Log(show, name=None if name.startswith(("lead", "relay")) else name)
 

@@ -232,7 +232,7 @@ class World:
 
     def note(self, machine: str, words: str) -> None:
         """Add to the trace."""
-        self.trace.append((self.now_ns - START_NS, machine, words))
+        self.trace.append((self.now_ns - START_NS, machine, words.replace(str(self.disks.root), "")))
 
     def fail(self, words: str) -> None:
         """Note a broken invariant."""

@@ -39,7 +39,7 @@ PORT = 47010
 RARE = {
     "first_interval_ns": 20_000_000,
     "easing_intervals_ns": (60_000_000,),
-    "poll_interval_ns": 250_000_000,
+    "poll_interval_ns": 500_000_000,
     "near_ns": 0,
 }
 """Intervals of the exchanges between a node and its leader."""
@@ -299,8 +299,9 @@ class VirtualRig:
             quiet = quiet + 1 if over and not self.spooled() and not self._open_bursts() else 0
 
     def spooled(self) -> list[str]:
-        """Return the images that are still in cameras' spools."""
-        folders = [self.world.disks.of(name).folder / "spool" for name in self.plan.cameras]
+        """Return the images that are still in the spools of honest cameras."""
+        honest = [name for name in self.plan.cameras if name not in self.plan.liars]
+        folders = [self.world.disks.of(name).folder / "spool" for name in honest]
         return [
             str(path.relative_to(self.world.disks.root))
             for folder in folders

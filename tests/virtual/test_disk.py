@@ -1,0 +1,93 @@
+"""The virtual disk loses what was not synced, and nothing else; a killed process does nothing more."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
+from tests.virtual.world import World
+
+
+def left(
+    work: Callable[[Path], None], *, before: Callable[[Path], None] = lambda _: None
+) -> dict[str, bytes]:
+    """Let a process work in a folder, cut its power, and return the files by name."""
+    world = World(1)
+    folder = world.disks.of("machine").folder
+    before(folder)
+    world.disks.settle("machine")
+
+    async def process() -> None:
+        work(folder)
+        await asyncio.sleep(1)
+
+    async def evening() -> None:
+        world.start("process", "machine", process)
+        await asyncio.sleep(0.5)
+        await world.kill("process")
+
+    try:
+        with world.entered():
+            world.run(evening())
+        world.disks.cut_power("machine")
+        return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    finally:
+        world.disks.remove()
+
+
+def test_a_file_that_is_written_atomically_survives() -> None:
+    assert left(lambda folder: write_atomic(folder / "a", b"new")) == {"a": b"new"}
+
+
+def test_a_file_without_a_sync_is_lost() -> None:
+    assert left(lambda folder: write_atomic(folder / "a", b"new", synced=False)) == {}
+
+
+def test_a_rename_that_is_not_synced_leaves_the_old_file() -> None:
+    def replace(folder: Path) -> None:
+        write_atomic(folder / "a", b"new", synced=False)
+
+    assert left(replace, before=lambda folder: (folder / "a").write_bytes(b"old")) == {"a": b"old"}
+
+
+def test_lines_survive_if_they_are_durable() -> None:
+    def append(folder: Path) -> None:
+        file = AppendOnlyFile(folder / "lines")
+        sync_folder(folder)
+        file.append(b"one", durable=True)
+        file.append(b"two", durable=False)
+
+    assert left(append) == {"lines": b"one\n"}
+
+
+def test_a_deleted_file_comes_back_without_a_sync() -> None:
+    assert left(lambda folder: (folder / "a").unlink(), before=lambda f: f.joinpath("a").touch()) == {
+        "a": b""
+    }
+
+
+@pytest.mark.parametrize("steps", range(1, 6))
+def test_a_process_is_killed_in_the_middle_of_its_work(steps: int) -> None:
+    world = World(1)
+    folder = world.disks.of("machine").folder
+    ended = []
+
+    async def process() -> None:
+        world.disks.kill_after[world.processes["process"]] = steps
+        for number in range(9):
+            write_atomic(folder / str(number), b"data")
+
+    async def evening() -> None:
+        world.on_end = lambda one, error: ended.append((one.name, error))
+        world.start("process", "machine", process)
+        await asyncio.sleep(1)
+
+    try:
+        with world.entered():
+            world.run(evening())
+        assert ended == [("process", None)]
+        assert len(list(folder.iterdir())) <= steps
+    finally:
+        world.disks.remove()

@@ -1,0 +1,42 @@
+"""Rigs drawn by seed keep what they promise, whatever befalls them; other seeds each day."""
+
+from datetime import date
+
+import pytest
+
+from tests.virtual.plan import draw
+from tests.virtual.planted import PLANTED
+from tests.virtual.run import run, run_seed
+
+DAILY, SLOW = 20, 300
+FIRST = 1000 + date.today().toordinal() * DAILY % 9000  # noqa: DTZ011 - any day will do
+
+FOUND = {
+    0: "",
+}
+
+
+def check(seed: int) -> None:
+    """Run a seed; what broke is the message, with the line that replays it."""
+    result = run_seed(seed)
+    assert not result.failures, f"replay: python -m tests.virtual {seed} --verbose\n{result}"
+
+
+@pytest.mark.parametrize("seed", range(FIRST, FIRST + DAILY))
+def test_a_seed_of_today(seed: int) -> None:
+    check(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(SLOW))
+def test_a_seed(seed: int) -> None:
+    check(seed)
+
+
+def test_a_seed_replays_exactly() -> None:
+    assert run_seed(5).digest == run_seed(5).digest != run_seed(6).digest
+
+
+@pytest.mark.parametrize(("fault", "seed"), [])
+def test_a_planted_fault_is_found(fault: str, seed: int) -> None:
+    assert run(draw(seed), PLANTED[fault]).failures

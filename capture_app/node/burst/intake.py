@@ -119,6 +119,17 @@ class PartialImage:
         raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
 
 
+def whole_frame(upload: ImageUpload, chunks: Iterable[bytes], size: Size) -> bytes:
+    """Join a video's frame and verify it, which takes time for a large one. Raises as `split_off_truth`."""
+    data, record = b"".join(chunks), upload.record
+    whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
+    if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
+        raise damaged(record)
+    if wrong := damage(data, size):
+        raise DamagedImageError(f"its image is damaged: {wrong}")
+    return data
+
+
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
     """Yield receipts of a camera's images whose streams broke off."""
     for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
@@ -180,12 +191,8 @@ class Intake:
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._burst.video:
-            data = b"".join([chunk async for chunk in declared(upload, payload)])
-            whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
-            if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
-                raise damaged(record)
-            if wrong := damage(data, size):
-                raise DamagedImageError(f"its image is damaged: {wrong}")
+            chunks = [chunk async for chunk in declared(upload, payload)]
+            data = await on_disk(self._disk, whole_frame, upload, chunks, size)
             async with self._writing[camera]:
                 self.check_open()
                 return self.find(camera, instant) or self.add(

@@ -29,6 +29,7 @@ from capture_app.net.local_network import (
     wifi_interfaces,
 )
 from capture_app.net.reachability import find_obstacle
+from capture_app.node.camera.burst_upload import REPORT
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import ask_status
@@ -41,6 +42,8 @@ Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
 SAMPLE_BYTES = 16 << 20
 USB_2_MBIT_S = 480
+MAX_SHOWN = 5
+"""Maximum number of a spool's bursts that are listed."""
 SLOW_MB_S = 20.0
 """A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
 
@@ -106,6 +109,22 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
         remedy = remedy or f"{other} on a faster disk"
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
     return Finding("disk", "warning" if remedy else "good", what, remedy)
+
+
+def spooled(spool: Path) -> Iterator[Finding]:
+    """Report the bursts that nodes of this machine keep until a leader takes them."""
+    with suppress(OSError):
+        folders = sorted(report.parent for report in spool.glob(f"*/*/{REPORT}"))
+        size = sum(file.stat().st_size for folder in folders for file in folder.iterdir())
+        if folders:
+            shown = [*map(str, folders[:MAX_SHOWN]), *(["..."] if len(folders) > MAX_SHOWN else [])]
+            yield Finding(
+                "spool",
+                "note",
+                f"{count(len(folders), 'burst')}, {megabytes(size)}, not taken by a leader yet:"
+                f" {', '.join(shown)}",
+                "run their cameras' nodes and their leader, or delete these folders to drop the images",
+            )
 
 
 def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
@@ -302,6 +321,7 @@ async def examine(
         *wifi(wifi_interfaces()),
         clock_finding,
         *written,
+        *await asyncio.to_thread(lambda: [*spooled(spool)]),
         *cameras(await asyncio.to_thread(list_cameras)),
         *usb(usb_cameras()),
     ]

@@ -11,7 +11,7 @@ from tests.virtual.world import World
 
 
 def left(
-    work: Callable[[Path], None], *, before: Callable[[Path], None] = lambda _: None
+    work: Callable[[Path], None], *, before: Callable[[Path], object] = lambda _: None
 ) -> dict[str, bytes]:
     """Let a process work in a folder, cut its power, and return the files by name."""
     world = World(1)
@@ -49,7 +49,8 @@ def test_a_rename_that_is_not_synced_leaves_the_old_file() -> None:
     def replace(folder: Path) -> None:
         write_atomic(folder / "a", b"new", synced=False)
 
-    assert left(replace, before=lambda folder: (folder / "a").write_bytes(b"old")) == {"a": b"old"}
+    files = left(replace, before=lambda folder: (folder / "a").write_bytes(b"old"))
+    assert files == {"a": b"old"}
 
 
 def test_lines_survive_if_they_are_durable() -> None:

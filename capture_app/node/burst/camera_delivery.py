@@ -123,9 +123,11 @@ class CameraDelivery:
     def note_damaged(self, instant: int, reason: str) -> None:
         """Record an image that arrived damaged as missing, by its instant as ordered."""
         gap = MissingImage(camera=self.name, instant=instant, reason=reason)
-        instants = tuple(other for other in self.plan.instants if other != instant)
-        missing = tuple(other for other in self.plan.missing if other.instant != instant)
-        self.plan = replace(self.plan, instants=instants, missing=(*missing, gap))
+        self.plan = replace(
+            self.plan,
+            instants=tuple(other for other in self.plan.instants if other != instant),
+            missing=(*(other for other in self.plan.missing if other.instant != instant), gap),
+        )
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
         """Return receipts of its images, complete or partial, numbered as ordered. Blocks on the disk.

@@ -28,9 +28,6 @@ DISK_THREADS = 8
 MAX_BATCH = 128
 """Maximum number of images per sync: the first of them waits for the last."""
 
-MAX_WAITING_TRUTH_BYTES = 1 << 20
-"""Larger ground truth does not wait for the disk in memory: its camera's next image waits."""
-
 _checking = threading.Lock()
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -119,6 +116,17 @@ class PartialImage:
         raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
 
 
+def whole_frame(upload: ImageUpload, chunks: Iterable[bytes], size: Size) -> bytes:
+    """Join a video's frame and verify it, which takes time for a large one. Raises as `split_off_truth`."""
+    data, record = b"".join(chunks), upload.record
+    whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
+    if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
+        raise damaged(record)
+    if wrong := damage(data, size):
+        raise DamagedImageError(f"its image is damaged: {wrong}")
+    return data
+
+
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
     """Yield receipts of a camera's images whose streams broke off."""
     for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
@@ -180,12 +188,8 @@ class Intake:
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._burst.video:
-            data = b"".join([chunk async for chunk in declared(upload, payload)])
-            whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
-            if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
-                raise damaged(record)
-            if wrong := damage(data, size):
-                raise DamagedImageError(f"its image is damaged: {wrong}")
+            chunks = [chunk async for chunk in declared(upload, payload)]
+            data = await on_disk(self._disk, whole_frame, upload, chunks, size)
             async with self._writing[camera]:
                 self.check_open()
                 return self.find(camera, instant) or self.add(
@@ -207,10 +211,7 @@ class Intake:
             if (others := self.find(camera, instant)) is not None:
                 return others
             truth = await on_disk(self._disk, partial.split_off_truth, size)
-            saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))
-            if len(truth) > MAX_WAITING_TRUTH_BYTES:
-                await asyncio.wait([saving])
-            return saving
+            return self.add(StoredImage(record, partial.file, truth, upload.true_ns))
 
     @asynccontextmanager
     async def interrupted(self, camera: str) -> AsyncIterator[None]:

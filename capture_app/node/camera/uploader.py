@@ -509,11 +509,11 @@ class Uploader:
                 await self._changed.wait()
             burst.frames.clear()
             burst.reopen()
-            if burst.spooled is not None:
+            if burst.spooled is not None and burst.spooled.folder.exists():
                 self._refused.append(burst)
-                where = f"; its images stay in {burst.spooled.folder}"
+                where = f"; its images stay in {burst.spooled.folder}: delete that folder to drop them"
         if refusal is not None:
-            self._log.say(f"burst {burst.report.burst} given up: {refusal.what}{where}")
+            self._log.say(f"burst {burst.report.burst} given up: {refusal.as_error()}{where}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
 

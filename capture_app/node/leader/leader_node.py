@@ -151,8 +151,9 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
                 self.bursts.note_answer(event)
             else:
                 self.service.roster_changed.set()
-                is_storing = self._storing is not None and not self._storing.done()
-                if event.change in ("joined", "returned", "forgotten") and not is_storing:
+                if event.change in ("joined", "returned", "forgotten") and (
+                    self._storing is None or self._storing.done()
+                ):
                     self._storing = asyncio.create_task(self._store_names())
             self.log.note(event)
         for change in self._rig.look_at_rates(now_ns):

@@ -89,14 +89,6 @@ async def reasons_until_ready(
         await asyncio.sleep(CHECK_EVERY_S)
 
 
-def expected_image_bytes(members: Sequence[Member], known: Mapping[str, int]) -> dict[str, int]:
-    """Return the expected image size in bytes of each present camera, from earlier images if any."""
-    return {
-        member.name: known.get(member.name) or _guessed_bytes(member.camera)
-        for member in present_cameras(members)
-    }
-
-
 def _guessed_bytes(camera: CameraFacts) -> int:
     pixels = camera.width * camera.height
     truth = pixels // GUESSED_PIXELS_PER_BYTE_OF_TRUTH if camera.kind == SIMULATED else 0
@@ -116,14 +108,14 @@ def check_room(
     Return the cameras to leave out, with the reason: those of machines that need more than their share of the
     disk, and those without room in their spool. Raises DiskFullError where that concerns most machines.
     """
-    sizes = expected_image_bytes(cameras, known)
-    needed = {name: int(MARGIN * frames * size) for name, size in sizes.items()}
+    needed = {
+        one.name: int(MARGIN * frames * (known.get(one.name) or _guessed_bytes(one.camera)))
+        for one in cameras
+    }
     free = free_bytes(root)
-    measured = [member for member in cameras if member.name in known]
-    guessed = [member for member in cameras if member.name not in known]
     # What a machine only claims takes no room from what others are known to need.
-    without, left = _over_share(measured, needed, free - SPARE_BYTES)
-    without |= _over_share(guessed, needed, left)[0]
+    without, left = _over_share([one for one in cameras if one.name in known], needed, free - SPARE_BYTES)
+    without |= _over_share([one for one in cameras if one.name not in known], needed, left)[0]
     if 2 * len({_machine(one) for one in cameras if one.name in without}) > len({*map(_machine, cameras)}):
         raise DiskFullError(
             f"the burst may need {megabytes(sum(needed.values()) + SPARE_BYTES)}"
@@ -148,7 +140,7 @@ def _over_share(
     """
     by_machine: Counter[str] = Counter()
     for member in cameras:
-        by_machine[_machine(member)] += needed.get(member.name, 0)
+        by_machine[_machine(member)] += needed[member.name]
     ascending = sorted(by_machine.items(), key=lambda item: item[1])
     for place, (_, size) in enumerate(ascending):
         share = max(0, room) // (len(ascending) - place)

@@ -9,11 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
-from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.readiness import expected_image_bytes
 from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.calibration import CameraCalibration
@@ -21,8 +18,6 @@ from capture_app.session.format.manifest import CameraRecord, ClockRecord, Missi
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 from tests.node.bursts import (
     CAMERA,
@@ -261,9 +256,3 @@ async def test_ground_truth_counts_in_the_room_that_the_next_burst_needs(tmp_pat
         with_truth = replace(upload("a", instant), truth_bytes=len(truth), true_ns=1)
         await receive_image(session, with_truth, pieces(IMAGE + truth))
     assert session.mean_image_bytes() == {"a": len(IMAGE) + len(truth)}
-
-
-def test_a_camera_that_claims_to_be_huge_does_not_make_every_burst_too_large() -> None:
-    facts, ready = make_facts(width=1 << 20, height=1 << 20), Report(state=NodeState.READY)
-    huge = Member("a", 1, 1, ("10.0.0.2", 5), facts, ready, 0, 0.0)
-    assert expected_image_bytes([huge], {}) == {"a": MAX_PAYLOAD_BYTES}

@@ -1,10 +1,11 @@
 """The uploader against a leader that misbehaves, over real loopback streams."""
 
 import asyncio
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from capture_app.common.errors import DiskFullError
+from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
 from capture_app.protocol.messages import (
@@ -144,3 +145,23 @@ async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
         assert [await stored.get(), await stored.get()] == [b"0", b"1"]
     assert any("stays in memory" in line for line in said)
+
+
+async def test_a_burst_whose_session_was_removed_is_named_with_what_to_do(tmp_path: Path) -> None:
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel, lambda _: refusal):
+            raise AssertionError("nothing is wanted")
+
+    error = BadInputError("burst 1 of that leader has no session in /rig", hint="move its session back there")
+    refusal, said = Refusal.of_error(error), list[str]()
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await until(lambda: said)
+        assert uploader.leader is not None
+        shutil.rmtree(tmp_path / "a/00000001-000001")
+        uploader.set_leader(uploader.leader, 2)
+        await until(lambda: len(said) == 2)
+        assert not uploader._bursts, "it is offered no more"
+    what = "burst 1 given up: burst 1 of that leader has no session in /rig (move its session back there)"
+    folder = tmp_path / "a/00000001-000001"
+    assert said == [f"{what}; its images stay in {folder}: delete that folder to drop them", what]

@@ -117,3 +117,20 @@ def test_what_is_no_usb_camera_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "video0").mkdir()
     assert usb_cameras(tmp_path) == []
     assert usb_cameras(tmp_path / os.devnull) == []
+
+
+def test_bursts_that_no_leader_takes_are_named_and_how_to_drop_them(tmp_path: Path) -> None:
+    """The frames of a session whose folder was removed stayed in the spool, and nothing said so."""
+    assert [*doctor.spooled(tmp_path / "none")] == []
+    (tmp_path / "cam0").mkdir()
+    for number in range(7):
+        folder = tmp_path / "cam0" / f"0000004d-{number:06d}"
+        folder.mkdir()
+        (folder / "000000.jpg").write_bytes(bytes(1_000_000))
+        assert len([*doctor.spooled(tmp_path)]) == min(1, number), "not without a report"
+        (folder / "report.json").write_bytes(b"{}")
+    (found,) = doctor.spooled(tmp_path)
+    assert (found.check, found.grade) == ("spool", "note")
+    assert found.text.startswith("7 bursts, 7.0 MB, not taken by a leader yet: ")
+    assert f"{tmp_path}/cam0/0000004d-000004, ..." in found.text
+    assert "delete these folders" in found.remedy

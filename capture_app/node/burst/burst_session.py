@@ -420,11 +420,14 @@ class BurstSession:
         # On a full disk it is committed by a later report.
         with suppress(DiskError):
             await self._commit_instants()
+        is_undecided = not self._choice.committed.is_set() and any(
+            not (of.plan.reported or of.given_up) for of in self._deliveries.values()
+        )
         for name, delivery in self._deliveries.items():
             delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
             delivery.note_heard((heard or {}).get(name, 0))
             delivery.progress_ns = max(delivery.progress_ns, (progress or {}).get(name, 0))
-            if delivery.plan.reported and not self._choice.committed.is_set():
+            if delivery.plan.reported and is_undecided:
                 # It waits for the others.
                 delivery.since_ns = max(delivery.since_ns, now_ns)
             if not self._intake.is_saving(name) and (

@@ -108,7 +108,7 @@ class CameraDelivery:
         a first report counts as progress: it could be repeated forever.
         """
         self.note_heard(now_ns)
-        if not self.plan.reported or self.given_up:
+        if not self.plan.reported:
             self.since_ns = max(self.since_ns, now_ns)
         if is_of_earlier_run and self.plan.reported:
             plan = replace(

@@ -98,7 +98,7 @@ class BurstSender:
         A burst is over when the leader has all it requests. One that the leader cannot take yet is offered
         again later, while the others go on. Raises NetworkError where the stream breaks off.
         """
-        now = asyncio.get_running_loop().time
+        now, has_asked = asyncio.get_running_loop().time, False
         while True:
             self._changed.clear()
             refused: tuple[BurstUpload, Refusal] | None = None
@@ -107,18 +107,21 @@ class BurstSender:
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
                 return ended, Refusal(what=what) if disputed and not ended.is_over else None
-            if unreported := next((of for of in self._waiting if of.must_be_reported(now())), None):
-                refused = await self._take_all_answers() or await self._report_burst(unreported)
-            elif (unsent := self._next_unsent()) is not None:
+            unsent = self._next_unsent()
+            news = next((of for of in self._waiting if of.reported is not of.report), None)
+            if news is None and not (has_asked and unsent):
+                news = next((of for of in self._waiting if of.is_due(now())), None)
+                # Between two questions about undecided bursts, an image is sent.
+                has_asked = news is not None
+            if news is not None:
+                refused = await self._take_all_answers() or await self._report_burst(news)
+            elif unsent is not None:
+                has_asked = False
                 refused = await self._send_image(*unsent)
             elif self._in_flight:
                 refused = await self._take_answer()
             else:
-                due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
-                if due_s is None:
-                    await self._changed.wait()
-                else:
-                    await has_come(self._changed, max(0.0, due_s - now()))
+                await self._wait_for_work(now())
             if refused is not None:
                 # What else was refused is sent, and refused, again.
                 await self._take_all_answers()
@@ -129,6 +132,14 @@ class BurstSender:
                     self._log.say(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
                 delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
                 burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
+
+    async def _wait_for_work(self, now_s: float) -> None:
+        """Wait until something has changed, or the leader is to be asked again about a burst."""
+        due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
+        if due_s is None:
+            await self._changed.wait()
+        else:
+            await has_come(self._changed, max(0.0, due_s - now_s))
 
     def _next_unsent(self) -> tuple[BurstUpload, ImageUpload] | None:
         """Return the next image to send now; a burst that is being captured waits for those that are over."""

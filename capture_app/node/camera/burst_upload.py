@@ -292,9 +292,9 @@ class BurstUpload:
         is_told = self.is_committed and self.reported is self.report
         return self.is_over or (is_told and not (self.is_picking or self.frames or self.images))
 
-    def is_due(self, now_s: float) -> bool:
-        """Return whether the leader is to be asked again at that time which instants it requests."""
-        return not self.is_committed and now_s >= self.due_s
+    def must_be_reported(self, now_s: float) -> bool:
+        """Return whether the leader has to know the report, or to be asked again, at that time."""
+        return self.reported is not self.report or (not self.is_committed and now_s >= self.due_s)
 
     def put_off(self, due_s: float) -> None:
         """Send nothing of the burst before `due_s`, unless its report changes."""

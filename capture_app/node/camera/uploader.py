@@ -41,7 +41,8 @@ MAX_WAITING_BURSTS = 64
 MAX_IN_FLIGHT = 64
 """Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
-"""Delay before a burst that depends on other cameras is reported again; it doubles each time, to 0.8 s."""
+"""Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
+doubles each time, to 0.8 s."""
 
 A = TypeVar("A", ImageAck, ReportAck)
 
@@ -98,7 +99,7 @@ class BurstSender:
         A burst is over when the leader has all it requests. One that the leader cannot take yet is offered
         again later, while the others go on. Raises NetworkError where the stream breaks off.
         """
-        now, has_asked = asyncio.get_running_loop().time, False
+        now = asyncio.get_running_loop().time
         while True:
             self._changed.clear()
             refused: tuple[BurstUpload, Refusal] | None = None
@@ -107,16 +108,9 @@ class BurstSender:
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
                 return ended, Refusal(what=what) if disputed and not ended.is_over else None
-            unsent = self._next_unsent()
-            news = next((of for of in self._waiting if of.reported is not of.report), None)
-            if news is None and not (has_asked and unsent):
-                news = next((of for of in self._waiting if of.is_due(now())), None)
-                # Between two questions about undecided bursts, an image is sent.
-                has_asked = news is not None
-            if news is not None:
-                refused = await self._take_all_answers() or await self._report_burst(news)
-            elif unsent is not None:
-                has_asked = False
+            if unreported := next((of for of in self._waiting if of.must_be_reported(now())), None):
+                refused = await self._take_all_answers() or await self._report_burst(unreported)
+            elif (unsent := self._next_unsent()) is not None:
                 refused = await self._send_image(*unsent)
             elif self._in_flight:
                 refused = await self._take_answer()
@@ -162,8 +156,8 @@ class BurstSender:
             return burst, answer
         self._receipts |= {receipt.sha256: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
-            # The leader waits for other cameras. It is asked again, more and more rarely.
-            delay_s = ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
+            # The leader waits for other cameras. Questions about many bursts must not take all of the stream.
+            delay_s = len(self._waiting) * ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
             burst.put_off(asyncio.get_running_loop().time() + delay_s)
             return None
         burst.attempts = 0

@@ -122,10 +122,7 @@ def _number(path: Path, prefix: str) -> int:
 
 def _newest(times_ns: Iterable[Mapping[str, int]]) -> dict[str, int]:
     """Return the newest time of each name."""
-    newest: dict[str, int] = {}
-    for times in times_ns:
-        newest |= {name: max(time_ns, newest.get(name, 0)) for name, time_ns in times.items()}
-    return newest
+    return dict(sorted(item for times in times_ns for item in times.items()))
 
 
 class ActiveBursts:

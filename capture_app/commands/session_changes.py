@@ -143,9 +143,9 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
 )
 @json_option
 def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
-    """Complete interrupted or incomplete sessions: fetch images that nodes still have, and record lost ones.
+    """Complete interrupted sessions: fetch images that nodes still have, and record lost ones.
 
-    A leader that runs does so by itself, whenever a node connects.
+    To a finished session that lacks images, a running leader adds them by itself when their node connects.
 
     Saved images are never changed; damaged ones are moved to the session's folder set_aside. Leftovers of a
     killed import or rendering in ROOT are removed; an earlier session that it had set aside is restored.
@@ -169,7 +169,7 @@ def _describe_result(one: "RepairResult") -> str:
         return f"{one.session}: {one.what}"
     state = "incomplete" if one.awaited else "completed" if one.changed else "complete already"
     lost = f", {one.missing} missing ({one.what})" if one.missing else ""
-    awaited = f"; {one.awaited} when they connect" if one.awaited else ""
+    awaited = f"; a running leader adds what {', '.join(one.awaited)} still has" if one.awaited else ""
     return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}{awaited}"
 
 

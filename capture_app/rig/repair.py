@@ -1,12 +1,10 @@
 """Completion of interrupted sessions, with images that nodes still have if they can be reached."""
 
-import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
@@ -16,11 +14,9 @@ from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN, read_plan
-from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG
+from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG, MissingImage
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.reading.verify import verify
-
-CHECK_EVERY_S = 0.25
 
 
 class RepairResult(Struct, frozen=True, kw_only=True):
@@ -33,30 +29,21 @@ class RepairResult(Struct, frozen=True, kw_only=True):
     images: int = 0
     missing: int = 0
     what: str = ""
-    awaited: str = ""
-    """How images that nodes may still have are added; empty if no node can have any."""
+    awaited: tuple[str, ...] = ()
+    """Cameras that may still have missing images, which a running leader adds when they connect."""
 
 
 async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return the result of each.
 
     For `wait_s` a leader listens on the address for nodes that deliver what they still have; with 0 it does
-    not. Raises BadInputError where there is no session, NetworkError where an interrupted session needs a
-    port that is in use.
+    not. Raises BadInputError where there is no session, NetworkError where the port is in use.
     """
     folders = _sessions(path)
     problems = {folder: _problem(folder) for folder in folders}
     broken = [folder for folder, problem in problems.items() if problem and (folder / PLAN).is_file()]
-    before = {folder: _missing(folder) for folder in folders if not problems[folder]}
-    lacking = [folder for folder in before if _holders(folder)]
-    leader = "the leader"
-    if (broken or lacking) and wait_s > 0:
-        try:
-            await _ask_nodes(broken, lacking, wait_s, address, log)
-        except NetworkError:
-            if broken:
-                raise
-            leader = f"the leader that runs at {address}"
+    if broken and wait_s > 0:
+        await _ask_nodes(broken, wait_s, address, log)
     for folder in broken:
         if _problem(folder):
             try:
@@ -71,24 +58,12 @@ async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> li
                 problems[folder] = f"{error}; its images: capture-app sessions import {folder / IMAGES / RIG}"
             except SimulshotError as error:
                 problems[folder] = str(error)
-    results = [_result(folder, problems[folder], folder in broken) for folder in folders]
-    return [
-        replace(
-            result,
-            changed=result.changed or result.missing < before.get(folder, 0),
-            awaited=f"{leader} adds what {', '.join(holders)} may still have" if holders else "",
-        )
-        for folder, result in zip(folders, results, strict=True)
-        for holders in [_holders(folder) if folder in lacking else []]
-    ]
+    return [_result(folder, problems[folder], folder in broken) for folder in folders]
 
 
-async def _ask_nodes(
-    broken: Sequence[Path], lacking: Sequence[Path], wait_s: float, address: Address, log: Log
-) -> None:
-    """Lead for `wait_s`: finish the broken sessions, and add images to those that lack some."""
+async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, log: Log) -> None:
     options = LeaderOptions(
-        sessions=[*broken, *lacking][0].parent,
+        sessions=broken[0].parent,
         host=address.host,
         port=address.port,
         log=log,
@@ -101,33 +76,7 @@ async def _ask_nodes(
         hint = "a leader that runs there resumes its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
     async with leader:
-        with suppress(TimeoutError):
-            async with asyncio.timeout(wait_s):
-                while any(map(_holders, lacking)):  # noqa: ASYNC110 - the sessions of other bursts do not tell
-                    await asyncio.sleep(CHECK_EVERY_S)
         await leader.bursts.resumed.wait_until_finished()
-
-
-def _missing(folder: Path) -> int:
-    return len(Session.open(folder).stored_manifest.missing)
-
-
-def _holders(folder: Path) -> list[str]:
-    """Return the cameras that may still have missing images, as they have not reported them missing."""
-    try:
-        plan, missing = read_plan(folder), Session.open(folder).stored_manifest.missing
-    except SimulshotError:
-        return []
-    gone = {(gap.camera, gap.instant) for part in plan.cameras for gap in part.missing}
-    runs = [(part.camera.name, run) for part in plan.cameras for run in part.missing_runs]
-
-    def is_gone(camera: str, instant: int) -> bool:
-        ordered = plan.chosen[instant] if plan.chosen else instant
-        return (camera, ordered) in gone or any(
-            name == camera and run.first <= instant < run.first + run.count for name, run in runs
-        )
-
-    return sorted({gap.camera for gap in missing if not is_gone(gap.camera, gap.instant)})
 
 
 def _sessions(path: Path) -> list[Path]:
@@ -168,4 +117,15 @@ def _result(folder: Path, before: str, tried: bool) -> RepairResult:
         images=len(manifest.images),
         missing=len(manifest.missing),
         what="; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in manifest.missing})),
+        awaited=_holders(folder, manifest.missing),
     )
+
+
+def _holders(folder: Path, missing: Iterable[MissingImage]) -> tuple[str, ...]:
+    """Return the cameras that may still have missing images, as they did not report them missing."""
+    with suppress(BadInputError):
+        parts = read_plan(folder).cameras
+        reported = {(gap.camera, gap.reason) for part in parts for gap in part.missing}
+        reported |= {(part.camera.name, run.reason) for part in parts for run in part.missing_runs}
+        return tuple(sorted({gap.camera for gap in missing if (gap.camera, gap.reason) not in reported}))
+    return ()

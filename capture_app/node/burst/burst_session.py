@@ -3,6 +3,7 @@
 import asyncio
 import dataclasses
 import functools
+from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -325,7 +326,7 @@ class BurstSession:
             self._background.start(self._break_off(error))
             raise
         saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
-        delivery.note_arrivals(self._intake.arrived_bytes(delivery.name), now_ns)
+        delivery.note_heard(now_ns)
         return saving
 
     def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
@@ -407,36 +408,32 @@ class BurstSession:
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
-    def progress(self, now_ns: int, *, even_live: bool = False) -> dict[str, int]:
-        """Return until when each camera's images have made progress; 0 for none.
-
-        Those of a burst that is not over yet, which may take days, count only with `even_live`.
-        """
-        if not even_live and now_ns < self._ends_ns:
-            return {}
-        return {name: of.progress_ns for name, of in self._deliveries.items()}
+    def new_bytes(self) -> Counter[str]:
+        """Return how many bytes of each camera's images have arrived since the last call."""
+        grown = Counter[str]()
+        for name, delivery in self._deliveries.items():
+            arrived = self._intake.arrived_bytes(name)
+            grown[name], delivery.counted_bytes = arrived - delivery.counted_bytes, arrived
+        return grown
 
     async def give_up_silent_cameras(
-        self,
-        lost: Mapping[str, str],
-        now_ns: int,
-        *,
-        progress: Mapping[str, int] | None = None,
-        heard: Mapping[str, int] | None = None,
+        self, lost: Mapping[str, str], now_ns: int, new_bytes: Mapping[str, int] | None = None
     ) -> None:
         """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled.
 
-        `progress` and `heard` are those of each camera in all bursts: in them it may have been busy.
+        `new_bytes` are those of each camera's images in all bursts, in which it may be busy.
         """
+        new_bytes = self.new_bytes() if new_bytes is None else new_bytes
         self._now_ns = now_ns
         # On a full disk it is committed by a later report.
         with suppress(DiskError):
             await self._commit_instants()
+        is_undecided = not self._choice.committed.is_set() and any(
+            not (of.plan.reported or of.given_up) for of in self._deliveries.values()
+        )
         for name, delivery in self._deliveries.items():
-            delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
-            delivery.note_heard((heard or {}).get(name, 0))
-            delivery.progress_ns = max(delivery.progress_ns, (progress or {}).get(name, 0))
-            if delivery.plan.reported and not self._choice.committed.is_set():
+            delivery.note_arrivals(new_bytes.get(name, 0), now_ns)
+            if delivery.plan.reported and is_undecided:
                 # It waits for the others.
                 delivery.since_ns = max(delivery.since_ns, now_ns)
             if not self._intake.is_saving(name) and (

@@ -33,12 +33,9 @@ class CameraDelivery:
     """Instants whose images are in the session, by their numbers there."""
     streams: int = 0
     since_ns: int = 0
-    """When the leader began to wait for its images: at the earliest after its report and the choice of
-    instants."""
-    progress_ns: int = 0
-    """Until when the arrived image bytes last it, at the least rate; 0 before the first."""
+    """When the leader began to wait for it, plus the time that the image bytes received since may take."""
     counted_bytes: int = 0
-    """Number of image bytes already counted as progress."""
+    """Number of this burst's image bytes that were counted already."""
     given_up: str = ""
     silent: bool = False
     """Given up because it was silent: it may still have its images."""
@@ -82,10 +79,10 @@ class CameraDelivery:
         )
         if now_ns - self.heard_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
-        since_ns = max(self.since_ns, self.progress_ns)
         # The next instant of a streamed burst may be hours away, but not after the last.
-        if self.streams and self.name not in lost and (self.plan.picking or self.plan.picked is not None):
-            since_ns = max(since_ns, ends_ns)
+        is_streamed = self.plan.picking or self.plan.picked is not None
+        is_here = self.streams and self.name not in lost
+        since_ns = max(self.since_ns, ends_ns) if is_here and is_streamed else self.since_ns
         # Messages without images, or images that trickle, do not count: they could go on forever.
         return f"it sent nothing for {stalled_ns // 10**9} s" if now_ns - since_ns >= stalled_ns else ""
 
@@ -93,13 +90,12 @@ class CameraDelivery:
         """Record a message of the camera."""
         self.heard_ns = max(self.heard_ns, now_ns)
 
-    def note_arrivals(self, arrived_bytes: int, now_ns: int) -> None:
-        """Count the image bytes received since the last time as progress, for as long as they may take."""
-        if (grown := arrived_bytes - self.counted_bytes) > 0:
-            self.counted_bytes = arrived_bytes
+    def note_arrivals(self, image_bytes: int, now_ns: int) -> None:
+        """Count bytes of the camera's images, of any burst, as progress, for as long as they may take."""
+        if image_bytes:
             self.note_heard(now_ns)
-            lasts_ns = grown * 1_000_000_000 // MIN_UPLOAD_BYTES_PER_S
-            self.progress_ns = min(now_ns, max(self.since_ns, self.progress_ns) + lasts_ns)
+            may_take_ns = image_bytes * 1_000_000_000 // MIN_UPLOAD_BYTES_PER_S
+            self.since_ns = max(self.since_ns, min(now_ns, self.since_ns + may_take_ns))
 
     def note_report(self, plan: CameraPlan, now_ns: int, *, is_of_earlier_run: bool) -> None:
         """Store the camera's report as its plan, and wait for its images.
@@ -108,7 +104,7 @@ class CameraDelivery:
         a first report counts as progress: it could be repeated forever.
         """
         self.note_heard(now_ns)
-        if not self.plan.reported or self.given_up:
+        if not self.plan.reported:
             self.since_ns = max(self.since_ns, now_ns)
         if is_of_earlier_run and self.plan.reported:
             plan = replace(

@@ -5,6 +5,7 @@ import functools
 import hashlib
 import os
 import threading
+from collections import Counter
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager, closing
@@ -154,6 +155,8 @@ class Intake:
         """The image that is being received, by camera."""
         self._arrived: dict[str, dict[int, int]] = {camera: {} for camera in self._writing}
         """Number of bytes received of each camera's images, at the furthest attempt."""
+        self._video_bytes = Counter[str]()
+        """The same for the frames of videos, of which there may be millions."""
         self._saving: dict[tuple[str, int], asyncio.Future[str]] = {}
         """Futures of images that are not safe yet, by camera and number in the session."""
         self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
@@ -171,7 +174,7 @@ class Intake:
 
     def arrived_bytes(self, camera: str) -> int:
         """Return the number of bytes received of that camera's images."""
-        return sum(self._arrived[camera].values())
+        return sum(self._arrived[camera].values()) + self._video_bytes[camera]
 
     def mean_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's received images with their ground truth."""
@@ -192,9 +195,10 @@ class Intake:
             data = await on_disk(self._disk, whole_frame, upload, chunks, size)
             async with self._writing[camera]:
                 self.check_open()
-                return self.find(camera, instant) or self.add(
-                    StoredImage(record, data, true_ns=upload.true_ns)
-                )
+                if (others := self.find(camera, instant)) is not None:
+                    return others
+                self._video_bytes[camera] += len(data)
+                return self.add(StoredImage(record, data, true_ns=upload.true_ns))
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):
             async with self.interrupted(camera):

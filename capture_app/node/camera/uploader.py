@@ -47,7 +47,8 @@ MAX_WAITING_BURSTS = 64
 MAX_IN_FLIGHT = 64
 """Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
-"""Delay before a burst that depends on other cameras is reported again; it doubles each time, to 0.8 s."""
+"""Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
+doubles each time, to 0.8 s."""
 
 A = TypeVar("A", ImageAck, ReportAck)
 
@@ -120,11 +121,7 @@ class BurstSender:
             elif self._in_flight:
                 refused = await self._take_answer()
             else:
-                due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
-                if due_s is None:
-                    await self._changed.wait()
-                else:
-                    await has_come(self._changed, max(0.0, due_s - now()))
+                await self._wait_for_work(now())
             if refused is not None:
                 # What else was refused is sent, and refused, again.
                 await self._take_all_answers()
@@ -135,6 +132,14 @@ class BurstSender:
                     self._log.say(f"images of burst {burst.report.burst} wait: {refusal.as_error()}")
                 delay_s = self._retry_s[min(burst.attempts, len(self._retry_s) - 1)]
                 burst.put_off(now() + max(ASK_AGAIN_S, delay_s))
+
+    async def _wait_for_work(self, now_s: float) -> None:
+        """Wait until something has changed, or the leader is to be asked again about a burst."""
+        due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
+        if due_s is None:
+            await self._changed.wait()
+        else:
+            await has_come(self._changed, max(0.0, due_s - now_s))
 
     def _next_unsent(self) -> tuple[BurstUpload, ImageUpload] | None:
         """Return the next image to send now; a burst that is being captured waits for those that are over."""
@@ -157,8 +162,8 @@ class BurstSender:
             return burst, answer
         self._receipts |= {receipt.sha256: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
-            # The leader waits for other cameras. It is asked again, more and more rarely.
-            delay_s = ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
+            # The leader waits for other cameras. Questions about many bursts must not take all of the stream.
+            delay_s = len(self._waiting) * ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
             burst.put_off(asyncio.get_running_loop().time() + delay_s)
             return None
         burst.attempts = 0

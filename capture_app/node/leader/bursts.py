@@ -4,8 +4,8 @@ import asyncio
 import dataclasses
 import functools
 from bisect import bisect_right
-from collections import deque
-from collections.abc import AsyncGenerator, Iterable, Mapping
+from collections import Counter, deque
+from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -117,14 +117,6 @@ def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tup
 def _number(path: Path, prefix: str) -> int:
     digits = path.name.removeprefix(f"{prefix}-")
     return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0
-
-
-def _newest(times_ns: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    """Return the newest time of each name."""
-    newest: dict[str, int] = {}
-    for times in times_ns:
-        newest |= {name: max(time_ns, newest.get(name, 0)) for name, time_ns in times.items()}
-    return newest
 
 
 class ActiveBursts:
@@ -431,11 +423,10 @@ class ActiveBursts:
         }
         sessions = [*self._bursts.values(), *self.resumed.sessions()]
         # A camera sends one image after the other: it is waited for while it sends those of any burst.
-        heard = _newest(of.progress(now_ns, even_live=True) for of in sessions)
-        progress = _newest(of.progress(now_ns) for of in sessions)
+        new_bytes = sum((session.new_bytes() for session in sessions), Counter[str]())
         for session in sessions:
             if not session.finished.is_set():
-                await session.give_up_silent_cameras(lost, now_ns, progress=progress, heard=heard)
+                await session.give_up_silent_cameras(lost, now_ns, new_bytes)
 
     async def _watch_silence(self) -> None:
         while True:

@@ -106,7 +106,7 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
     session.stream_opened("a")
     await session.accept_report(report("a", 0, 1), now_ns=5_000_000_000)
     await receive_image(session, upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
-    await session.give_up_silent_cameras({}, 5_000_000_000 + CAMERA_STALLED_NS)
+    await session.give_up_silent_cameras({}, 5_000_000_000 + CAMERA_STALLED_NS + 1_000_000_000)
     assert len(saved(session).manifest.images) == 1
 
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import hashlib
-import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -139,18 +138,16 @@ async def test_repair_says_who_may_still_have_missing_images(
     await receive_image(session, upload("a", 0), pieces(jpeg))
     await session.accept_report(report("c", 0, 1), 0)
     await session.finish_now("it sent nothing for 180 s")
-    with socket.create_server(("127.0.0.1", 0)) as running:
-        address = Address("127.0.0.1", running.getsockname()[1])
-        (result,) = await repair(tmp_path, wait_s=9, address=address, log=Log())
+    (result,) = await repair(tmp_path, wait_s=9, address=Address("127.0.0.1", 0), log=Log())
     assert (result.ok, result.changed, result.missing) == (True, False, 5)
-    assert result.awaited == f"the leader that runs at {address} adds what b, c may still have"
+    assert result.awaited == ("b", "c")
     for name in ("b", "c"):
         late = await ResumedBursts(tmp_path, lambda _: None, DISK).reopen(report(name, 0, 1), 0)
         await late.accept_report(report(name, 0, 1), 0)
         for instant in (0, 1):
             await receive_image(late, upload(name, instant), pieces(jpeg))
-    (result,) = await repair(tmp_path, wait_s=9, address=address, log=Log())
-    assert (result.awaited, result.missing) == ("", 1), "no node is asked for a frame that was dropped"
+    (result,) = await repair(tmp_path, wait_s=9, address=Address("127.0.0.1", 0), log=Log())
+    assert (result.awaited, result.missing) == ((), 1), "no node is asked for a frame that was dropped"
 
 
 def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_path: Path) -> None:

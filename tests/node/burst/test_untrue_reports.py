@@ -1,5 +1,7 @@
 """A camera whose report is invalid, about others or endless is left out; the others' burst is whole."""
 
+import hashlib
+from collections.abc import AsyncIterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,12 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    CAMERA_DISCONNECTED_NS,
+    CAMERA_STALLED_NS,
+    MIN_UPLOAD_BYTES_PER_S,
+)
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.burst_plan import MissingRun
@@ -36,6 +43,10 @@ CLOCK = ClockRecord(
     epoch_local_ns=0, offset_ns=0, skew_ppm=0.0, uncertainty_ns=1, hard_bound_ns=1, round_trip_ns=1, samples=1
 )
 HUGE = 2**62
+
+
+async def pieces_of(data: bytes) -> AsyncIterator[bytes]:
+    yield data
 
 
 def streamed_session(folder: Path, *names: str) -> BurstSession:
@@ -184,6 +195,43 @@ async def test_a_report_that_stays_without_its_spare_instants_holds_up_no_burst(
         await receive_image(session, upload(name, instant), pieces(IMAGE))
     assert session.session is not None
     assert [(of.camera, of.instant) for of in Session.open(session.session).manifest.missing] == [("b", 1)]
+
+
+async def test_a_recording_is_waited_for_while_its_frames_arrive(tmp_path: Path) -> None:
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], ("a",), streamed=True, video=True)
+    session = BurstSession.begin(burst, {"a": CAMERA}, SessionWriter.create(tmp_path, "b"), DISK)
+    session.stream_opened("a")
+    now_ns = INSTANTS_NS[-1] + AFTER_LAST_INSTANT_NS
+    await session.accept_report(report("a", 0, 1).with_plan(picked=2), now_ns)
+    frame = bytes(MIN_UPLOAD_BYTES_PER_S * CAMERA_STALLED_NS // 10**9)
+    for instant in (0, 1):
+        now_ns += CAMERA_STALLED_NS - 1
+        await session.give_up_silent_cameras({}, now_ns)
+        sent = upload("a", instant)
+        sha256 = hashlib.sha256(frame).hexdigest()
+        record = replace(sent.record, bytes=len(frame), sha256=sha256)
+        await receive_image(session, replace(sent, record=record), pieces_of(frame), now_ns)
+    assert session.status.message == ""
+    assert (session.status.received, session.status.done) == (2, True)
+
+
+async def test_two_that_report_in_turns_hold_up_no_burst(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b", "c")
+    for name in ("a", "b", "c"):
+        session.stream_opened(name)
+    now_ns = session.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+    await session.accept_report(report("c", 0, 1), now_ns)
+    for instant in (0, 1):
+        await receive_image(session, upload("c", instant), pieces(IMAGE), now_ns)
+    await session.accept_report(report("a", 0, 1), now_ns)
+    await session.accept_report(report("b", 0, 1), now_ns + CAMERA_STALLED_NS // 2)
+    while not session.finished.is_set():
+        now_ns += 1_000_000_000
+        assert now_ns < session.burst.instants_ns[-1] + 2 * CAMERA_STALLED_NS, "it never ends"
+        await session.give_up_silent_cameras({}, now_ns)
+        for name in ("a", "b"):
+            if not session.finished.is_set():
+                await session.accept_report(report(name, 0, 1), now_ns)
 
 
 async def test_events_are_in_the_name_of_their_sender(tmp_path: Path) -> None:

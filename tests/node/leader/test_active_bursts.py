@@ -261,7 +261,7 @@ async def test_images_that_come_late_complete_their_session_in_the_same_run(tmp_
         assert (card.missing, card.arriving) == (1, True)
         (result,) = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
         assert (result.ok, result.missing) == (True, 1)
-        assert result.awaited == "the leader adds what b may still have"
+        assert result.awaited == ("b",)
         await receive_image(late, replace(upload("b", 0), burst=number), pieces(IMAGE), clock.shown_ns)
         assert (late.status.done, late.status.message, late.status.received) == (True, "", 2)
         assert "all 2 images there" in shown(session).headline

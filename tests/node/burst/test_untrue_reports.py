@@ -26,6 +26,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
+from tests.images import small_jpeg
 from tests.node.bursts import (
     CAMERA,
     DISK,
@@ -203,7 +204,7 @@ async def test_a_recording_is_waited_for_while_its_frames_arrive(tmp_path: Path)
     session.stream_opened("a")
     now_ns = INSTANTS_NS[-1] + AFTER_LAST_INSTANT_NS
     await session.accept_report(report("a", 0, 1).with_plan(picked=2), now_ns)
-    frame = bytes(MIN_UPLOAD_BYTES_PER_S * CAMERA_STALLED_NS // 10**9)
+    frame = small_jpeg(bytes(MIN_UPLOAD_BYTES_PER_S * CAMERA_STALLED_NS // 10**9))
     for instant in (0, 1):
         now_ns += CAMERA_STALLED_NS - 1
         await session.give_up_silent_cameras({}, now_ns)

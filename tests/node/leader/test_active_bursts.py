@@ -37,6 +37,7 @@ from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
 from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
 from capture_app.trust.trust import Trust
+from tests.images import small_jpeg
 from tests.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
@@ -288,20 +289,20 @@ async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlie
     engine, clock = engine_of("a", "b"), StillClock()
     options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
     bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
-    piece = bytes(MIN_UPLOAD_BYTES_PER_S)
+    large = small_jpeg(bytes(40 * MIN_UPLOAD_BYTES_PER_S - len(small_jpeg())))
 
-    async def deliver(session: BurstSession, name: str, data: AsyncIterator[bytes], size: int) -> None:
+    async def deliver(session: BurstSession, name: str, data: AsyncIterator[bytes], image: bytes) -> None:
         number = session.burst.number
         session.stream_opened(name)
         await session.accept_report(replace(report(name, 0), burst=number), clock.shown_ns)
         sent = replace(upload(name, 0), burst=number)
-        sha256 = hashlib.sha256(bytes(size) if size > len(IMAGE) else IMAGE).hexdigest()
-        sent = replace(sent, record=replace(sent.record, bytes=size, sha256=sha256))
+        sha256 = hashlib.sha256(image).hexdigest()
+        sent = replace(sent, record=replace(sent.record, bytes=len(image), sha256=sha256))
         await receive_image(session, sent, data, clock.shown_ns)
 
     async def slowly() -> AsyncIterator[bytes]:
-        for _ in range(40):
-            yield piece
+        for begin in range(0, len(large), MIN_UPLOAD_BYTES_PER_S):
+            yield large[begin : begin + MIN_UPLOAD_BYTES_PER_S]
             clock.shown_ns += 10**9
             await bursts.give_up_silent_cameras()
 
@@ -309,15 +310,15 @@ async def test_a_take_waits_in_the_queue_of_a_camera_that_is_busy_with_an_earlie
         takes = [await bursts.order(BurstOrder(frames=1, spare=0)) for _ in range(3)]
         clock.shown_ns += 3 * 10**9
         for take in takes:
-            await deliver(take, "b", pieces(IMAGE), len(IMAGE))
+            await deliver(take, "b", pieces(IMAGE), IMAGE)
         for take in takes:
             assert not take.finished.is_set(), "it stands in the queue of a camera that is at work"
-            await deliver(take, "a", slowly(), 40 * len(piece))
+            await deliver(take, "a", slowly(), large)
             await take.finished.wait()
         assert [take.status.message for take in takes] == ["", "", ""]
         silent = await bursts.order(BurstOrder(frames=1, spare=0))
         clock.shown_ns += 13 * 10**9
-        await deliver(silent, "b", pieces(IMAGE), len(IMAGE))
+        await deliver(silent, "b", pieces(IMAGE), IMAGE)
         await bursts.give_up_silent_cameras()
         assert silent.status.message == "1 image missing (a: it sent nothing)", "it is not busy any more"
     finally:

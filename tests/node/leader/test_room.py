@@ -94,4 +94,4 @@ async def test_a_recording_goes_on_without_the_machine_over_its_share(leader: Le
         member.camera = make_facts(kind="v4l2", width=width)
     session = await leader.bursts.order(BurstOrder(frames=10_000, streamed=True, video=True))
     assert session.burst.clients == ("cam0", "cam1")
-    assert session.without.startswith("without huge: its machine may need")
+    assert session.status.message.startswith("without huge: its machine may need")

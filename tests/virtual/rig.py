@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 from collections import Counter
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -282,6 +282,10 @@ class VirtualRig:
         for machine in self.works:
             world.network.cut(machine, is_cut=False)
         await self._rest()
+        if "lead2" in self.leaders and "lead" not in self.leaders:
+            # What the first leader had begun waits for it: the standby hands over.
+            await world.stop("lead2")
+            await self._rest()
         await self._judge_at_rest()
         for name in ("desk", *[name for name in self.works if not name.startswith("lead")]):
             await world.stop(name)
@@ -296,16 +300,20 @@ class VirtualRig:
         while self.world.now_ns < deadline_ns and quiet < 3:
             await asyncio.sleep(2)
             over = all(take.result for take in self.evidence.takes)
-            quiet = quiet + 1 if over and not self.spooled() and not self._open_bursts() else 0
+            elsewhere = {"lead", "lead2"} - {*self.leaders}
+            waiting = self.spooled(but_for=elsewhere if self.leaders else set())
+            quiet = quiet + 1 if over and not waiting and not self._open_bursts() else 0
 
-    def spooled(self) -> list[str]:
-        """Return the images that are still in the spools of honest cameras."""
+    def spooled(self, but_for: Collection[str] = ()) -> list[str]:
+        """Return the images in the spools of honest cameras, but those of bursts of these machines."""
         honest = [name for name in self.plan.cameras if name not in self.plan.liars]
-        folders = [self.world.disks.of(name).folder / "spool" for name in honest]
+        root = self.world.disks.root
+        runs = {f"{of.key[0]:08x}" for of in self.evidence.bursts if of.machine in but_for}
         return [
-            str(path.relative_to(self.world.disks.root))
-            for folder in folders
-            for path in folder.rglob("*.jpg")
+            str(path.relative_to(root))
+            for name in honest
+            for path in (self.world.disks.of(name).folder / "spool").rglob("*.jpg")
+            if path.parent.name.split("-")[0] not in runs
         ]
 
     def _open_bursts(self) -> list[str]:

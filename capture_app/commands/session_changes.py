@@ -167,9 +167,9 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
 def _describe_result(one: "RepairResult") -> str:
     if not one.ok:
         return f"{one.session}: {one.what}"
-    state = "incomplete" if one.awaited else "completed" if one.changed else "complete already"
+    state = "completed" if one.changed else "incomplete" if one.awaited else "complete already"
     lost = f", {one.missing} missing ({one.what})" if one.missing else ""
-    awaited = f"; a running leader adds what {', '.join(one.awaited)} still has" if one.awaited else ""
+    awaited = f"; a running leader adds what {', '.join(one.awaited)} may still have" if one.awaited else ""
     return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}{awaited}"
 
 

@@ -208,13 +208,13 @@ def _absent_cameras(absent: Absent) -> tuple[AbsentCamera, ...]:
     return tuple(AbsentCamera(name=name, reason=why) for name, why in sorted(absent.items()))
 
 
-def burst_record(burst: Burst, absent: Absent) -> BurstRecord:
+def burst_record(burst: Burst, absent: Absent | None = None) -> BurstRecord:
     """Return the record of a burst as ordered, without its instants if frames are streamed."""
     return BurstRecord(
         instants_ns=() if burst.streamed else tuple(burst.instants_ns),
         period_ns=burst.period_ns,
         requested_ns=burst.requested_ns,
-        absent=_absent_cameras(absent),
+        absent=_absent_cameras(absent or {}),
     )
 
 

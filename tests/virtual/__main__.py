@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from tests.virtual.plan import Plan, draw
 from tests.virtual.planted import PLANTED
-from tests.virtual.run import Result, run
+from tests.virtual.run import Result, run, run_seed
 
 
 def _seeds(text: str) -> list[int]:
@@ -30,12 +30,8 @@ def shrink(plan: Plan, plant: str) -> tuple[Plan, list[int]]:
     return plan.only(kept), kept
 
 
-def _run(seed: int, plant: str) -> Result:
-    return run(draw(seed), PLANTED.get(plant))
-
-
 def _results(seeds: list[int], jobs: int, plant: str) -> Iterator[Result]:
-    one = functools.partial(_run, plant=plant)
+    one = functools.partial(run_seed, plant=plant)
     if jobs == 1:
         yield from map(one, seeds)
         return

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 from collections import Counter
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -160,6 +161,13 @@ class VirtualRig:
             (world.disks.of(machine).folder / "sessions").mkdir()
             world.disks.settle(machine)
             self.clocks[machine] = MachineClock(world, machine)
+        self.works["lead"] = lambda: self._lead("lead")
+        if plan.has_standby:
+            self.works["lead2"] = lambda: self._lead("lead2")
+        if plan.behind_relay:
+            self.works["relay"] = self._relay
+        for name in plan.cameras:
+            self.works[name] = functools.partial(self._camera, name)
         if plan.wifi:
             world.network.shape = _as_wifi
         world.on_end = self._restart_later
@@ -265,13 +273,6 @@ class VirtualRig:
     async def run(self) -> None:
         """Run the plan to its end, heal everything, wait until all is at rest, and stop."""
         plan, world = self.plan, self.world
-        self.works["lead"] = lambda: self._lead("lead")
-        if plan.has_standby:
-            self.works["lead2"] = lambda: self._lead("lead2")
-        if plan.behind_relay:
-            self.works["relay"] = self._relay
-        for name in plan.cameras:
-            self.works[name] = lambda name=name: self._camera(name)  # type: ignore[misc]
         for name in self.works:
             self._start(name)
         world.start("desk", "desk", self._watch)

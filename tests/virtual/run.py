@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from tests.virtual.invariants import broken
 from tests.virtual.plan import Plan, draw
+from tests.virtual.planted import PLANTED
 from tests.virtual.rig import VirtualRig
 from tests.virtual.world import StuckError, World
 
@@ -74,6 +75,6 @@ def run(plan: Plan, planted: Callable[[World], AbstractContextManager[None]] | N
     )
 
 
-def run_seed(seed: int) -> Result:
-    """Draw and run a seed."""
-    return run(draw(seed))
+def run_seed(seed: int, plant: str = "") -> Result:
+    """Draw and run a seed, with the planted fault of that name if any."""
+    return run(draw(seed), PLANTED.get(plant))

@@ -343,6 +343,10 @@ class Network:
             self._links[source, target] = found
         return found
 
+    def counts(self) -> dict[str, int]:
+        """Return the number of datagrams that were sent over each link."""
+        return {f"{source} to {target}": link.sent for (source, target), link in self._links.items()}
+
     def links_of(self, machine: str) -> list[Link]:
         """Return all links from and to a machine."""
         others = [name for name in self._hosts if name != machine]

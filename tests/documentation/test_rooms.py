@@ -9,7 +9,16 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = runpy.run_path(str(ROOT / "docs" / "rooms.py"))
 INITS = sorted((*ROOT.glob("capture_app/**/__init__.py"), *ROOT.glob("reconstruction/**/__init__.py")))
-WITHOUT_ROOM = {"benchmarks", "documentation", "end_to_end", "fuzz", "packaging", "samples", "slurm"}
+WITHOUT_ROOM = {
+    "benchmarks",
+    "documentation",
+    "end_to_end",
+    "fuzz",
+    "packaging",
+    "samples",
+    "slurm",
+    "virtual",
+}
 """Folders of tests that test no single room of `capture_app`."""
 
 

@@ -282,9 +282,11 @@ class VirtualRig:
         await asyncio.sleep(ends_s + 1)
         for machine in self.works:
             world.network.cut(machine, is_cut=False)
+        await self._end_recordings()
         await self._rest()
         if "lead2" in self.leaders and "lead" not in self.leaders:
             # What the first leader had begun waits for it: the standby hands over.
+            self._befell("lead2", "stop", 0.0)
             await world.stop("lead2")
             await self._rest()
         await self._judge_at_rest()
@@ -293,6 +295,13 @@ class VirtualRig:
         for name in ("lead2", "lead"):
             if name in self.works:
                 await world.stop(name)
+
+    async def _end_recordings(self) -> None:
+        """End what is still recorded: its operator may have lost the leader when it was to end."""
+        for node in self.leaders.values():
+            for session in node.bursts._bursts.values():
+                if session.burst.video and not session.finished.is_set():
+                    await node.bursts.end(session.burst.number)
 
     async def _rest(self) -> None:
         """Wait until all takes are over and all spools are empty, at most MAX_WAIT_S."""

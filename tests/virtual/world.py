@@ -349,6 +349,8 @@ class World:
         error = context.get("exception")
         task = context.get("task") or context.get("future")
         owner = getattr(task, "owner", None) or process.get()
+        if (handle := context.get("handle")) is not None:
+            owner = handle._context.get(process)
         if isinstance(error, KilledError) or (owner is not None and not owner.is_alive):
             return
         self.fail(f"unhandled: {context.get('message')}: {error!r}")

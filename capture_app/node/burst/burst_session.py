@@ -18,6 +18,7 @@ from capture_app.common.errors import (
     DiskError,
     DiskFullError,
     SimulshotError,
+    TryAgainError,
 )
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
@@ -235,6 +236,19 @@ class BurstSession:
         """Return whether no image has arrived yet."""
         return not any(delivery.instants for delivery in self._deliveries.values())
 
+    def is_overrun(self, now_ns: int, leader: int) -> bool:
+        """Return whether a camera takes frames after the last instant of a burst of this run of the leader.
+
+        It has missed the order to end.
+        """
+        is_over = self.burst.streamed and now_ns >= self.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
+        is_own = self._plan is not None and self._plan.leader == leader
+        return (
+            is_over
+            and is_own
+            and any(of.plan.picking and not of.given_up for of in self._deliveries.values())
+        )
+
     # Incoming reports and images
 
     def check_machine(self, camera: str, pin: str) -> None:
@@ -261,6 +275,9 @@ class BurstSession:
         if self.burst.streamed:
             # The camera may have learned late that the burst ends earlier.
             plan = replace(plan, instants=tuple(n for n in plan.instants if n < self.burst.frames))
+        else:
+            # A node that was killed has lost some; only spare instants may still be to come.
+            plan = settled(plan, self.burst.frames)
         try:
             check_report(plan, self.burst, self._passed(now_ns))
         except BadInputError as error:
@@ -352,7 +369,7 @@ class BurstSession:
             if self._now_ns >= self._ends_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS:
                 for delivery in self._deliveries.values():
                     if delivery.plan.reported:
-                        delivery.plan = settled(delivery.plan, self.burst)
+                        delivery.plan = settled(delivery.plan, len(self.burst.instants_ns))
             awaited = [of.reported_plan for of in self._deliveries.values() if not of.given_up]
             chosen = choose_instants(len(self.burst.instants_ns), self.burst.frames, awaited)
             if chosen is not None:
@@ -378,8 +395,8 @@ class BurstSession:
         """Shorten the burst to the instants of `burst`, as it ends earlier than ordered."""
         self.burst = burst
         self._choice.end(burst)
-        # On a full disk it is written when the session is finished.
-        with suppress(DiskError):
+        # On a full disk it is written when the session is finished, which may be now.
+        with suppress(DiskError, TryAgainError):
             await self._save_plan(self._choice.requested)
         await self.finish_if_complete()
 

@@ -53,12 +53,12 @@ def choose_instants(
     return tuple(sorted(complete))
 
 
-def settled(plan: CameraPlan, burst: Burst) -> CameraPlan:
-    """Return a report to which nothing will be added: instants that it leaves out are missing."""
+def settled(plan: CameraPlan, ordered: int) -> CameraPlan:
+    """Return a report with those of the first `ordered` instants that it leaves out as missing."""
     known = {*plan.instants, *(gap.instant for gap in plan.missing)}
     gaps = (
         MissingImage(camera=plan.camera.name, instant=instant, reason="its node did not report it")
-        for instant in range(len(burst.instants_ns))
+        for instant in range(ordered)
         if instant not in known
     )
     return replace(plan, missing=(*plan.missing, *gaps))
@@ -154,8 +154,6 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
     """
     name, runs = plan.camera.name, plan.missing_runs
     instants = [*plan.instants, *(gap.instant for gap in plan.missing)]
-    # Spare instants may still be to come.
-    unreported = 0 if burst.streamed else len({*range(burst.frames)}.difference(instants))
     last = max(instants, default=-1)
     run_ends = [0, *(run.first + run.count for run in runs)]
     decided = max(run_ends[-1], plan.picked or 0)
@@ -166,7 +164,6 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         f"the burst has no instant {last}": last >= len(burst.instants_ns),
         "it streams a burst that is not streamed": is_streamed and not burst.streamed,
         f"it reports {decided} instants, of which {latest} have passed": decided > latest,
-        f"it leaves out {unreported} of {burst.frames} instants": unreported > 0,
         "its missing instants are not in order": any(
             run.first < end for run, end in zip(runs, run_ends, strict=False)
         ),

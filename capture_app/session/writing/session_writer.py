@@ -113,7 +113,9 @@ class SessionWriter:
             with disk_errors(folder):
                 self._recover()
                 self._events = AppendOnlyFile(folder / EVENTS)
-                sync_folder(folder)
+                # An interrupted writer may have made folders that it did not sync any more.
+                for parent, _, _ in os.walk(folder):
+                    sync_folder(Path(parent))
         except SimulshotError:
             os.close(self._lock)
             raise

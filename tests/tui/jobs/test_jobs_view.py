@@ -25,7 +25,6 @@ from tests.tui.takes import make_take
 from tests.tui.widgets.sent import PLACEHOLDER, Sent
 
 QUICK = replace(COMMANDS["compare"], module="tests.tui.jobs.quick_command", words=("compare",), quick="")
-SIZES = [(80, 24), (120, 40), (200, 50)]
 
 
 @pytest.fixture
@@ -265,11 +264,8 @@ async def test_a_result_that_cannot_be_read_or_is_gone(root: Path) -> None:
         assert view(pilot).check_action("open", ()) is False
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.usefixtures("utc")
-def test_the_list_looks_as_it_did(
-    snap_compare: Any, size: tuple[int, int], root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_list_looks_as_it_did(snap_compare: Any, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(root.parent)
     here = Path("sessions")
     for add in (add_comparison, add_panorama, add_dose, add_depth):
@@ -284,13 +280,10 @@ def test_the_list_looks_as_it_did(
         await until(pilot, lambda: said.plain and said.size.height == len(said.plain))
         await settle(pilot)
 
-    assert snap_compare(app, terminal_size=size, run_before=before)
+    assert snap_compare(app, terminal_size=(120, 40), run_before=before)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_a_result_looks_as_it_did(
-    snap_compare: Any, size: tuple[int, int], root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_looks_as_it_did(snap_compare: Any, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(root.parent)
     add_comparison(Path("sessions"), "take")
     app = make_app(FakeRig(1), sessions=Path("sessions"))
@@ -304,4 +297,4 @@ def test_a_result_looks_as_it_did(
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
         await settle(pilot)
 
-    assert snap_compare(app, terminal_size=size, run_before=before)
+    assert snap_compare(app, terminal_size=(80, 24), run_before=before)

@@ -46,6 +46,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_finish() -> None:
     """Collect garbage from now on, but not among all that was imported."""
     gc.freeze()
+    # A screen is ten thousand objects, which the default would search again and again.
+    gc.set_threshold(20_000)
     gc.enable()
 
 

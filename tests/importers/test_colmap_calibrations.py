@@ -5,6 +5,7 @@ And docs colmap.github.io/format.html, rigs.html.
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2  # before pycolmap
 import numpy as np
@@ -13,7 +14,13 @@ import pytest
 from capture_app.common.errors import BadInputError
 from tests.importers.known_rig import POINTS, SIZE, D, lens, pose, read, see
 
-pycolmap = pytest.importorskip("pycolmap")
+pycolmap: Any = None
+
+
+@pytest.fixture(autouse=True)
+def _pycolmap() -> None:
+    """Half a second, only where it is used: each of pytest's workers imports all tests."""
+    globals()["pycolmap"] = pytest.importorskip("pycolmap")
 
 
 def colmap(folder: Path, *, text: bool, frames: int = 2, wander: float = 0.0, model: str = "OPENCV") -> Path:

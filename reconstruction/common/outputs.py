@@ -29,21 +29,6 @@ def comparison_folder(out: Path) -> OutputFolder:
     return OutputFolder(out, replaces_only(OURS), reuse=STAGES)
 
 
-class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """Provenance of a result: what every command records about its own run."""
-
-    time_shifts_ms: dict[str, float] = {}
-    """Shifts added to the times of these cameras."""
-    seconds: float = 0.0
-    """Wall time of the whole run."""
-    memory_notes: tuple[str, ...] = ()
-    """Changes due to the memory budget."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes differ from what was saved."""
-    versions: dict[str, str] = {}
-    """Versions of the libraries used, by name."""
-
-
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
     """Write the metrics into a comparison's folder."""
     write_atomic(folder / METRICS, pretty_json(result))

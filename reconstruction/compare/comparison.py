@@ -15,8 +15,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress, talk
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
-from reconstruction.common.memory import memory_budget, usable_cores
-from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.memory import usable_cores
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
@@ -35,7 +34,7 @@ from reconstruction.session.conditions import (
 )
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import fixed_offsets_ms
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import with_provenance
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 TOLERANCE_INSTANTS = 6
@@ -128,11 +127,9 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             offset_ms=offset.asked_ms,
             offset_frames=offset.frames,
             actual_offset_ms=offset.actual_ms,
-            time_shifts_ms=dict(options.time_shifts_ms),
             unsynchronized=dataset.unsynchronized,
             sync_residual_us=dataset.worst_residual_us(),
             sync_bound_us=dataset.worst_hard_bound_us(),
-            versions=library_versions(),
         )
 
         def filled(known: CompareResult, **more: Any) -> CompareResult:
@@ -141,11 +138,9 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
                 known,
                 studies=tuple(sorted(known.studies, key=lambda one: [*studies].index(one.name))),
                 calibration=context.rig.source,
-                memory_notes=memory_budget().notes,
-                changed_pictures=picture_checks().changed,
-                seconds=time.monotonic() - began,
                 **more,
             )
+            found = with_provenance(found, began, options.time_shifts_ms)
             return structs.replace(found, verdict=verdict(found), words=report_words(found))
 
         with closing(_run_studies(context, asked, known)) as steps:

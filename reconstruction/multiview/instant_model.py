@@ -22,8 +22,6 @@ from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.fusion import FusedCloud, fuse_maps
@@ -63,7 +61,7 @@ from reconstruction.scores.study_result import InstantClouds
 from reconstruction.scores.truth import DepthShares, depth_shares
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import with_provenance
 
 POINTS = "points.ply"
 FILES = (POINTS, REPORT)
@@ -125,7 +123,7 @@ def model_instant(
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
     motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
-    marks = {"begin": time.perf_counter()}
+    marks = {"begin": time.monotonic()}
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     images, sources, scene, maps = _match_instant(
@@ -141,18 +139,18 @@ def model_instant(
             "and their calibration must be this rig's",
         )
     write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
-    marks["fusion"] = time.perf_counter()
+    marks["fusion"] = time.monotonic()
     (part / "depth").mkdir()
     scored = tuple(write_view(dataset, images[c], found, sources[c], part) for c, found in maps.items())
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     moving_score = None if options.quick else score_moving(dataset, images, unit, options.instant, cloud)
-    marks["judging"] = time.perf_counter()
+    marks["judging"] = time.monotonic()
     points, triangles = len(cloud.points), 0
     files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
         points, triangles, files = build_mesh(cloud, part, views, maps, pictures, mesh=options.mesh)
-        marks["mesh"] = time.perf_counter()
+        marks["mesh"] = time.monotonic()
     reference = choose_reference_view(views, scene.points)
     image, depth = images[reference], maps[reference].depth
     ranges = [scene.depth_ranges[camera] for camera in images]
@@ -160,7 +158,6 @@ def model_instant(
         session=dataset.name,
         instant=options.instant,
         offsets_ms=options.offsets_ms,
-        time_shifts_ms=dict(options.time_shifts_ms),
         matcher=matcher.name,
         matcher_note=matcher.note,
         calibration=calibration,
@@ -183,12 +180,9 @@ def model_instant(
             *((WORKSPACE,) if options.workspace else ()),
             RESULT,
         ),
-        seconds=round(time.perf_counter() - marks["begin"], 3),
         seconds_of=_stage_seconds(marks),
-        memory_notes=memory_budget().notes,
-        changed_pictures=picture_checks().changed,
-        versions=library_versions(),
     )
+    result = with_provenance(result, marks["begin"], options.time_shifts_ms)
     if options.page:
         write_moment(result, image, depth, cloud, part)
     write_atomic(part / RESULT, pretty_json(result))
@@ -227,7 +221,7 @@ def _match_instant(
     left_out.update({c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)})
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
-    marks["range"] = time.perf_counter()
+    marks["range"] = time.monotonic()
     if early is not None:
         reference = choose_reference_view(image_views(images), scene.points)
         pair = calibrated[reference], calibrated[sources[reference][0]]
@@ -236,7 +230,7 @@ def _match_instant(
     depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
     if options.workspace and matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), depth)
-    marks["matching"] = time.perf_counter()
+    marks["matching"] = time.monotonic()
     return images, sources, scene, depth
 
 

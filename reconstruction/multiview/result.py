@@ -2,8 +2,8 @@
 
 from msgspec import Struct, field
 
-from reconstruction.common.outputs import Provenance
 from reconstruction.scores.truth import DepthShares
+from reconstruction.session.provenance import Provenance
 
 
 class ViewResult(DepthShares, frozen=True, kw_only=True):

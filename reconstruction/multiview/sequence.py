@@ -30,8 +30,6 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, model_instant
 from reconstruction.multiview.matcher import ChosenMatcher, choose_matcher
@@ -39,7 +37,7 @@ from reconstruction.multiview.result import SequenceInstant, SequenceResult
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, write_masks
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import with_provenance
 
 RECORDING = "sequence.rrd"
 RESULT = "sequence.json"
@@ -218,7 +216,7 @@ def model_sequence(
         NotAvailableError: the requested matcher, COLMAP, Open3D or Rerun is not available.
         TryAgainError: another run is writing to `out`.
     """
-    began = time.perf_counter()
+    began = time.monotonic()
     if options.each.mesh:
         require_reconstruction("open3d", "making meshes")
     if options.recording:
@@ -273,8 +271,8 @@ def model_sequence(
             kept=len(earlier),
             masks=masks,
             files=folder.files,
-            seconds=round(time.perf_counter() - began, 3),
         )
+        result = with_provenance(result, began, options.each.time_shifts_ms)
         write_atomic(out / RESULT, pretty_json(result))
     return result
 
@@ -369,9 +367,6 @@ def _summary(
         mover_within_2pct=_median([one.mover_within_2pct for one in every]),
         within_2pct=_median([one.within_2pct for one in every]),
         files=(),
-        memory_notes=memory_budget().notes,
-        changed_pictures=picture_checks().changed,
-        versions=library_versions(),
     )
 
 

@@ -14,15 +14,14 @@ from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions, opencv_calls
-from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
+from reconstruction.common.native_libraries import opencv_calls
+from reconstruction.common.outputs import comparison_folder, write_metrics
 from reconstruction.panorama.overlap import Misalignment, OverlapScore, score_overlaps
 from reconstruction.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import nearest_frame_offset
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import Provenance, with_provenance
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
@@ -108,12 +107,8 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
             synced=made["synced"],
             offset=made.get("offset"),
             **facts,
-            time_shifts_ms=dict(options.time_shifts_ms),
-            seconds=time.monotonic() - began,
-            memory_notes=memory_budget().notes,
-            changed_pictures=picture_checks().changed,
-            versions=library_versions(),
         )
+        result = with_provenance(result, began, options.time_shifts_ms)
         write_metrics(output.folder, result)
     return result
 

@@ -14,12 +14,10 @@ from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.image_files import save_picture, write_image
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.outputs import STAGES, Provenance, comparison_folder, write_metrics
+from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.truth import fraction_right
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import Provenance, with_provenance
 from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
 
 DEPTH = "depth.tiff"
@@ -113,14 +111,11 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         result = msgspec.structs.replace(
             _save_result(rig, choice.cameras, (options.instant, later), found, output.folder),
             session=str(session),
-            time_shifts_ms=dict(options.time_shifts_ms),
             why=choice.why,
             left_out=left_out,
             pairs_left_out=dict(choice.left_out),
-            memory_notes=memory_budget().notes,
-            changed_pictures=picture_checks().changed,
-            seconds=time.monotonic() - began,
         )
+        result = with_provenance(result, began, options.time_shifts_ms)
         write_metrics(output.folder, result)
     return result
 
@@ -172,5 +167,4 @@ def _save_result(
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(found.filled, judged),
         calibration=rig.source,
-        versions=library_versions(),
     )

@@ -16,14 +16,16 @@ from capture_app.console.terminal import Progress, talk
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import usable_cores
+from reconstruction.common.options import compare_keywords
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.compare.method import compare_options
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import GROUP, study_reports
+from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.session.conditions import (
@@ -60,7 +62,7 @@ class CompareOptions:
     studies: tuple[str, ...] = ()
     """Names of the studies to make; empty = all."""
     of_studies: Mapping[str, Any] = field(default_factory=dict)
-    """Options of studies, by the names of the fields of their `Options`."""
+    """Options of studies, by their keywords."""
 
     @classmethod
     def of(cls, **options: Any) -> Self:
@@ -70,10 +72,11 @@ class CompareOptions:
             BadInputError: no installed study has such an option.
         """
         own = {name: options.pop(name) for name in cls.__dataclass_fields__ if name in options}
-        known = [one.name for kind in installed_studies() for one in structs.fields(kind.Options)]
+        known = [keyword for kind in compare_options() for keyword in compare_keywords(kind)]
         if unknown := [name for name in options if name not in known]:
             raise BadInputError(
-                f"{unknown[0]} is not an option of a comparison", hint=f"studies have {', '.join(known)}"
+                f"{unknown[0]} is not an option of a comparison",
+                hint=f"studies have {', '.join(dict.fromkeys(known))}",
             )
         return cls(**own, of_studies=options)
 
@@ -163,7 +166,9 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
     if unknown := [name for name in names if name not in studies and name != TIMING]:
-        raise BadInputError(f"{unknown[0]!r} is not in {GROUP}", hint=f"installed: {', '.join(studies)}")
+        raise BadInputError(
+            f"{unknown[0]!r} is not a study of a comparison", hint=f"installed: {', '.join(studies)}"
+        )
     requested = set[str](names or studies)
     while needed := {one for name in requested & studies.keys() for one in studies[name].needs} - requested:
         requested |= needed

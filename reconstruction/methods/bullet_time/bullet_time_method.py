@@ -5,7 +5,7 @@ import msgspec
 from reconstruction.compare.method import Method
 
 
-class BulletTime(Method):
+class BulletTimeSweep(Method):
     """One instant from camera to camera, beside delayed cameras."""
 
     name = "bullet_time"

@@ -5,7 +5,7 @@ import msgspec
 from reconstruction.compare.method import Method
 
 
-class Burst(Method):
+class PictureGrid(Method):
     """The burst as a grid of small pictures."""
 
     name = "burst"

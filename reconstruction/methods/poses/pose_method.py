@@ -21,7 +21,7 @@ class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
     ] = None
 
 
-class Poses(Method):
+class PoseEstimation(Method):
     """Camera poses of single instants, compared with the calibration."""
 
     name = "poses"

@@ -69,8 +69,7 @@ def described(options: type[msgspec.Struct]) -> Iterator[Described]:
             kind, *metas = get_args(hint)
             if get_origin(kind) in (Union, UnionType):
                 kind = next(one for one in get_args(kind) if one is not type(None))
-            for meta in metas:
-                settings = dict(meta.extra)
+            for settings in (dict(meta.extra) for meta in metas if getattr(meta, "extra", None)):
                 own, names = settings.pop("own", False), settings.pop("names")
                 bounds = {key: settings.pop(key) for key in BOUNDS if key in settings}
                 yield Described(name, kind, own, names, bounds, settings)
@@ -85,7 +84,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 
 
 def checked(options: S) -> S:
-    """Return options with plain numbers.
+    """Return options with Python's numbers in place of NumPy's.
 
     Raises:
         BadInputError: one is of the wrong type, or outside the bounds that `Options` has.
@@ -93,12 +92,19 @@ def checked(options: S) -> S:
     name = type(options).__name__
     hint = f"help({name}) shows what it takes"
     try:
-        plain = msgspec.to_builtins(options, enc_hook=lambda value: value.item())
-        result = msgspec.convert(plain, type(options))
-    except (msgspec.ValidationError, AttributeError) as error:
+        result = msgspec.convert(_plain(msgspec.structs.asdict(options)), type(options))
+    except msgspec.ValidationError as error:
         raise BadInputError(f"{name}: {error}", hint=hint) from error
     for one in described(type(options)):
         value = getattr(result, one.field)
         if value is not None and not all(BOUNDS[key](value, end) for key, end in one.bounds.items()):
             raise BadInputError(f"{name}: {one.field} cannot be {value}", hint=hint)
     return result
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    return value.item() if hasattr(value, "item") else value

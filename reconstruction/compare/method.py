@@ -125,8 +125,10 @@ def study_names() -> list[str]:
 @cache
 def compare_options() -> Sequence[type[msgspec.Struct]]:
     """Return the `Options` of all methods, and of other packages' studies, in a comparison."""
-    others = load_plugins(STUDIES, "text", "placeholders").values()
-    return [*(method.Options for method in methods().values()), *(study.Options for study in others)]
+    others = [
+        one for one in load_plugins(STUDIES, "text", "placeholders").values() if hasattr(one, "Options")
+    ]
+    return [one.Options for one in (*methods().values(), *others)]
 
 
 def find_method(name: str) -> type[Method]:

@@ -1,6 +1,7 @@
 """Depth, cloud and mesh from all cameras: the method, its options and its words."""
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,6 +18,7 @@ from reconstruction.session.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.multiview.matcher import ChosenMatcher
     from reconstruction.methods.multiview.result import MultiviewResult
     from reconstruction.session.dataset import Dataset
 
@@ -130,16 +132,18 @@ class Multiview(Method):
 
     def check(self) -> None:
         """Refuse without the packages or the GPU that the options need; see `Method.check`."""
+        if self.options.workspace:
+            require_reconstruction("pycolmap", "writing COLMAP's workspace")
+        if self.options.mesh:
+            require_reconstruction("open3d", "making a mesh")
+        self.matcher  # noqa: B018
+
+    @cached_property
+    def matcher(self) -> "ChosenMatcher":
+        """The matcher; raises NotAvailableError if this machine cannot run it."""
         from reconstruction.methods.multiview.matcher import choose_matcher
 
-        options = self.options
-        if options.workspace:
-            require_reconstruction("pycolmap", "writing COLMAP's workspace")
-        if options.mesh:
-            require_reconstruction("open3d", "making a mesh")
-        elif options.quick or find_spec("open3d") is None:
-            self.options = msgspec.structs.replace(options, cloud=False)
-        self.matcher = choose_matcher(options.matcher, quick=options.quick)
+        return choose_matcher(self.options.matcher, quick=self.options.quick)
 
     def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
         """Compute one instant, or a sequence, whose folder grows cloud by cloud; see `Method.make`."""
@@ -160,7 +164,8 @@ class Multiview(Method):
                 hint="run reconstruct calibrate first; docs/calibration.md shows how",
             )
         offsets_ms = options.offsets_ms or condition.offsets_ms(dataset.cameras, options.instant)
-        options = msgspec.structs.replace(options, offsets_ms=offsets_ms)
+        cloud = options.cloud and (options.mesh or (not options.quick and find_spec("open3d") is not None))
+        options = msgspec.structs.replace(options, offsets_ms=offsets_ms, cloud=cloud)
         early = output if options.page else None
         return model_instant(dataset, self.matcher, options, output.folder, self.progress, early=early)
 

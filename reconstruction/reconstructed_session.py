@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from msgspec import structs
@@ -55,11 +55,13 @@ class ReconstructedSession(OpenSession):
     name, and a `condition`. `out` is the output folder; None = a temporary folder that goes with the result.
     """
 
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        """Return the method of this name, bound to the session. Raises AttributeError if there is none."""
-        if name.startswith("_") or not (method := methods().get(name)) or not method.help:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        return partial(self._run, method)
+    if not TYPE_CHECKING:  # A type checker knows our methods by `__init__.pyi`, and finds misspelled names.
+
+        def __getattr__(self, name: str) -> Callable[..., Any]:
+            """Return the method of this name, bound to the session; AttributeError if there is none."""
+            if name.startswith("_") or not (method := methods().get(name)) or not method.help:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            return partial(self._run, method)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *(name for name, method in methods().items() if method.help)]

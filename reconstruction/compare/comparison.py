@@ -1,7 +1,7 @@
 """`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
@@ -100,9 +100,10 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     with comparison_folder(out) as output:
         comparison = Comparison(session, output, options)
         comparison.calibrate()
-        for running in comparison.measure_studies():
-            if comparison.write_page(running):
-                talk(f"first pictures, more follow: {out / REPORT}")
+        with closing(comparison.measure_studies()) as steps:
+            for running in steps:
+                if comparison.write_page(running):
+                    talk(f"first pictures, more follow: {out / REPORT}")
         comparison.measure_further_conditions()
         return comparison.write()
 
@@ -191,7 +192,7 @@ class Comparison:
             self._no_views, rig.problem = error, str(error)
         progress.step("choosing cameras")
 
-    def measure_studies(self) -> Iterator[tuple[str, ...]]:
+    def measure_studies(self) -> Generator[tuple[str, ...], None, None]:
         """Measure both conditions with every study, side by side; yield after each what is still measured.
 
         Raises:

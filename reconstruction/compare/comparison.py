@@ -111,7 +111,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 def run_in_order(
     needs: Mapping[str, Sequence[str]], run: Callable[[str], T]
 ) -> Generator[tuple[str, T], None, None]:
-    """Run tasks side by side, each as soon as those that it needs are done; yield each with its result.
+    """Run tasks side by side, each as soon as the tasks that it needs are done; yield names and results.
 
     Of several that may start, the first of `needs` starts first.
 
@@ -193,7 +193,7 @@ class Comparison:
         progress.step("choosing cameras")
 
     def measure_studies(self) -> Generator[tuple[str, ...], None, None]:
-        """Measure both conditions with every study, side by side; yield after each what is still measured.
+        """Measure both conditions with every study, side by side; yield the subjects that are left.
 
         Raises:
             NotAvailableError: nothing could be made, as the calibration needs a package that is missing.

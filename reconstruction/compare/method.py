@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Method:
     """One way to reconstruct a session: its options, how it runs under a condition, and its words.
 
-    The class is loaded for every `--help`, so its methods import what takes long.
+    The class is loaded for every `--help`, so its methods import slow modules themselves.
     """
 
     name: ClassVar[str]
@@ -54,7 +54,7 @@ class Method:
         self.progress = progress or Progress(0, silent=True)
 
     def check(self) -> None:
-        """Refuse what is known to be impossible before the session is read.
+        """Refuse impossible options before the session is read.
 
         Raises:
             SimulshotError: a package or device is missing.

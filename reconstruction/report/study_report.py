@@ -164,7 +164,7 @@ class StudyReport:
 @cache
 def study_reports() -> Mapping[str, type[StudyReport]]:
     """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    # simulshot.studies has those of other packages that have no command; ours come with their methods.
+    # Ours come with their methods. Other packages may have studies without a method.
     scored = (one.study for one in load_plugins(METHODS, "study").values() if one.study)
     studies = [*load_plugins(STUDIES, "text", "placeholders").values(), *map(resolve_name, scored)]
     studies.sort(key=lambda one: (one.text.place, one.text.name))

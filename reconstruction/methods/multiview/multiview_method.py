@@ -170,7 +170,7 @@ class Multiview(Method):
         return model_instant(dataset, self.matcher, options, output.folder, self.progress, early=early)
 
     def notes(self, result: Any) -> Iterator[str]:
-        """Yield what was left out; see `Method.notes`."""
+        """Yield the cameras or instants that were left out; see `Method.notes`."""
         if self.options.instants is None:
             yield from super().notes(result)
             return
@@ -179,7 +179,7 @@ class Multiview(Method):
                 yield f"instant {one.instant} has no cloud: {one.reason}"
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield what was computed, and how well; see `Method.lines`."""
+        """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""
         yield from self._instant_lines(result) if self.options.instants is None else _sequence_lines(result)
         yield from super().lines(result, out)
 

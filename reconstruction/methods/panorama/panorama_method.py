@@ -76,7 +76,7 @@ class Panorama(Method):
         yield from ()
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the size, what was left out, and the residuals; see `Method.lines`."""
+        """Yield the size, the images left out, and the residuals; see `Method.lines`."""
         made = result.synced
         conditions = [("", made)]
         if result.offset is not None:

@@ -110,7 +110,7 @@ def _save_panorama(
 
 
 def image_input(sources: Sequence[Path], condition: Condition, options: PanoramaOptions) -> Input:
-    """Read image files, and those of folders.
+    """Read image files and folders of images.
 
     Raises:
         BadInputError: there are none, they cannot be read, or an option needs a session.
@@ -143,7 +143,7 @@ def image_input(sources: Sequence[Path], condition: Condition, options: Panorama
 
 
 def session_input(dataset: Dataset, condition: Condition, options: PanoramaOptions) -> Input:
-    """Read an instant's images of a session, and those of the other condition, if one is requested.
+    """Read an instant's images of a session, also in the other condition if one is requested.
 
     Raises:
         BadInputError: the session lacks this instant, or its images in the condition.

@@ -8,7 +8,7 @@ from time import monotonic
 import click
 import msgspec
 
-from capture_app.common.errors import NotApplicableError, SimulshotError
+from capture_app.common.errors import BadInputError, NotApplicableError, SimulshotError
 from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
 
 LOOK_S = 2.0
@@ -29,7 +29,13 @@ def live(width: int) -> None:
 
     cv2.setNumThreads(1)
     messages = _messages()
-    rig = msgspec.msgpack.decode(next(messages), type=LiveRig)
+    try:
+        rig = msgspec.msgpack.decode(next(messages, b""), type=LiveRig)
+    except msgspec.DecodeError as error:
+        raise BadInputError(
+            f"stdin does not begin with a running rig: {error}",
+            hint="capture-app starts this command; reconstruct multiview computes depth from a session",
+        ) from error
     modes = {name: CameraMode.of(facts) for name, facts in rig.cameras.items()}
     folder = Path(rig.sessions_folder) if rig.sessions_folder else None
     engine, due_s = None, 0.0

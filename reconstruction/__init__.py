@@ -12,19 +12,26 @@ _PUBLIC = {
     "CalibrationSource": "calibration.calibration_run",
     "CompareOptions": "compare.comparison",
     "Condition": "session.conditions",
-    "MultiviewOptions": "multiview.instant_model",
-    "PanoramaOptions": "panorama.panorama_run",
-    "StereoOptions": "stereo.stereo_run",
     "open_session": "reconstructed_session",
 }
-__all__ = list(_PUBLIC)
+
+
+def _method_options() -> dict[str, Any]:
+    """Return the options of the installed methods that have a command, by the names of their classes."""
+    from reconstruction.compare.method import methods
+
+    return {method.Options.__name__: method.Options for method in methods().values() if method.help}
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__doc__"]
+    return [*__getattr__("__all__"), "__doc__"]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
+    if name == "__all__":
+        return sorted([*_PUBLIC, *_method_options()])
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
+    if not name.endswith("Options") or name not in (options := _method_options()):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
+    return options[name]

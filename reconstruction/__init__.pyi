@@ -1,8 +1,47 @@
+from os import PathLike
+
+from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
 from reconstruction.calibration.calibration_run import CalibrationSource as CalibrationSource
+from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions as CompareOptions
-from reconstruction.multiview.instant_model import MultiviewOptions as MultiviewOptions
-from reconstruction.panorama.panorama_run import PanoramaOptions as PanoramaOptions
-from reconstruction.reconstructed_session import open_session as open_session
+from reconstruction.methods.multiview.instant_model import MadeMultiview
+from reconstruction.methods.multiview.multiview_method import MultiviewOptions as MultiviewOptions
+from reconstruction.methods.panorama.panorama_method import PanoramaOptions as PanoramaOptions
+from reconstruction.methods.panorama.panorama_run import PanoramaResult
+from reconstruction.methods.stereo.stereo_method import StereoOptions as StereoOptions
+from reconstruction.methods.stereo.stereo_run import MadeStereo
+from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.session.conditions import Condition as Condition
-from reconstruction.stereo.stereo_run import StereoOptions as StereoOptions
+
+class _OurMethods(ReconstructedSession):
+    """The session with the types of the methods of this package, which it finds by their entry points."""
+
+    def stereo(
+        self,
+        options: StereoOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instant: int = 0,
+        other_instant: int | None = None,
+        pair: tuple[str, str] | None = None,
+    ) -> MadeStereo: ...
+    def multiview(
+        self,
+        options: MultiviewOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+    ) -> MadeMultiview: ...
+    def panorama(
+        self,
+        options: PanoramaOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instant: int = 0,
+        offset_ms: float | None = None,
+    ) -> Made[PanoramaResult]: ...
+
+def open_session(session: str | PathLike[str] | Session) -> _OurMethods: ...

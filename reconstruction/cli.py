@@ -16,12 +16,12 @@ from capture_app.console.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
 from reconstruction.commands.calibrate import board, calibrate
 from reconstruction.commands.compare import compare, tolerance
-from reconstruction.commands.depth import multiview, stereo
 from reconstruction.commands.live import live
+from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
-from reconstruction.commands.panorama import panorama
 from reconstruction.commands.time import time_command
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
+from reconstruction.compare.method import methods
 
 
 class _Application(click.Group):
@@ -49,14 +49,21 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure the effect of synchronization on them."""
 
 
-for command in (
-    batch, board, calibrate, compare, live, movers, multiview, panorama, stereo, time_command, tolerance
-):  # fmt: skip
+def _add(command: click.Command, earlier_names: Sequence[str] = ()) -> None:
     app.add_command(command)
-for earlier, command in {"dose": tolerance, "stitch": panorama}.items():
-    alias = copy(command)
-    alias.hidden = True
-    app.add_command(alias, earlier)
+    for earlier in earlier_names:
+        alias = copy(command)
+        alias.hidden = True
+        app.add_command(alias, earlier)
+
+
+# Before the others, which no method of another package replaces.
+for method in methods().values():
+    if method.help:
+        _add(method_command(method), method.aliases)
+for command in (batch, board, calibrate, compare, live, movers, time_command):
+    _add(command)
+_add(tolerance, ["dose"])
 add_verbosity(app)
 
 

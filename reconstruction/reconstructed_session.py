@@ -5,90 +5,31 @@ import tempfile
 import weakref
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from msgspec import structs
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.usage import silence
-from capture_app.session.exporting.point_cloud import PointCloud, read_ply
-from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.reading.array_access import OpenSession
-from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.common.geometry import Array
+from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions, compare
+from reconstruction.compare.method import Method, methods
 from reconstruction.depth.live_depth import LiveDepth
-from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, multiview
-from reconstruction.multiview.result import MultiviewResult
-from reconstruction.panorama.panorama_run import PanoramaOptions, PanoramaResult, panorama
 from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.session.conditions import SYNCHRONIZED, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.stereo.stereo_run import StereoDepth, StereoOptions, stereo
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
-
-R = TypeVar("R")
-
-
-@dataclass(frozen=True)
-class Made(Generic[R]):
-    """Result of a command: `result` as --json prints it, and its files in `folder`.
-
-    A folder that the caller did not name is temporary. It is deleted with this object.
-    """
-
-    result: R
-    folder: Path
-
-    def image(self, file: str) -> Array:
-        """Return an image file as an array; colours are BGR. Raises OSError if the file does not exist."""
-        return np.asarray(decode_image(self.folder.joinpath(file).read_bytes()))
-
-
-class MadeStereo(Made[StereoDepth]):
-    """Depth from two cameras, on the pixels of the first, in the result's `unit`."""
-
-    @property
-    def depth(self) -> Array:
-        """Depth along the camera's axis, float32 height x width, 0 = unknown."""
-        return self.image(self.result.depth)
-
-    @property
-    def filled(self) -> Array:
-        """Depth as in `depth`, with unknown pixels filled by a guess."""
-        return self.image(self.result.depth_filled)
-
-    @property
-    def confidence(self) -> Array:
-        """Confidence of each pixel's depth, float64 height x width, 0 (a guess) to 1."""
-        return self.image(self.result.confidence) / 255
-
-
-class MadeMultiview(Made[MultiviewResult]):
-    """Depth of all cameras at one instant, in the result's `unit`, and a point cloud in the rig's frame."""
-
-    def depth(self, camera: str) -> Array:
-        """Return depth along the axis on undistorted pixels, float32 height x width, 0 = unknown."""
-        return self._view(camera)["depth"]
-
-    def normals(self, camera: str) -> Array:
-        """Return surface normals in the camera's frame, float16 height x width x 3."""
-        return self._view(camera)["normals"]
-
-    @property
-    def cloud(self) -> PointCloud:
-        """Fused cloud: `points` (n, 3), `colours` (n, 3), uint8 RGB. Raises IncompleteError if missing."""
-        return read_ply(self.folder / FUSED)
-
-    def _view(self, camera: str) -> dict[str, Array]:
-        return read_arrays(self.folder / "depth" / f"{camera}.npz")
 
 
 class MadeComparison(Made[CompareResult]):
@@ -110,34 +51,39 @@ M = TypeVar("M", bound=Made[Any])
 class ReconstructedSession(OpenSession):
     """Open session with the commands of `reconstruct` as methods; `open_session` returns it.
 
-    `out` is the output folder; None = a temporary folder that goes with the result.
+    So is every installed method: `stereo`, `multiview`, `panorama`. It takes its options, or single ones by
+    name, and a `condition`. `out` is the output folder; None = a temporary folder that goes with the result.
     """
 
-    def stereo(
-        self, options: StereoOptions | None = None, *, out: str | PathLike[str] | None = None
-    ) -> MadeStereo:
-        """Compute depth from two cameras at one instant."""
-        return _make(MadeStereo, out, lambda to: stereo(self.folder, to, options or StereoOptions()))
+    if not TYPE_CHECKING:  # A type checker knows our methods by `__init__.pyi`, and finds misspelled names.
 
-    def multiview(
-        self, options: MultiviewOptions | None = None, *, out: str | PathLike[str] | None = None
-    ) -> MadeMultiview:
-        """Compute depth of all cameras at one instant."""
-        return _make(MadeMultiview, out, lambda to: multiview(self.folder, to, options or MultiviewOptions()))
+        def __getattr__(self, name: str) -> Callable[..., Any]:
+            """Return the method of this name, bound to the session; AttributeError if there is none."""
+            if name.startswith("_") or not (method := methods().get(name)) or not method.help:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            return partial(self._run, method)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *(name for name, method in methods().items() if method.help)]
+
+    def _run(
+        self,
+        method: type[Method],
+        options: Any = None,
+        *,
+        condition: Condition = SYNCHRONIZED,
+        out: str | PathLike[str] | None = None,
+        **chosen: Any,
+    ) -> Made[Any]:
+        options = structs.replace(method.Options() if options is None else options, **chosen)
+        run = method(options).make
+        return _make(resolve_name(method.made), out, lambda to: run([self.folder], to, condition))
 
     def compare(
         self, options: CompareOptions | None = None, *, out: str | PathLike[str] | None = None
     ) -> MadeComparison:
         """Compare synchronized with offset images; `CompareOptions.of` takes the studies' options, too."""
         return _make(MadeComparison, out, lambda to: compare(self.folder, to, options or CompareOptions()))
-
-    def panorama(
-        self, options: PanoramaOptions | None = None, *, out: str | PathLike[str] | None = None
-    ) -> Made[PanoramaResult]:
-        """Stitch the images of one instant."""
-        return _make(
-            Made[PanoramaResult], out, lambda to: panorama((self.folder,), to, options or PanoramaOptions())
-        )
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return what moves in a camera's frame, bool height x width, seen by comparing its instants.

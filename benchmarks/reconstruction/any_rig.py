@@ -24,8 +24,8 @@ from reconstruction.depth.fusion import fuse_maps
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
-from reconstruction.multiview.input_images import InputImage, undistort_image
-from reconstruction.multiview.instant_scoring import count_near, visible_points
+from reconstruction.methods.multiview.input_images import InputImage, undistort_image
+from reconstruction.methods.multiview.instant_scoring import count_near, visible_points
 
 SEEN_WITHIN_DEG = 35.0
 RIGHT, WRONG = 0.01, 0.02

@@ -37,13 +37,13 @@ from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
-from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.instant_scoring import count_near, true_surfaces
+from reconstruction.methods.multiview.input_images import undistort_image
+from reconstruction.methods.multiview.instant_scoring import count_near, true_surfaces
+from reconstruction.methods.stereo.matching import match_rectified
+from reconstruction.methods.stereo.stereo_pair import rectify
 from reconstruction.scores.tally import Measurements
 from reconstruction.scores.truth import depth_shares, right_depth
 from reconstruction.session.moving_pixels import MARGIN_PX, dilate
-from reconstruction.stereo.matching import match_rectified
-from reconstruction.stereo.stereo_pair import rectify
 
 Result = dict[str, Any]
 

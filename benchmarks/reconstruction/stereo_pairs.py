@@ -29,7 +29,7 @@ from benchmarks.reconstruction.rectified_pairs import RectifiedPair, read_pair, 
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import ExitCode, SimulshotError
 from reconstruction.common.geometry import Array, View
-from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, fill_holes
+from reconstruction.methods.stereo.stereo_pair import FilledDepthMap, StereoPair, fill_holes
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "footage" / "stereo_ground_truth"
 FOCAL = 700.0

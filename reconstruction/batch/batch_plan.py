@@ -16,14 +16,15 @@ from reconstruction.batch.summary import Row, unit_row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.multiview.instant_model import RESULT as MULTIVIEW_RESULT
-from reconstruction.multiview.instant_model import MultiviewOptions, multiview
-from reconstruction.multiview.matcher import Matcher
+from reconstruction.compare.method import find_method
+from reconstruction.depth.matchers import Matcher
 from reconstruction.session.conditions import SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import checked_pictures
 
 DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
+DEPTH_METHOD = "multiview"
+"""The method that computes a unit."""
 TIMES = ("seconds", "seconds_of")
 """Fields that differ from run to run; they are not part of a unit's result."""
 
@@ -120,17 +121,18 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         for image in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
             if dataset.has_image(*image):
                 dataset.checked_bytes(*image)
-    options = MultiviewOptions(
+    method = find_method(DEPTH_METHOD)
+    options = method.Options(
         instant=unit.instant,
-        offsets_ms=unit.offsets_ms,
         matcher=Matcher(unit.matcher),
         mesh=False,
         workspace=False,
         time_shifts_ms=unit.time_shifts_ms,
     )
+    condition = Condition(unit.condition, listed_ms=unit.offsets_ms)
     try:
         with checked_pictures(required=False):
-            result = msgspec.to_builtins(multiview(session, folder, options))
+            result = msgspec.to_builtins(method(options).make([session], folder, condition))
     except NotApplicableError as error:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
         write_atomic(folder / RESULT, pretty_json(record))
@@ -139,7 +141,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         del result[name]
     # PatchMatch leaves one, which is large.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
-    (folder / MULTIVIEW_RESULT).unlink(missing_ok=True)
+    (folder / method.result_file).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
     write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
 

@@ -3,21 +3,21 @@
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from enum import StrEnum
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import Any
 
 import click
 import msgspec
 
-from capture_app.console.terminal import ParsedType, talk
+from capture_app.console.terminal import FiniteRange, ParsedType, talk
 from reconstruction.common.memory import limited_memory, parse_size
+from reconstruction.common.options import Described, Pair, described
+from reconstruction.common.options import flag as flag
+from reconstruction.depth.matchers import MATCHER_HELP, Matcher
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 from reconstruction.session.picture_checksums import checked_pictures
-
-if TYPE_CHECKING:
-    from reconstruction.multiview.matcher import Matcher
-
 
 MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
@@ -50,27 +50,39 @@ def parse_instants(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def flag(*names: str, **settings: Any) -> msgspec.Meta:
-    """Annotate a field of a study's `Options` with the names and settings of click's `Option`.
-
-    The field's default is the option's: `points: Annotated[int, flag("--points", help="...")] = 3`.
-    """
-    return msgspec.Meta(extra={"names": names, **settings})
+def parse_all_or_some(text: str) -> tuple[int, ...]:
+    """Parse `all`, returned empty, or instants as `parse_instants` does."""
+    return () if text.strip() == "all" else parse_instants(text)
 
 
-def pair_flag(*names: str, use: str, hidden: bool = False) -> msgspec.Meta:
-    """Annotate a field as `flag` does, for two cameras and their use; `hidden` is for earlier names."""
-    return flag(*names, hidden=hidden, **_pair_settings(use))
+def click_options(options: type[msgspec.Struct], *, own: bool = False) -> Iterator[click.Option]:
+    """Yield the options of a method's `Options` for `reconstruct compare`, or for its `own` command."""
+    defaults = {one.name: one.default for one in msgspec.structs.fields(options)}
+    for one in described(options):
+        if one.own == own:
+            default = defaults[one.field]
+            settings: dict[str, Any] = {"default": str(default) if isinstance(default, str) else default}
+            settings |= _click_type(one) | one.settings
+            yield click.Option([*dict.fromkeys((*one.names, one.keyword))], **settings)
 
 
-def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
-    """Yield the command line options of a study's `Options`."""
-    hints = get_type_hints(options, include_extras=True)
-    for one in msgspec.structs.fields(options):
-        for meta in getattr(hints[one.name], "__metadata__", ()):
-            settings = dict(meta.extra)
-            default = str(one.default) if isinstance(one.default, str) else one.default
-            yield click.Option([*settings.pop("names"), one.name], default=default, **settings)
+def _click_type(one: Described) -> dict[str, Any]:
+    """Return click's settings for a value of an option's type within its bounds."""
+    kind: Any = one.kind
+    if kind == Pair:
+        return PAIR
+    if kind == tuple[int, ...]:
+        return {"type": parse_all_or_some}
+    if kind is bool:
+        return {"is_flag": True}
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        names = [str(value) for value in kind]
+        return {"type": click.Choice(names), "callback": lambda ctx, param, value: kind(value)}
+    if not one.bounds:
+        return {}
+    low = one.bounds.get("ge", one.bounds.get("gt"))
+    kind = click.IntRange if kind is int else FiniteRange
+    return {"type": kind(min=low, min_open="gt" in one.bounds, max=one.bounds.get("le"))}
 
 
 def memory_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -98,48 +110,24 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
     return limited
 
 
-def pair_option(*names: str, use: str) -> Callable[..., Any]:
-    """Return an option for two cameras and their use."""
-    return click.option(*names, **_pair_settings(use))
-
-
-def _pair_settings(use: str) -> dict[str, Any]:
-    return {
-        "type": parse_pair,
-        "metavar": "CAMERA,CAMERA",
-        "show_default": "chosen automatically",
-        "help": f"The two cameras for {use}.",
-    }
-
-
+PAIR: dict[str, Any] = {
+    "type": parse_pair,
+    "metavar": "CAMERA,CAMERA",
+    "show_default": "chosen automatically",
+}
 checksums_option = click.option(
     "--require-checksums",
     is_flag=True,
     help="Refuse pictures that changed since they were saved, instead of only naming them.",
 )
 session_argument = click.argument("session", type=click.Path(path_type=Path))
-instant_option = click.option(
-    "--instant",
-    type=click.IntRange(min=0),
-    metavar="K",
-    default=0,
-    help="Instant of the burst, counted from 0.",
+matcher_option = click.option(
+    "--matcher",
+    type=click.Choice([str(one) for one in Matcher]),
+    default=str(Matcher.AUTO),
+    callback=lambda ctx, param, value: Matcher(value),
+    help=MATCHER_HELP,
 )
-
-
-def _parse_matcher(ctx: click.Context, param: click.Parameter, value: str) -> "Matcher":
-    from reconstruction.multiview.matcher import Matcher
-
-    return Matcher(value)
-
-
-MATCHER: dict[str, Any] = {
-    "type": click.Choice(["auto", "sweep", "patchmatch"]),
-    "callback": _parse_matcher,
-    "help": "Method for depth from all cameras. sweep runs on the CPU; patchmatch is COLMAP's and needs an "
-    "NVIDIA GPU. auto is sweep, which finds more.",
-}
-matcher_option = click.option("--matcher", default="auto", **MATCHER)
 max_instants_option = click.option(
     "--max-instants",
     type=click.IntRange(min=1),

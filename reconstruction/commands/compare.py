@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.common.plugins import plugin_names
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
+from reconstruction.compare.method import compare_options, study_names
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
@@ -28,18 +28,15 @@ class _CompareCommand(click.Command):
     """Command with an option to choose studies, and the options of all installed studies."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the options; loads the studies, which are otherwise not loaded before they run."""
-        from reconstruction.compare.comparison import installed_studies
-        from reconstruction.report.study_report import GROUP
-
+        """Return the options; the methods describe them, without the studies that take long to load."""
         chosen = click.Option(
             ["--study", "studies"],
-            type=click.Choice(plugin_names(GROUP)),
+            type=click.Choice(study_names()),
             multiple=True,
             show_default="all",
             help="Make only this study and the studies it needs. Repeat for several.",
         )
-        own = [one for study in installed_studies() for one in command_options.study_options(study.Options)]
+        own = [one for options in compare_options() for one in command_options.click_options(options)]
         params = super().get_params(ctx)
         out = [one.name for one in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]
@@ -99,7 +96,7 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     default=DEFAULT_OFFSET_MS,
     help="Largest delay to measure, in steps of one frame, as far as the burst allows.",
 )
-@command_options.pair_option("--pair", use="depth")
+@click.option("--pair", **command_options.PAIR, help="The two cameras for depth.")
 @command_options.max_instants_option
 @command_options.time_shift_option
 @click.option(

@@ -3,8 +3,9 @@
 import hashlib
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
+from capture_app.session.reading.decoding import decode_image
+from reconstruction.common.geometry import Array
 
 METRICS = "metrics.json"
 STAGES = "stages"
@@ -29,27 +32,27 @@ def comparison_folder(out: Path) -> OutputFolder:
     return OutputFolder(out, replaces_only(OURS), reuse=STAGES)
 
 
-class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """Provenance of a result: what every command records about its own run."""
-
-    time_shifts_ms: dict[str, float] = {}
-    """Shifts added to the times of these cameras."""
-    seconds: float = 0.0
-    """Wall time of the whole run."""
-    memory_notes: tuple[str, ...] = ()
-    """Changes due to the memory budget."""
-    changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes differ from what was saved."""
-    versions: dict[str, str] = {}
-    """Versions of the libraries used, by name."""
-
-
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
     """Write the metrics into a comparison's folder."""
     write_atomic(folder / METRICS, pretty_json(result))
 
 
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Made(Generic[Result]):
+    """Result of a command in Python: `result` as --json prints it, and its files in `folder`.
+
+    A folder that the caller did not name is temporary. It is deleted with this object.
+    """
+
+    result: Result
+    folder: Path
+
+    def image(self, file: str) -> Array:
+        """Return an image file as an array; colours are BGR. Raises OSError if the file does not exist."""
+        return np.asarray(decode_image(self.folder.joinpath(file).read_bytes()))
 
 
 class StageCache:

@@ -1,30 +1,32 @@
 """`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress, talk
+from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
-from reconstruction.common.memory import memory_budget, usable_cores
-from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.memory import usable_cores
+from reconstruction.common.options import compare_keywords
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.compare.method import compare_options
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import GROUP, study_reports
+from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.session.conditions import (
@@ -35,9 +37,10 @@ from reconstruction.session.conditions import (
 )
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import fixed_offsets_ms
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import with_provenance
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
+T = TypeVar("T")
 TOLERANCE_INSTANTS = 6
 """Instants of the tolerance curve in a comparison; `reconstruct tolerance` uses more."""
 MAX_SIDE_BY_SIDE = 4
@@ -61,7 +64,7 @@ class CompareOptions:
     studies: tuple[str, ...] = ()
     """Names of the studies to make; empty = all."""
     of_studies: Mapping[str, Any] = field(default_factory=dict)
-    """Options of studies, by the names of the fields of their `Options`."""
+    """Options of studies, by their keywords."""
 
     @classmethod
     def of(cls, **options: Any) -> Self:
@@ -71,10 +74,11 @@ class CompareOptions:
             BadInputError: no installed study has such an option.
         """
         own = {name: options.pop(name) for name in cls.__dataclass_fields__ if name in options}
-        known = [one.name for kind in installed_studies() for one in structs.fields(kind.Options)]
+        known = [keyword for kind in compare_options() for keyword in compare_keywords(kind)]
         if unknown := [name for name in options if name not in known]:
             raise BadInputError(
-                f"{unknown[0]} is not an option of a comparison", hint=f"studies have {', '.join(known)}"
+                f"{unknown[0]} is not an option of a comparison",
+                hint=f"studies have {', '.join(dict.fromkeys(known))}",
             )
         return cls(**own, of_studies=options)
 
@@ -93,15 +97,59 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         SimulshotError: the session, the options or the folder cannot be used, or a requested feature is not
           available here.
     """
-    began = time.monotonic()
-    dataset = Dataset.open(session, options.time_shifts_ms)
-    choose_calibration(dataset)
-    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
-    for condition in options.conditions:
-        condition.check(dataset)
-    against = Dataset.open(options.against) if options.against is not None else None
     with comparison_folder(out) as output:
-        context = Context(
+        comparison = Comparison(session, output, options)
+        comparison.calibrate()
+        with closing(comparison.measure_studies()) as steps:
+            for running in steps:
+                if comparison.write_page(running):
+                    talk(f"first pictures, more follow: {out / REPORT}")
+        comparison.measure_further_conditions()
+        return comparison.write()
+
+
+def run_in_order(
+    needs: Mapping[str, Sequence[str]], run: Callable[[str], T]
+) -> Generator[tuple[str, T], None, None]:
+    """Run tasks side by side, each as soon as the tasks that it needs are done; yield names and results.
+
+    Of several that may start, the first of `needs` starts first.
+
+    Raises:
+        BadInputError: tasks need each other.
+    """
+    order, running = TopologicalSorter(needs), dict[Future[T], str]()
+    try:
+        order.prepare()
+    except CycleError as error:
+        raise BadInputError(
+            f"studies need each other's results: {', '.join(error.args[1])}",
+            hint="leave one out: --study names those to make",
+        ) from error
+    with worker_pool(min(MAX_SIDE_BY_SIDE, len(usable_cores()))) as pool:
+        while order.is_active():
+            for name in sorted(order.get_ready(), key=list(needs).index):
+                running[pool.submit(run, name)] = name
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                name = running.pop(future)
+                yield name, future.result()
+                order.done(name)
+
+
+class Comparison:
+    """A session under two conditions, and what each method's study has found so far."""
+
+    def __init__(self, session: Path, output: OutputFolder, options: CompareOptions) -> None:
+        """Open the session, and check everything that can be refused before it takes long; see `compare`."""
+        self._began_s = time.monotonic()
+        dataset = Dataset.open(session, options.time_shifts_ms)
+        choose_calibration(dataset)
+        offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+        for condition in options.conditions:
+            condition.check(dataset)
+        self.against = Dataset.open(options.against) if options.against is not None else None
+        self.output, self.options = output, options
+        self.context = Context(
             rig=Rig(dataset, output.folder / STAGES, offset.step),
             offset=offset,
             middle=offset.pairs[len(offset.pairs) // 2][0],
@@ -110,17 +158,13 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             folder=output.folder,
             progress=Progress(CORE_STEPS),
         )
-        studies = {kind.text.name: kind(context) for kind in installed_studies()}
-        asked = _chosen(studies, options.studies)
-        for study in asked.values():
+        self.studies = {kind.text.name: kind(self.context) for kind in installed_studies()}
+        self.chosen = _chosen(self.studies, options.studies)
+        for study in self.chosen.values():
             study.check()
-        context.progress.total += (
-            sum(study.steps for study in asked.values())
-            + len(options.conditions)
-            + (against is not None)
-            + (len(dataset.cameras) > 2)
-        )
-        known = CompareResult(
+        self._no_views: BadInputError | NotAvailableError | None = None
+        """Why the cameras have no calibration."""
+        self.known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
             camera_count=len(dataset.cameras),
@@ -128,117 +172,105 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             offset_ms=offset.asked_ms,
             offset_frames=offset.frames,
             actual_offset_ms=offset.actual_ms,
-            time_shifts_ms=dict(options.time_shifts_ms),
             unsynchronized=dataset.unsynchronized,
             sync_residual_us=dataset.worst_residual_us(),
             sync_bound_us=dataset.worst_hard_bound_us(),
-            versions=library_versions(),
         )
 
-        def filled(known: CompareResult, **more: Any) -> CompareResult:
-            """Return the result with everything found so far, in the studies' order, and its words."""
-            found = structs.replace(
-                known,
-                studies=tuple(sorted(known.studies, key=lambda one: [*studies].index(one.name))),
-                calibration=context.rig.source,
-                memory_notes=memory_budget().notes,
-                changed_pictures=picture_checks().changed,
-                seconds=time.monotonic() - began,
-                **more,
-            )
-            return structs.replace(found, verdict=verdict(found), words=report_words(found))
+    def calibrate(self) -> None:
+        """Detect motion and calibrate; without a calibration, studies that need one are skipped."""
+        rig, offset, progress = self.context.rig, self.context.offset, self.context.progress
+        progress.total += sum(study.steps for study in self.chosen.values()) + len(self.options.conditions)
+        progress.total += (self.against is not None) + (len(rig.dataset.cameras) > 2)
+        progress.step(f"detecting motion in {rig.dataset.name}")
+        moving = rig.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
+        self.known = structs.replace(self.known, moving_share=moving)
+        progress.step("calibration")
+        try:
+            rig.calibrate()
+        except (BadInputError, NotAvailableError) as error:
+            self._no_views, rig.problem = error, str(error)
+        progress.step("choosing cameras")
 
-        with closing(_run_studies(context, asked, known)) as steps:
-            for known, running in steps:
-                # The page appears with the first measurement.
-                if any(one.measures for one in known.studies):
-                    write_report(filled(known), output.folder, running)
-                    if output.show_early(REPORT):
-                        talk(f"first pictures, more follow: {out / REPORT}")
-        unasked = [study.found for name, study in studies.items() if name not in asked]
-        known = structs.replace(known, studies=(*known.studies, *unasked))
-        further_found = _further_conditions(context, list(asked.values()), options.conditions, against)
-        context.progress.last("report")
-        result = filled(known, conditions=further_found, report=REPORT)
-        write_report(result, output.folder)
-        write_metrics(output.folder, result)
-    return result
+    def measure_studies(self) -> Generator[tuple[str, ...], None, None]:
+        """Measure both conditions with every study, side by side; yield the subjects that are left.
+
+        Raises:
+            NotAvailableError: nothing could be made, as the calibration needs a package that is missing.
+        """
+        # A pair's depth gives the first pictures soon; the others begin with the last, which are quick.
+        pairs = [name for name, study in self.chosen.items() if isinstance(study, PairStudy)]
+        names = [*pairs, *(name for name in reversed([*self.chosen]) if name not in pairs)]
+        needs = {name: [one for one in self.chosen[name].needs if one in (*names, TIMING)] for name in names}
+        left = {name: self.chosen[name].text.subject for name in names} | {TIMING: "time offsets"}
+        with closing(run_in_order(needs | {TIMING: pairs}, self._measure)) as steps:
+            for name, found in steps:
+                del left[name]
+                made = self.known.studies + found.pop("studies", ())
+                self.known = structs.replace(self.known, studies=made, **found)
+                yield tuple(left.values())
+        if isinstance(self._no_views, NotAvailableError) and not self._has_measures:
+            raise self._no_views
+        unasked = [study.found for name, study in self.studies.items() if name not in self.chosen]
+        self.known = structs.replace(self.known, studies=(*self.known.studies, *unasked))
+
+    def _measure(self, name: str) -> dict[str, Any]:
+        """Return the fields of the result that one study adds, or the measurement of time offsets."""
+        if name == TIMING:
+            return _measure_timing(self.context, self.chosen)
+        study = self.chosen[name]
+        return {"studies": (study.run(_limited(self.known, study)),)}
+
+    @property
+    def _has_measures(self) -> bool:
+        return any(one.measures for one in self.known.studies)
+
+    def measure_further_conditions(self) -> None:
+        """Compare the requested conditions, and another session, with every study."""
+        studies = list(self.chosen.values())
+        conditions = _further_conditions(self.context, studies, self.options.conditions, self.against)
+        self.known = structs.replace(self.known, conditions=conditions)
+
+    def write_page(self, running: Sequence[str]) -> bool:
+        """Write the page if something is measured, and show it in the target; return whether it is new.
+
+        `running`: the subjects that are still measured.
+        """
+        if not self._has_measures:
+            return False
+        write_report(self._result(), self.output.folder, running)
+        return self.output.show_early(REPORT)
+
+    def write(self) -> CompareResult:
+        """Write the report and the metrics, and return the result."""
+        self.context.progress.last("report")
+        result = self._result(report=REPORT)
+        write_report(result, self.output.folder)
+        write_metrics(self.output.folder, result)
+        return result
+
+    def _result(self, **more: Any) -> CompareResult:
+        """Return everything found so far, in the studies' order, and its words."""
+        result = structs.replace(
+            self.known,
+            studies=tuple(sorted(self.known.studies, key=lambda one: [*self.studies].index(one.name))),
+            calibration=self.context.rig.source,
+            **more,
+        )
+        result = with_provenance(result, self._began_s, self.options.time_shifts_ms)
+        return structs.replace(result, verdict=verdict(result), words=report_words(result))
 
 
 def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
     if unknown := [name for name in names if name not in studies and name != TIMING]:
-        raise BadInputError(f"{unknown[0]!r} is not in {GROUP}", hint=f"installed: {', '.join(studies)}")
+        raise BadInputError(
+            f"{unknown[0]!r} is not a study of a comparison", hint=f"installed: {', '.join(studies)}"
+        )
     requested = set[str](names or studies)
     while needed := {one for name in requested & studies.keys() for one in studies[name].needs} - requested:
         requested |= needed
     return {name: study for name, study in studies.items() if name in requested}
-
-
-def _run_studies(
-    context: Context, studies: Mapping[str, Study], known: CompareResult
-) -> Generator[tuple[CompareResult, tuple[str, ...]], None, None]:
-    """Run each study as soon as those that it needs are done; skip an impossible one with its reason.
-
-    Yields after each study what is known, with all results, and the subjects of the studies that are left.
-
-    Raises:
-        NotAvailableError: the calibration needs a package that is not installed, and nothing could be made.
-    """
-    rig, offset = context.rig, context.offset
-    context.progress.step(f"detecting motion in {rig.dataset.name}")
-    moving = rig.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
-    context.progress.step("calibration")
-    no_views: BadInputError | NotAvailableError | None = None
-    try:
-        rig.calibrate()
-    except (BadInputError, NotAvailableError) as error:
-        no_views, rig.problem = error, str(error)
-    known = structs.replace(known, moving_share=moving)
-    context.progress.step("choosing cameras")
-    # A pair's depth is quick and gives the first pictures; the others begin with the last, which are quick.
-    pairs = [name for name, study in studies.items() if isinstance(study, PairStudy)]
-    names = [*pairs, *(name for name in reversed([*studies]) if name not in pairs)]
-    left = {**{name: studies[name].text.subject for name in names}, TIMING: "time offsets"}
-    order, running = _order(studies), dict[Future[dict[str, Any]], str]()
-
-    def run(name: str, known: CompareResult) -> dict[str, Any]:
-        """Return the fields of the result that one step adds or extends."""
-        if name == TIMING:
-            return _measure_timing(context, studies)
-        return {"studies": (studies[name].run(_limited(known, studies[name])),)}
-
-    with worker_pool(min(MAX_SIDE_BY_SIDE, len(usable_cores()))) as pool:
-        while order.is_active():
-            for name in sorted(order.get_ready(), key=list(left).index):
-                running[pool.submit(run, name, known)] = name
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                name, found = running.pop(future), future.result()
-                del left[name]
-                order.done(name)
-                made = known.studies + found.pop("studies", ())
-                known = structs.replace(known, studies=made, **found)
-            yield known, tuple(left.values())
-    if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies):
-        raise no_views
-
-
-def _order(studies: Mapping[str, Study]) -> TopologicalSorter[str]:
-    """Return the studies in the order of their needs; `TIMING` follows all pair studies."""
-    graph = {
-        name: [one for one in study.needs if one in studies or one == TIMING]
-        for name, study in studies.items()
-    }
-    graph[TIMING] = [name for name, study in studies.items() if isinstance(study, PairStudy)]
-    order = TopologicalSorter(graph)
-    try:
-        order.prepare()
-    except CycleError as error:
-        raise BadInputError(
-            f"studies need each other's results: {', '.join(error.args[1])}",
-            hint="leave one out: --study names those to make",
-        ) from error
-    return order
 
 
 def _limited(known: CompareResult, study: Study) -> CompareResult:

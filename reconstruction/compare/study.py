@@ -17,23 +17,21 @@ from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
+from reconstruction.common.options import Pair, checked, compare_keywords
 from reconstruction.pairs import PairChoice
 from reconstruction.report.study_report import StudyReport
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import CONDITIONS
-from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
+from reconstruction.session.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
 from reconstruction.session.instant_choice import choose_moving_instants, pair_instants
 
-SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not requested"
 IMPOSSIBLE = (ValueError, ForeignError, NotAvailableError, BadInputError)
 """Errors for which one study is left out with its reason; a damaged file of true depth is such a one."""
 _log = logging.getLogger(__name__)
-
-Pair = tuple[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +45,7 @@ class Context:
     """Instant from whose images cameras are chosen."""
     max_instants: int = 16
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Options of all studies, by the names of the fields of their `Options`."""
+    """Options of all studies, by their keywords."""
     folder: Path | None = None
     """Folder for pictures; None = no pictures."""
     progress: Progress = field(default_factory=lambda: Progress(0, silent=True))
@@ -66,14 +64,14 @@ class Study(StudyReport, ABC):
     packages: ClassVar[Sequence[str]] = ()
     """Required packages of the extra `reconstruction`."""
     Options: ClassVar[type[msgspec.Struct]] = msgspec.Struct
-    """Struct of the study's options; `study_options.flag` defines how each is typed."""
+    """Struct of the study's options; `common/options.py` defines how each is typed."""
 
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
         self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
-        self.options: Any = self.Options(
-            **{k: v for k, v in context.options.items() if k in self.Options.__struct_fields__}
-        )
+        keywords = compare_keywords(self.Options)
+        chosen = {keywords[k]: value for k, value in context.options.items() if k in keywords}
+        self.options: Any = checked(self.Options(**chosen))
         self.known = CompareResult()
         """Results available to the study when it runs: a first look at the session, and what it needs."""
         self.found = self.skipped(UNASKED, unasked=True)
@@ -196,7 +194,7 @@ class ConditionStudy(Study):
 
 
 class PairStudy(ConditionStudy):
-    """Study of two cameras with a delayed second one; the option that names them has the study's name."""
+    """Study of two cameras with a delayed second one; its option `pair` names them."""
 
     needs_calibration = True
     min_cameras = 2
@@ -207,7 +205,8 @@ class PairStudy(ConditionStudy):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self.asked: Pair | None = getattr(self.options, self.text.name, None)
+        named = getattr(self.options, self.text.name, None)
+        self.asked: Pair | None = getattr(self.options, "pair", named)
         """The requested cameras; None = chosen from the images."""
 
     @property

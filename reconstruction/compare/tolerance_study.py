@@ -16,8 +16,6 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
-from reconstruction.common.memory import memory_budget
-from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.study import Context, PairStudy
 from reconstruction.report.page import REPORT
@@ -35,7 +33,7 @@ from reconstruction.session.conditions import (
 )
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.session.provenance import with_provenance
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 Point = StudyResult[dict[str, int]]
@@ -178,15 +176,11 @@ def measure_tolerance(
             curve,
             verdict=tolerance_sentence(curve),
             session=str(session),
-            time_shifts_ms=dict(time_shifts_ms),
             reason=study.reason,
             calibration=rig.source,
             report="" if out is None else REPORT,
-            seconds=time.monotonic() - began,
-            memory_notes=memory_budget().notes,
-            changed_pictures=picture_checks().changed,
-            versions=library_versions(),
         )
+        result = with_provenance(result, began, time_shifts_ms)
         if out is not None:
             write_tolerance_report(result, folder)
             write_metrics(folder, result)

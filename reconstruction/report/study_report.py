@@ -4,15 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
+from reconstruction.common.options import METHODS, STUDIES
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 
-GROUP = "simulshot.studies"
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"
 EPIPOLAR = "Vertical mismatch"
@@ -163,13 +164,11 @@ class StudyReport:
 @cache
 def study_reports() -> Mapping[str, type[StudyReport]]:
     """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    return {
-        one.text.name: one
-        for one in sorted(
-            load_plugins(GROUP, "text", "placeholders").values(),
-            key=lambda one: (one.text.place, one.text.name),
-        )
-    }
+    # Ours come with their methods. Other packages may have studies without a method.
+    scored = (one.study for one in load_plugins(METHODS, "study").values() if one.study)
+    studies = [*load_plugins(STUDIES, "text", "placeholders").values(), *map(resolve_name, scored)]
+    studies.sort(key=lambda one: (one.text.place, one.text.name))
+    return {one.text.name: one for one in studies}
 
 
 def reported(result: CompareResult) -> list[tuple[type[StudyReport], StudyResult[Any]]]:

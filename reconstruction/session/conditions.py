@@ -93,6 +93,7 @@ class Condition:
             dataset.require_offset_each(self.listed_ms)
 
 
+SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 Item = TypeVar("Item")
 
 

@@ -39,7 +39,9 @@ BOARD = "no sample shows a board: tests/end_to_end/test_newcomer.py renders one"
 NOT_RUN = {
     frozenset({"calibrate", "charuco"}): BOARD,
     frozenset({"calibrate", "board"}): BOARD,
-    frozenset({"multiview"}): "half a minute of all cores: tests/reconstruction/test_multiview.py",
+    frozenset(
+        {"multiview"}
+    ): "half a minute of all cores: tests/reconstruction/methods/multiview/test_multiview.py",
     frozenset({"--cluster"}): "needs a cluster: make test-slurm",
 }
 """Lines with these words are read by their commands, and not run, with the reason."""

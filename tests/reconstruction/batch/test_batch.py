@@ -24,7 +24,7 @@ from reconstruction.batch.batch_run import batch, exit_code
 from reconstruction.batch.summary import Row, depth_sheets
 from reconstruction.batch.units import run_unit
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
-from reconstruction.multiview.matcher import Matcher
+from reconstruction.depth.matchers import Matcher
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, make_view, write_session

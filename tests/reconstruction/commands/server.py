@@ -109,7 +109,7 @@ def _main() -> None:
         "pycolmap",
         "open3d",
         "reconstruction.compare.comparison",
-        "reconstruction.panorama.panorama_run",
+        "reconstruction.methods.panorama.panorama_run",
     ):
         with suppress(ImportError):
             import_module(name)

@@ -219,7 +219,7 @@ def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
     out = tmp_path / "out"
     environment = {
         **os.environ,
-        "PYTHONPATH": f"{installed}{os.pathsep}{ROOT}",
+        "PYTHONPATH": os.pathsep.join((str(installed), str(ROOT), *sys.path)),
         "PAGE": str(out / "report.html"),
     }
     options = ("--study", "buggy", "--max-instants", "1", "--out", str(out))

@@ -19,7 +19,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
-from reconstruction.multiview.input_images import undistort_image
+from reconstruction.methods.multiview.input_images import undistort_image
 from reconstruction.scores.truth import right_depth
 
 NORMALS = np.array([[0.0, 0.0, 1.0], [0.0, 0.8, 0.6], [1.0, 0.0, 0.0]])

@@ -31,7 +31,7 @@ from reconstruction.depth.sweep_matcher import (
     match_all_views,
     propose_inverse_depth,
 )
-from reconstruction.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.matcher import ChosenMatcher
 from tests.reconstruction.depth.array_engine import (
     ArrayEngine,
     aggregate_costs,

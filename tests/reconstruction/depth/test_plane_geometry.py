@@ -45,7 +45,7 @@ from reconstruction.depth.view_choice import (
     find_overlaps,
     seen_points,
 )
-from reconstruction.multiview.instant_scoring import (
+from reconstruction.methods.multiview.instant_scoring import (
     TOLERANCE_M,
     VISIBLE_FRACTION,
     count_near,

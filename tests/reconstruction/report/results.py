@@ -9,6 +9,9 @@ import msgspec
 import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.methods.bullet_time.bullet_time_study import BulletTime
+from reconstruction.methods.multiview.multiview_study import MultiviewFacts
+from reconstruction.methods.poses.pose_study import PoseFacts
 from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import (
     CompareResult,
@@ -23,9 +26,6 @@ from reconstruction.scores.study_result import (
     StudyResult,
 )
 from reconstruction.scores.timing import RigTiming, Timing
-from reconstruction.studies.bullet_time import BulletTime
-from reconstruction.studies.multiview import MultiviewFacts
-from reconstruction.studies.poses import PoseFacts
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(

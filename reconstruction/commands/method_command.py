@@ -1,0 +1,56 @@
+"""The command of a method, derived from its options and its words."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from capture_app.console.terminal import Progress, answer, json_option, talk
+from capture_app.console.usage import examples
+from reconstruction.commands.command_options import (
+    CONDITION,
+    CONDITION_HELP,
+    checksums_option,
+    click_options,
+    memory_option,
+    out_option,
+    time_shift_option,
+)
+from reconstruction.compare.method import Method
+from reconstruction.session.conditions import SYNCED, Condition
+
+
+def method_command(method: type[Method]) -> click.Command:
+    """Return the command that runs a method on a session, or on images if it takes them."""
+    sources = ("SESSION|IMAGE...", -1) if method.takes_images else ("SESSION", 1)
+
+    @click.command(
+        method.name,
+        help=method.help,
+        epilog=examples(*(f"reconstruct {example}" for example in method.examples)),
+    )
+    @click.option("--condition", type=CONDITION, metavar="CONDITION", default=SYNCED, help=CONDITION_HELP)
+    @time_shift_option
+    @out_option
+    @memory_option
+    @checksums_option
+    @json_option
+    def command(
+        sources: tuple[Path, ...] | Path, condition: Condition, out: Path, as_json: bool, **chosen: Any
+    ) -> None:
+        try:
+            options = method.Options(**chosen)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from error
+        made = method(options, Progress(1))
+        result = made.make(sources if isinstance(sources, tuple) else (sources,), out, condition)
+        for note in made.notes(result):
+            talk(note)
+        answer(as_json, result, made.lines(result, out))
+
+    metavar, count = sources
+    argument = click.Argument(
+        ["sources"], type=click.Path(path_type=Path), metavar=metavar, nargs=count, required=True
+    )
+    command.params[:0] = [argument, *click_options(method.Options, own=True)]
+    return command

@@ -1,0 +1,110 @@
+"""Options of a method, described once for its command, Python and comparisons."""
+
+import operator
+from collections.abc import Callable, Iterator, Mapping
+from types import UnionType
+from typing import Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from capture_app.common.errors import BadInputError
+
+METHODS = "simulshot.methods"
+"""Entry points of methods."""
+STUDIES = "simulshot.studies"
+"""Entry points of other packages' studies of a comparison, which are no part of a method."""
+BOUNDS: Mapping[str, Callable[[Any, Any], bool]] = {"ge": operator.ge, "gt": operator.gt, "le": operator.le}
+Pair = tuple[str, str]
+"""The names of two cameras."""
+
+
+def flag(*names: str, **settings: Any) -> msgspec.Meta:
+    """Annotate a field of a method's `Options` with its option of `reconstruct compare`.
+
+    The field's type and default are the option's, `ge`, `gt` and `le` its bounds, and other `settings` are
+    click's: `points: Annotated[int, flag("--points", ge=1, help="...")] = 3`. A name without a dash is the
+    option's keyword in Python's `CompareOptions.of`, else the field's name is.
+    """
+    return msgspec.Meta(extra={"names": names, **settings})
+
+
+def command_flag(*names: str, **settings: Any) -> msgspec.Meta:
+    """Annotate a field, as `flag` does, with its option of the method's own command."""
+    return flag(*names, own=True, **settings)
+
+
+class MethodOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Options of every method that has a command."""
+
+    instant: Annotated[
+        int,
+        command_flag("--instant", ge=0, metavar="K", help="Instant of the burst, counted from 0."),
+    ] = 0
+    time_shifts_ms: Mapping[str, float] = {}
+    """Corrections added to the times of the named cameras."""
+
+
+class Described(NamedTuple):
+    """One option of a field: its type (without None), names, bounds, and click's other settings."""
+
+    field: str
+    kind: Any
+    own: bool
+    """Whether it is an option of the method's own command, else of `reconstruct compare`."""
+    names: tuple[str, ...]
+    bounds: dict[str, float]
+    """By `ge`, `gt` and `le`."""
+    settings: dict[str, Any]
+
+    @property
+    def keyword(self) -> str:
+        """Name of its parameter: its name without dashes, else its field."""
+        return next((name for name in self.names if name.isidentifier()), self.field)
+
+
+def described(options: type[msgspec.Struct]) -> Iterator[Described]:
+    """Yield all options that the fields of `Options` describe."""
+    for name, hint in get_type_hints(options, include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            kind, *metas = get_args(hint)
+            if get_origin(kind) in (Union, UnionType):
+                kind = next(one for one in get_args(kind) if one is not type(None))
+            for settings in (dict(meta.extra) for meta in metas if getattr(meta, "extra", None)):
+                own, names = settings.pop("own", False), settings.pop("names")
+                bounds = {key: settings.pop(key) for key in BOUNDS if key in settings}
+                yield Described(name, kind, own, names, bounds, settings)
+
+
+def compare_keywords(options: type[msgspec.Struct]) -> dict[str, str]:
+    """Return the keywords of the options in a comparison, each with its field of `Options`."""
+    return {one.keyword: one.field for one in described(options) if not one.own}
+
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+def checked(options: S) -> S:
+    """Return options with Python's numbers in place of NumPy's.
+
+    Raises:
+        BadInputError: one is of the wrong type, or outside the bounds that `Options` has.
+    """
+    name = type(options).__name__
+    hint = f"help({name}) shows what it takes"
+    try:
+        result = msgspec.convert(_plain(msgspec.structs.asdict(options)), type(options))
+    except msgspec.ValidationError as error:
+        raise BadInputError(f"{name}: {error}", hint=hint) from error
+    for one in described(type(options)):
+        value = getattr(result, one.field)
+        if value is not None and not all(BOUNDS[key](value, end) for key, end in one.bounds.items()):
+            raise BadInputError(f"{name}: {one.field} cannot be {value}", hint=hint)
+    return result
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    return value.item() if hasattr(value, "item") else value

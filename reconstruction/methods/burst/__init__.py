@@ -1,0 +1,1 @@
+"""The burst as a grid of small pictures."""

@@ -1,0 +1,322 @@
+"""Depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
+
+import time
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.console.terminal import Progress
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.files.output_folder import OutputFolder
+from capture_app.session.files.untrusted_files import read_arrays
+from capture_app.session.reading.take_sheet import PAIR_DEPTH
+from reconstruction.common.drawing import colour_depth, display_range
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
+from reconstruction.common.outputs import Made
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.fusion import FusedCloud, fuse_maps
+from reconstruction.depth.geometric_consistency import MAX_COST
+from reconstruction.depth.mesh import build_mesh
+from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
+from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.still_scene import StillScene
+from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.depth.view_choice import (
+    choose_reference_view,
+    choose_source_views,
+    refuse_views,
+    seen_points,
+    smallest_group,
+)
+from reconstruction.methods.multiview.input_images import (
+    InputImage,
+    find_moving,
+    load_input_images,
+    undistorted_truth,
+)
+from reconstruction.methods.multiview.instant_scoring import score_moving
+from reconstruction.methods.multiview.matcher import (
+    ChosenMatcher,
+    image_colours,
+    image_views,
+    match_cameras,
+)
+from reconstruction.methods.multiview.multiview_method import RESULT, MultiviewOptions
+from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
+from reconstruction.report.embedding import view_clouds
+from reconstruction.report.page import REPORT, Section, render_page, write_page
+from reconstruction.report.wording import percentage
+from reconstruction.scores.study_result import InstantClouds
+from reconstruction.scores.truth import DepthShares, depth_shares
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import SceneMotion
+
+POINTS = "points.ply"
+FILES = (POINTS, REPORT)
+FUSED, WORKSPACE = "fused.ply", "workspace"
+PAIR_PX = 320
+"""Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
+OURS = {
+    *FILES,
+    PAIR_DEPTH,
+    RESULT,
+    "depth",
+    WORKSPACE,
+    FUSED,
+    "cloud.ply",
+    "mesh.ply",
+    "turntable.png",
+}
+
+
+class MadeMultiview(Made[MultiviewResult]):
+    """Depth of all cameras at one instant, in the result's `unit`, and a point cloud in the rig's frame."""
+
+    def depth(self, camera: str) -> Array:
+        """Return depth along the axis on undistorted pixels, float32 height x width, 0 = unknown."""
+        return self._view(camera)["depth"]
+
+    def normals(self, camera: str) -> Array:
+        """Return surface normals in the camera's frame, float16 height x width x 3."""
+        return self._view(camera)["normals"]
+
+    @property
+    def cloud(self) -> PointCloud:
+        """Fused cloud: `points` (n, 3), `colours` (n, 3), uint8 RGB. Raises IncompleteError if missing."""
+        return read_ply(self.folder / FUSED)
+
+    def _view(self, camera: str) -> dict[str, Array]:
+        return read_arrays(self.folder / "depth" / f"{camera}.npz")
+
+
+def model_instant(
+    dataset: Dataset,
+    matcher: ChosenMatcher,
+    options: MultiviewOptions,
+    part: Path,
+    progress: Progress | None = None,
+    motion: SceneMotion | None = None,
+    still: StillScene | None = None,
+    early: OutputFolder | None = None,
+) -> MultiviewResult:
+    """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
+
+    `motion` is the session's motion, and `still` the still scene found at earlier instants. `early`: the
+    output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`) until all is done.
+
+    Raises:
+        BadInputError: the instant or the offsets cannot be used, or nothing was found.
+    """
+    motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
+    marks = {"begin": time.monotonic()}
+    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
+    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
+    images, sources, scene, maps = _match_instant(
+        images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
+    )
+    views, pictures = image_views(images), image_colours(images)
+    progress.step("fusing the maps into a cloud")
+    cloud = fuse_maps(views, maps, pictures, smallest_group(sources))
+    if not len(cloud.points):
+        raise NotApplicableError(
+            "no point of the scene is consistent in enough cameras",
+            hint="cameras must see the same things, at the same time, from different places, "
+            "and their calibration must be this rig's",
+        )
+    write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
+    marks["fusion"] = time.monotonic()
+    (part / "depth").mkdir()
+    scored = tuple(write_view(dataset, images[c], found, sources[c], part) for c, found in maps.items())
+    # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
+    moving_score = None if options.quick else score_moving(dataset, images, unit, options.instant, cloud)
+    marks["judging"] = time.monotonic()
+    points, triangles = len(cloud.points), 0
+    files: tuple[str, ...] = ()
+    if options.mesh or options.cloud:
+        progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
+        points, triangles, files = build_mesh(cloud, part, views, maps, pictures, mesh=bool(options.mesh))
+        marks["mesh"] = time.monotonic()
+    reference = choose_reference_view(views, scene.points)
+    image, depth = images[reference], maps[reference].depth
+    ranges = [scene.depth_ranges[camera] for camera in images]
+    result = MultiviewResult(
+        session=dataset.name,
+        instant=options.instant,
+        offsets_ms=options.offsets_ms,
+        matcher=matcher.name,
+        matcher_note=matcher.note,
+        calibration=calibration,
+        unit=unit,
+        reference=reference,
+        **_figures(next(view for view in scored if view.camera == reference)),
+        movers_1cm=moving_score,
+        moving_measured=measured_fraction(image, depth, motion) if options.page else None,
+        nearest=min(nearest for nearest, _ in ranges),
+        farthest=max(farthest for _, farthest in ranges),
+        views=scored,
+        left_out=left_out,
+        fused_points=len(cloud.points),
+        cloud_points=points,
+        mesh_triangles=triangles,
+        files=(
+            FUSED,
+            *files,
+            *(FILES if options.page else ()),
+            *((WORKSPACE,) if options.workspace else ()),
+            RESULT,
+        ),
+        seconds_of=_stage_seconds(marks),
+    )
+    if options.page:
+        write_moment(result, image, depth, cloud, part)
+    return result
+
+
+def _match_instant(
+    images: dict[str, InputImage],
+    left_out: dict[str, str],
+    matcher: ChosenMatcher,
+    options: MultiviewOptions,
+    part: Path,
+    progress: Progress,
+    still: StillScene,
+    early: OutputFolder | None,
+    marks: dict[str, float],
+) -> tuple[dict[str, InputImage], Mapping[str, Sequence[str]], RoughScene, dict[str, ViewDepth]]:
+    """Find the scene and every camera's depth, and write COLMAP's workspace into `part`.
+
+    Returns the images that have depth, the cameras that each was matched with, the scene, and the depth. Adds
+    the other cameras to `left_out` with the reasons, and the times (s) at which the stages ended to `marks`.
+
+    Raises:
+        BadInputError: no two cameras can measure depth.
+    """
+    later_steps = 3 if options.mesh or options.cloud else 2
+    progress.total = len(images) + later_steps
+    progress.step("the scene's range of depth")
+    calibrated = {camera: image.calibrated for camera, image in images.items()}
+    still.look(calibrated)
+    scene = still.scene = still.scene or find_rough_scene(calibrated)
+    views = {camera: calibrated[camera].view for camera in scene.points}
+    sources = choose_source_views(views, scene.points)
+    if not any(sources.values()):
+        raise refuse_views(views, scene.points)
+    left_out.update({c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)})
+    images = {camera: image for camera, image in images.items() if sources.get(camera)}
+    progress.total = len(images) + later_steps
+    marks["range"] = time.monotonic()
+    if early is not None:
+        reference = choose_reference_view(image_views(images), scene.points)
+        pair = calibrated[reference], calibrated[sources[reference][0]]
+        _show_pair(pair, scene.depth_ranges[reference], early)
+    workspace = part / WORKSPACE
+    depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
+    if options.workspace and matcher.gpu is None:
+        write_workspace(workspace, image_views(images), image_colours(images), depth)
+    marks["matching"] = time.monotonic()
+    return images, sources, scene, depth
+
+
+def _show_pair(
+    pair: tuple[CalibratedImage, CalibratedImage], depth_range: tuple[float, float], early: OutputFolder
+) -> None:
+    """Draw two cameras' depth at a small size as `PAIR_DEPTH`, and show it in the target."""
+    reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
+    surface = sweep_view(reference, [other], depth_range, SweepOptions())
+    depth = surface.depth_where(surface.cost < MAX_COST)
+    drawn = early.folder / PAIR_DEPTH
+    write_image(drawn, colour_depth(depth, *display_range(depth)))
+    early.show_early(PAIR_DEPTH)
+    drawn.unlink()
+
+
+def _figures(view: ViewResult) -> dict[str, Any]:
+    """Return those results of the reference view that represent its instant."""
+    return {name: getattr(view, name) for name in ("coverage", *DepthShares.__struct_fields__)}
+
+
+def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
+    """Return the duration of each stage, from the times (s) at which the stages ended."""
+    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
+
+
+def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene) -> str:
+    """Return why a camera has no sources."""
+    if camera not in scene.points:
+        return "nothing in its picture could be matched in another camera's picture"
+    inside = {
+        other: seen_points(images[camera].view, images[other].view, scene.points[camera])
+        for other in images
+        if other != camera
+    }
+    best = max(inside, key=lambda other: float(inside[other][0].mean()))
+    there, angles = inside[best]
+    return (
+        f"no other camera suits its depth: {best} sees the most of its picture, {100 * there.mean():.0f} %, "
+        f"from an angle of {float(np.median(angles)):.1f} degrees"
+    )
+
+
+def write_view(
+    dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
+) -> ViewResult:
+    """Write a camera's depth, normals and picture into `part`/depth, and score the depth."""
+    name = f"depth/{image.camera}"
+    np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
+    write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
+    shares: dict[str, float | None] = {}
+    truth = undistorted_truth(dataset, image.view, image.camera, image.instant)
+    if truth is not None:
+        shares = depth_shares(found.depth, *truth)
+    return ViewResult(
+        camera=image.camera,
+        instant=image.instant,
+        sources=tuple(sources),
+        coverage=round(float(np.mean(found.depth > 0)), 4),
+        depth=f"{name}.npz",
+        picture=f"{name}.png",
+        **shares,
+    )
+
+
+def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
+    """Return the fraction of an image's moving pixels with depth; None if nothing moves or it is unknown."""
+    moving = find_moving(image, motion)
+    return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
+
+
+def write_moment(
+    result: MultiviewResult, image: InputImage, depth: Array, cloud: FusedCloud, out: Path
+) -> None:
+    """Write `FILES` into a folder: the cloud's points, and the page that shows them in 3D.
+
+    `image` and `depth` belong to the reference camera.
+    """
+    write_ply(out / POINTS, PointCloud(cloud.points, cloud.colours))
+    view = image.calibrated.view
+    clouds = InstantClouds(
+        instant=result.instant,
+        synced=POINTS,
+        rotation=tuple(view.rotation.ravel().tolist()),
+        centre=tuple(view.centre.tolist()),
+        focal=view.focal / view.width,
+        pivot=tuple(np.median(cloud.points, axis=0).tolist()),
+    )
+    measured = result.moving_measured
+    moving = "" if measured is None else f" {percentage(measured)} of moving pixels have depth."
+    page = {
+        "title": f"{result.session}, instant {result.instant}",
+        "kicker": "One instant in space",
+        "name": result.session,
+        "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
+        "numbers_in": (RESULT,),
+        "cloud": view_clouds(clouds, out, result.reference, len(result.views)),
+        "scripts": ("cloud.js",),
+    }
+    write_page(render_page(page, [Section("cloud.html")]), out)

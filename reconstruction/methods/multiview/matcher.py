@@ -1,0 +1,99 @@
+"""Choice of the depth matcher for all cameras: the plane sweep, or COLMAP's PatchMatch on a GPU."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture_app.console.terminal import Progress
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.colmap_workspace import (
+    CudaGpu,
+    find_gpu,
+    read_maps,
+    run_patch_match,
+    write_workspace,
+)
+from reconstruction.depth.gpu import find_engine
+from reconstruction.depth.matchers import Matcher
+from reconstruction.depth.still_scene import StillScene
+from reconstruction.depth.sweep_engine import CPU, SweepEngine
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.methods.multiview.input_images import InputImage
+
+FINDS_MORE = "it finds more than PatchMatch does"
+
+
+@dataclass(frozen=True)
+class ChosenMatcher:
+    """The chosen matcher and the reason: PatchMatch on a GPU, or the sweep and its engine."""
+
+    gpu: CudaGpu | None = None
+    why: str = FINDS_MORE
+    engine: SweepEngine = CPU
+    quick: bool = False
+    """Whether the sweep starts at half the images' size."""
+
+    @property
+    def name(self) -> str:
+        """Name of the matcher in results."""
+        return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
+
+    @property
+    def note(self) -> str:
+        """Reason for the matcher, and the hardware on which it ran so far: a GPU may fail."""
+        return "; ".join(filter(None, (self.why, self.engine.note if self.gpu is None else "")))
+
+
+def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
+    """Return the requested matcher, see `Matcher.engine`.
+
+    Raises:
+        NotAvailableError: PatchMatch is requested, and this machine cannot run it.
+    """
+    if asked.engine is Matcher.PATCHMATCH:
+        gpu = find_gpu()
+        return ChosenMatcher(gpu, f"on {gpu[0]}")
+    engine = find_engine()
+    why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
+    return ChosenMatcher(why=why, engine=engine, quick=quick)
+
+
+def match_cameras(
+    matcher: ChosenMatcher,
+    workspace: Path,
+    images: Mapping[str, InputImage],
+    sources: Mapping[str, Sequence[str]],
+    depth_ranges: Mapping[str, tuple[float, float]],
+    progress: Progress | None = None,
+    still: StillScene | None = None,
+) -> dict[str, ViewDepth]:
+    """Compute depth and normals of every camera; PatchMatch writes a COLMAP workspace with its maps.
+
+    `still` is as in `match_all_views`; PatchMatch does not use it.
+    """
+    if matcher.gpu is None:
+        calibrated = {camera: image.calibrated for camera, image in images.items()}
+        return match_all_views(
+            calibrated,
+            sources,
+            depth_ranges,
+            matcher.engine,
+            progress,
+            quick=matcher.quick,
+            still=still,
+        )
+    (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
+    whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
+    write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
+    run_patch_match(matcher.gpu, workspace, *whole)
+    return read_maps(workspace, images)
+
+
+def image_views(images: Mapping[str, InputImage]) -> dict[str, View]:
+    """Return the undistorted view of each camera."""
+    return {camera: image.calibrated.view for camera, image in images.items()}
+
+
+def image_colours(images: Mapping[str, InputImage]) -> dict[str, Array]:
+    """Return the undistorted image of each camera."""
+    return {camera: image.colours for camera, image in images.items()}

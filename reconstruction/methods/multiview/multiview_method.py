@@ -1,0 +1,199 @@
+"""Depth, cloud and mesh from all cameras: the method, its options and its words."""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.common.optional_packages import require_reconstruction
+from capture_app.common.text import count
+from reconstruction.common.options import MethodOptions, command_flag, flag
+from reconstruction.compare.method import Method
+from reconstruction.depth.matchers import MATCHER_HELP, Matcher
+from reconstruction.session.conditions import SYNCHRONIZED, Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.multiview.matcher import ChosenMatcher
+    from reconstruction.methods.multiview.result import MultiviewResult
+    from reconstruction.session.dataset import Dataset
+
+RESULT = "multiview.json"
+
+
+class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
+    """Options of depth from all cameras, at one instant or, with `instants`, at many."""
+
+    instants: Annotated[
+        tuple[int, ...] | None,
+        command_flag(
+            "--instants",
+            metavar="all|K-L,M,...",
+            help="Compute a cloud of each of these instants instead of one. A stopped run can be resumed.",
+        ),
+    ] = None
+    """Instants of a sequence, empty = all; None = `instant` alone."""
+    offsets_ms: tuple[float, ...] = ()
+    """Offset of each camera of the session, in place of the condition's."""
+    matcher: Annotated[
+        Matcher, command_flag("--matcher", help=MATCHER_HELP), flag("--matcher", help=MATCHER_HELP)
+    ] = Matcher.AUTO
+    mesh: Annotated[
+        bool | None,
+        command_flag(
+            "--mesh/--no-mesh",
+            show_default="mesh; no mesh with --instants or --quick",
+            help="Also compute a mesh and, for a single instant, a picture of it.",
+        ),
+    ] = None
+    cloud: bool = True
+    """Whether to clean the fused cloud, which needs Open3D."""
+    workspace: bool = True
+    """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
+    quick: Annotated[
+        bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
+    ] = False
+    """Start the sweep at half the size; do not score the cloud, and clean it only for a mesh."""
+    page: Annotated[
+        bool,
+        command_flag("--page", help="Also write a page with an interactive 3D view of one instant's cloud."),
+    ] = False
+    calibrated: Annotated[
+        bool, command_flag("--calibrated", help="Refuse to run without a valid calibration of the rig.")
+    ] = False
+    depth: Annotated[bool, command_flag("--depth", help="With --instants, also save the depth maps.")] = False
+    whole: Annotated[
+        bool,
+        command_flag("--whole", help="With --instants, match the still scene again at every instant."),
+    ] = False
+    rrd: Annotated[bool, command_flag("--rrd", help="With --instants, also write a recording for Rerun.")] = (
+        False
+    )
+    multiview_instants: Annotated[
+        int,
+        flag(
+            "--max-multiview-instants",
+            ge=0,
+            metavar="N",
+            help="Use at most this many instants for depth from all cameras, which takes much longer; 0 for "
+            "none.",
+        ),
+    ] = 3
+    multiview_width: Annotated[
+        int,
+        flag(
+            "--multiview-width",
+            ge=160,
+            metavar="PX",
+            help="Reduce wider images to this width for depth from all cameras.",
+        ),
+    ] = 640
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other, with ValueError, and decide whether there is a mesh."""
+        if self.instants is not None and self.page:
+            raise ValueError("--page shows one instant: leave out --instants")
+        if self.instants is None and (self.depth or self.whole or self.rrd):
+            raise ValueError("--depth, --whole and --rrd need --instants")
+        if self.instants is not None and self.instant:
+            raise ValueError("give either --instant or --instants")
+        if self.mesh is None:
+            msgspec.structs.force_setattr(self, "mesh", self.instants is None and not self.quick)
+
+
+class Multiview(Method):
+    """Depth of all cameras, a fused cloud and a mesh; of many instants, a cloud of each."""
+
+    name = "multiview"
+    Options = MultiviewOptions
+    study = f"{__package__}.multiview_study:MultiviewStudy"
+    made = f"{__package__}.instant_model:MadeMultiview"
+    help = (
+        "Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh.\n\n"
+        "With --instants, a point cloud of each of many instants, and masks of what moves."
+    )
+    examples = (
+        "multiview sessions/burst-001 --out cloud",
+        "multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
+        "multiview sessions/burst-001 --instants all --out clouds",
+    )
+    result_file = RESULT
+
+    def output_folder(self, out: Path) -> "OutputFolder":
+        """Return the folder that replaces an earlier result; see `Method.output_folder`."""
+        from capture_app.session.files.output_folder import OutputFolder, replaces_only
+        from reconstruction.methods.multiview.instant_model import OURS
+
+        return OutputFolder(out, replaces_only(OURS))
+
+    def check(self) -> None:
+        """Refuse without the packages or the GPU that the options need; see `Method.check`."""
+        if self.options.workspace:
+            require_reconstruction("pycolmap", "writing COLMAP's workspace")
+        if self.options.mesh:
+            require_reconstruction("open3d", "making a mesh")
+        self.matcher  # noqa: B018
+
+    @cached_property
+    def matcher(self) -> "ChosenMatcher":
+        """The matcher; raises NotAvailableError if this machine cannot run it."""
+        from reconstruction.methods.multiview.matcher import choose_matcher
+
+        return choose_matcher(self.options.matcher, quick=self.options.quick)
+
+    def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
+        """Compute one instant, or a sequence, whose folder grows cloud by cloud; see `Method.make`."""
+        if self.options.instants is None:
+            return super().make(sources, out, condition)
+        from reconstruction.methods.multiview.sequence import model_sequence
+
+        return model_sequence(sources[0], out, self.options, condition, self.progress)
+
+    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
+        """Compute depth, cloud and mesh of one instant; see `Method.run`."""
+        from reconstruction.methods.multiview.instant_model import model_instant
+
+        options = self.options
+        if options.calibrated and dataset.calibration() is None:
+            raise NotApplicableError(
+                "no valid calibration of this rig is known",
+                hint="run reconstruct calibrate first; docs/calibration.md shows how",
+            )
+        offsets_ms = options.offsets_ms or condition.offsets_ms(dataset.cameras, options.instant)
+        cloud = options.cloud and (options.mesh or (not options.quick and find_spec("open3d") is not None))
+        options = msgspec.structs.replace(options, offsets_ms=offsets_ms, cloud=cloud)
+        early = output if options.page else None
+        return model_instant(dataset, self.matcher, options, output.folder, self.progress, early=early)
+
+    def notes(self, result: Any) -> Iterator[str]:
+        """Yield the cameras or instants that were left out; see `Method.notes`."""
+        if self.options.instants is None:
+            yield from super().notes(result)
+            return
+        for one in result.instants:
+            if one.reason:
+                yield f"instant {one.instant} has no cloud: {one.reason}"
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""
+        yield from self._instant_lines(result) if self.options.instants is None else _sequence_lines(result)
+        yield from super().lines(result, out)
+
+    def _instant_lines(self, result: Any) -> Iterator[str]:
+        measured = result.moving_measured
+        moving = "" if measured is None else f"; {100 * measured:.0f} % of moving pixels have depth"
+        maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
+        yield f"{maps} in {result.seconds:.1f} s{moving}"
+        if (right := result.within_2pct) is not None:
+            yield f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth"
+
+
+def _sequence_lines(result: Any) -> Iterator[str]:
+    reused = f", {result.kept} of them reused" if result.kept else ""
+    yield f"{count(result.clouds, 'cloud')}{reused} in {result.seconds:.1f} s"
+    if result.mover_f_score_1cm is not None:
+        yield f"moving objects: F-score {result.mover_f_score_1cm:.2f} at 1 cm, median of the instants"

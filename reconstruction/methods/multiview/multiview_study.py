@@ -1,0 +1,467 @@
+"""Depth of the middle camera from all cameras, and the cloud fused from all."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.common.drawing import colour_depth, display_range, mark_moving
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.worker_pool import worker_pool
+from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.depth.matchers import Matcher
+from reconstruction.depth.mesh import draw_clouds
+from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.still_scene import StillScene
+from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.methods.multiview.input_images import UndistortedSession
+from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
+from reconstruction.methods.multiview.instant_scoring import InstantScorer
+from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
+from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.report import wording
+from reconstruction.report.embedding import view_clouds
+from reconstruction.report.findings import EACH_DELAYED, depth_sentence
+from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText, StudyText
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.scores.tally import Tally
+from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
+from reconstruction.session.conditions import Condition
+from reconstruction.session.instant_choice import (
+    ShownInstant,
+    choose_moving_instants,
+    complete_instants,
+    relative_offsets_ms,
+)
+
+MIN_POINTS = 500
+"""Minimum points of a synchronized cloud worth showing."""
+MIN_CAMERAS = 3
+MAX_CAMERAS = 5
+"""More cameras improve the cloud but say no more about timing; each takes as long as the first."""
+AT_A_TIME = 2
+"""Number of conditions whose depth is computed at a time, and of instants that are scored."""
+MAX_TRIES = 4
+"""Number of instants tried until every camera has a usable image."""
+TURNTABLE = Picture(
+    key="multiview_turntable", title="All around", caption="The points of all cameras, from six places."
+)
+SECTION = """
+{% from "figures.html" import figure with context %}
+{% from "tables.html" import table, folded %}
+{% set many = view.found %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>Distance from {{ many.cameras|length|count("camera") }} at once: it counts only where several of
+them agree. {{ view.delays|keep_units }}</p>
+{% set cloud = view.cloud %}
+{% if cloud %}
+{% include "cloud.html" %}
+{% endif %}
+{% for picture in many.pictures %}
+{{ figure(picture, view.conditions, view.engine if loop.first) }}
+{% endfor %}
+{{ table(view.table) }}
+{% for camera, why in view.found.facts.left_out.items() %}
+<p class="quiet">No depth of {{ camera }}: {{ why }}.</p>
+{% endfor %}
+{{ folded("Every instant, all cameras", view.instants) }}
+</section>
+"""
+
+
+def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
+    if len(cameras) < MIN_CAMERAS:
+        names = {why: ", ".join(c for c in left_out if left_out[c] == why) for why in left_out.values()}
+        reasons = "".join(f"; {ours}: {why}" for why, ours in names.items())
+        raise ValueError(f"it takes {MIN_CAMERAS} cameras with overlapping views{reasons}")
+
+
+def save_clouds(
+    instant: int, maps: Mapping[str, InstantDepth], view: View, moving: Array, out: Path
+) -> InstantClouds:
+    """Write the clouds that have points into out/pictures.
+
+    `view` and `moving` (bool) belong to the reference camera. A page starts from its position and rotates
+    about the centre of the moving objects, else of all points.
+    """
+    paths = {side: f"pictures/cloud_{side}.ply" for side, found in maps.items() if len(found.points)}
+    for side, path in paths.items():
+        write_ply(out / path, PointCloud(maps[side].points, maps[side].colours))
+    synced = maps["synced"]
+    known = synced.depth > 0
+    rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
+    points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
+    return InstantClouds(
+        instant=instant,
+        **paths,
+        rotation=tuple(view.rotation.ravel().tolist()),
+        centre=tuple(view.centre.tolist()),
+        focal=view.focal / view.width,
+        pivot=tuple(np.median(points if len(rows) else synced.points, axis=0).tolist()),
+    )
+
+
+class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Results that only the multiview study has: its clouds, cameras and matcher."""
+
+    reference: str
+    """The middle camera, on whose pixels depth is scored."""
+    tolerance_m: float | None
+    """Distance within which a point of the cloud is correct."""
+    width_px: int
+    matcher: str
+    matcher_note: str
+    """Reason for this matcher, or the hardware it runs on."""
+    clouds: InstantClouds | None
+    left_out: dict[str, str]
+    """Why other cameras take no part."""
+
+
+class MultiviewStudy(ConditionStudy):
+    """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
+
+    text = StudyText(
+        name="multiview",
+        subject="depth from all cameras",
+        place=10,
+        replaces="stereo",
+        term="All cameras",
+        caption="Depth from {cameras}, as {reference} sees it",
+        measures=(
+            *CORRECT,
+            MeasureText(
+                "coverage",
+                COVERAGE,
+                "Share for which at least three cameras agree on a distance. More is better.",
+            ),
+            MeasureText(
+                "consistency",
+                "Confirmed by other cameras",
+                "Share whose distance two other cameras find independently, before other checks. "
+                "More is better.",
+            ),
+            MeasureText(
+                "photometric_error",
+                "Brightness mismatch",
+                "The other pictures are laid over this one by the distances found; this is how far the "
+                "brightness differs, of 255. Less is better.",
+                wording.PLAIN,
+            ),
+            MeasureText(
+                "points",
+                POINTS,
+                "In the cloud fused from all cameras, the median over the instants.",
+                wording.COUNT,
+            ),
+            MeasureText(
+                "f_score",
+                "Reconstructed surface",
+                "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
+                "and nothing else. More is better.",
+            ),
+            MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
+            MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
+        ),
+        condition_columns=(
+            ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
+            ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
+        ),
+        instant_columns=(
+            ("mover_within_2pct", WITHIN),
+            ("mover_coverage", COVERAGE),
+            ("mover_points", POINTS),
+        ),
+        section=SECTION,
+        title="With all cameras at once",
+        section_place=50,
+        scripts=("cloud.js",),
+        engine="Distances are found by {matcher}.",
+        details="pictures {width} px wide",
+    )
+    Options = MultiviewOptions
+
+    @classmethod
+    def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
+        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        facts, tolerance_m = found.facts, found.facts.tolerance_m
+        return super().placeholders(found) | {
+            "reference": facts.reference,
+            "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm",
+            "matcher": "COLMAP's PatchMatch on a GPU"
+            if facts.matcher == Matcher.PATCHMATCH
+            else "our own plane sweep, not by COLMAP",
+            "width": f"{facts.width_px}",
+        }
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
+        """Return the sentence on depth; see `StudyReport.verdict`."""
+        cameras = f"all {len(found.cameras)} cameras"
+        when = (
+            f"{cameras} show the same instant"
+            if result.together(found.cameras)
+            else f"the pictures of {cameras} are paired as recorded"
+        )
+        return depth_sentence(found, when, EACH_DELAYED, "several cameras agree on")
+
+    @classmethod
+    def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
+        """Return the cloud for the page's 3D view; see `StudyReport.view`."""
+        facts, number = found.facts, len(found.cameras)
+        return {"cloud": facts.clouds and view_clouds(facts.clouds, out, facts.reference, number)}
+
+    @classmethod
+    def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
+        """Return the paths of both clouds; see `StudyReport.files`."""
+        clouds = found.facts.clouds
+        return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
+
+    middle_camera = ""
+    """Required middle camera; any other is rejected. Empty accepts all."""
+
+    @property
+    def steps(self) -> int:
+        """Number of progress lines: one for the choice of cameras, and one for each instant and condition."""
+        limit: int = self.options.multiview_instants
+        return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
+
+    def unasked(self) -> str:
+        """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
+        return "" if self.options.multiview_instants else UNASKED
+
+    def check(self) -> None:
+        """Reject a matcher that this machine cannot run; see `Study.check`."""
+        if self.options.matcher.engine is not Matcher.SWEEP:
+            self.matcher  # noqa: B018
+
+    def adopt(self, ours: Self) -> None:
+        """Use the middle camera of the comparison's own session."""
+        self.middle_camera = ours.reference
+
+    @cached_property
+    def matcher(self) -> ChosenMatcher:
+        """The matcher; finding a GPU takes a second, which the first pictures do not wait for."""
+        return choose_matcher(self.options.matcher, quick=True)
+
+    @cached_property
+    def shots(self) -> UndistortedSession:
+        """The session's images, undistorted."""
+        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.options.multiview_width)
+
+    def prepare(self) -> None:
+        """Choose the cameras; see `ConditionStudy.prepare`.
+
+        Raises:
+            ValueError: fewer than three calibrated cameras have overlapping views, or the middle camera is
+                not the one requested.
+        """
+        self.progress.step("choosing cameras for depth from all cameras")
+        if not self.rig.views:
+            raise ValueError("the cameras have no calibration")
+        self._choose_cameras(self.context.middle)
+        if self.middle_camera not in ("", self.reference):
+            raise ValueError(f"its middle camera is {self.reference}, not {self.middle_camera}")
+
+    def _choose_cameras(self, middle: int) -> None:
+        """Choose the cameras from synchronized images around the instant `middle`.
+
+        Sets `reference`, the central camera, on whose pixels depth is scored; `cameras`, with those whose
+        views overlap most with it; `left_out`, the reasons for the others; and `scene`, a coarse first look.
+
+        Raises:
+            ValueError: fewer than `MIN_CAMERAS` have overlapping views.
+        """
+        shots, names, instants = self.shots, self.dataset.cameras, range(len(self.dataset.instants_ns))
+        counts = {k: sum(self.dataset.has_image(c, k) for c in names) for k in instants}
+        complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
+        best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
+        left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
+        images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
+        _require_cameras(images, left_out)
+        try:
+            self.scene = find_rough_scene(images)
+        except BadInputError as error:
+            raise ValueError(error.what) from error
+        points = self.scene.points
+        sources = choose_source_views({c: one.view for c, one in images.items() if c in points}, points)
+        views = {c: one.view for c, one in images.items() if len(sources.get(c, ())) > 1}
+        left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
+        _require_cameras(views, left_out)
+        self.reference = choose_reference_view(views, points)
+        nearest = [c for c in sources[self.reference] if c in views][: MAX_CAMERAS - 1]
+        self.cameras = tuple(c for c in names if c == self.reference or c in nearest)
+        self.left_out = left_out | {
+            c: f"{MAX_CAMERAS} cameras are enough to compare conditions"
+            for c in views
+            if c not in self.cameras
+        }
+        _require_cameras(self.cameras, self.left_out)
+
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
+        """Compare a condition with the synchronized one on the same instants, pixels and cameras.
+
+        Writes pictures of the instant at which it found the most moving pixels into the folder.
+
+        Raises:
+            ValueError: the burst does not contain this condition.
+        """
+        instants = self._instants(condition)
+
+        def depth(side: str, planes: Array) -> Iterator[InstantDepth]:
+            """Compute a condition's depth; each matches what stands still once, and what moves every time."""
+            still, made = StillScene(), list[InstantDepth]()
+            shown = [one.by_condition[side] for one in instants]
+            for number, one in enumerate(instants, 1):
+                self.progress.step(f"depth from {len(one.shown)} cameras, instant {one.instant}, {side}")
+                yield self._depth(shown[:number], planes, still, made)
+
+        synced = depth("synced", NO_PLANES)
+        first = next(synced)
+        # The walls of the scene are found once.
+        offset = depth("offset", first.planes)
+        with worker_pool(AT_A_TIME) as pool:
+            rest, others = pool.map(list[InstantDepth], (synced, offset))
+        found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
+        nows = [one.instant for one in instants]
+        scorer = InstantScorer(
+            self.shots, self.reference, self.rig.unit, nows, [maps["synced"] for maps in found]
+        )
+        tally = Tally()
+        with worker_pool(AT_A_TIME) as pool:
+            scores = pool.map(scorer.measure, nows, [one.shown for one in instants], found)
+            for one, measured in zip(instants, scores, strict=True):
+                pixels = measured["synced"].shares["mover_coverage"][1]
+                delays = one.delays_ms(self.dataset)
+                tally.add(measured, {"instant": one.instant, "mover_pixels": pixels, **delays})
+        pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
+        return StudyResult(
+            name=self.text.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            pictures=pictures,
+            facts=MultiviewFacts(
+                reference=self.reference,
+                tolerance_m=scorer.tolerance_m,
+                width_px=self.shots.views[self.reference].width,
+                matcher=self.matcher.name,
+                matcher_note=self.matcher.note,
+                clouds=clouds,
+                left_out=self.left_out,
+            ),
+        )
+
+    def _instants(self, condition: Condition) -> list[ShownInstant]:
+        """Return instants with motion at which most cameras have their images in both conditions."""
+        reference, problem = self.reference, self.shots.problem
+        complete = complete_instants(self.dataset, condition, reference, self.cameras)
+        by_instant = {one.instant: one.shown for one in complete}
+        limit = self.options.multiview_instants
+        usable = [
+            ShownInstant(
+                k, {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}
+            )
+            for k in choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
+        ]
+        if found := [one for one in usable if reference in one.shown and len(one.shown) >= MIN_CAMERAS]:
+            return found
+        raise ValueError("no instant has its pictures in both conditions")
+
+    def _depth(
+        self, shown: Sequence[dict[str, int]], planes: Array, still: StillScene, made: list[InstantDepth]
+    ) -> InstantDepth:
+        """Return the depth of the last of the instants `shown`, from the cache or after all before it.
+
+        `made`: the depth that follows from `still`, of the first of them.
+        """
+        scene, reference = self.scene, self.reference
+
+        def compute(instants: dict[str, int]) -> InstantDepth:
+            shots = {camera: self.shots.image(camera, instant) for camera, instant in instants.items()}
+            views = {camera: shot.calibrated.view for camera, shot in shots.items()}
+            sources = choose_source_views(views, scene.points)
+            if not sources[reference]:
+                raise ValueError(f"no camera with a picture overlaps with {reference}")
+            ranges = {camera: scene.depth_ranges[camera] for camera in shots}
+            return compute_instant_depth(shots, sources, ranges, reference, self.matcher, planes, still)
+
+        def make() -> InstantDepth:
+            made.extend(compute(one) for one in shown[len(made) :])
+            return made[-1]
+
+        return self.rig.stages.arrays(
+            "multiview",
+            InstantDepth,
+            make,
+            reference,
+            planes.tolist(),
+            [tuple(one.items()) for one in shown],
+            repr(self.shots.views),
+            tuple(scene.depth_ranges.items()),
+            self.matcher.name,
+            self.matcher.quick,
+        )
+
+    def _show(
+        self,
+        instants: list[ShownInstant],
+        found: list[dict[str, InstantDepth]],
+        scorer: InstantScorer,
+        folder: Path,
+    ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
+        """Write pictures and clouds of the instant with the most moving pixels found."""
+        reference = self.reference
+        moving = [self.shots.moving(reference, one.instant) for one in instants]
+        best = max(range(len(found)), key=lambda k: (moving[k] & (found[k]["synced"].depth > 0)).sum())
+        one, mask, maps = instants[best], moving[best], found[best]
+        shot = self.shots.image(reference, one.instant)
+        pictures = _draw_depth(shot.colours, maps, mask, scorer.true_depth(one.instant), folder)
+        if len(maps["synced"].points) < MIN_POINTS:
+            return pictures, None
+        clouds = {side: (depth.points, depth.colours) for side, depth in maps.items()}
+        views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
+        drawn = {side: {TURNTABLE.key: picture} for side, picture in draw_clouds(clouds, views).items()}
+        pictures += write_pictures(drawn, (TURNTABLE,), folder)
+        return pictures, save_clouds(one.instant, maps, shot.calibrated.view, mask, folder)
+
+
+def _draw_depth(
+    photo: Array, maps: Mapping[str, InstantDepth], moving: Array, truth: Array | None, out: Path
+) -> tuple[Picture, ...]:
+    """Draw depth and motion (bool) of one instant in both conditions into out/pictures.
+
+    `photo` (BGR) is the reference's undistorted image. `truth` is in the maps' unit, NaN = unknown.
+    """
+    limits = display_range(maps["synced"].depth, moving)
+    drawn = {}
+    for side, found in maps.items():
+        right = found.depth > 0 if truth is None else (found.depth > 0) & right_depth(found.depth, truth)
+        drawn[side] = {
+            "multiview_depth": colour_depth(found.depth, *limits),
+            "multiview_movers": mark_moving(photo, moving, right),
+        }
+    judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
+    texts = (
+        Picture(
+            key="multiview_depth",
+            title="Distance from all cameras",
+            caption="Bright is near, blue is far; dark means that no distance was found. On one side are the "
+            "pictures that were recorded as one instant, on the other each camera is off by a different "
+            "delay.",
+        ),
+        Picture(
+            key="multiview_movers",
+            title="What moves, by all cameras",
+            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
+        ),
+    )
+    return write_pictures(drawn, texts, out, flat="multiview_depth")

@@ -1,0 +1,103 @@
+"""Result of `reconstruct multiview`; written to multiview.json and printed by --json."""
+
+from msgspec import Struct, field
+
+from reconstruction.scores.truth import DepthShares
+from reconstruction.session.provenance import Provenance
+
+
+class ViewResult(DepthShares, frozen=True, kw_only=True):
+    """One camera's depth map, and its accuracy."""
+
+    camera: str
+    instant: int
+    """Instant of the image; differs from the requested one if an offset was requested."""
+    sources: tuple[str, ...]
+    coverage: float
+    """Fraction of the pixels that have a depth."""
+    depth: str
+    """File with `depth` (height x width, 0 = none) and `normals` (x 3, camera's frame)."""
+    picture: str
+    mover_coverage: float | None = None
+
+
+class CloudScore(Struct, frozen=True, kw_only=True):
+    """Score of a cloud's moving points against the true surfaces, with a tolerance of 1 cm."""
+
+    points: int
+    precision: float | None
+    """Fraction of the points on a true surface; None with too few points."""
+    recall: float
+    """Fraction of the surfaces seen by at least two cameras that the cloud contains."""
+    f_score: float
+    """Harmonic mean of precision and recall."""
+
+
+class MultiviewResult(Provenance, frozen=True, kw_only=True):
+    """Depth of all cameras at an instant; the top-level fractions belong to the reference camera."""
+
+    session: str
+    instant: int
+    offsets_ms: tuple[float, ...] = ()
+    matcher: str
+    matcher_note: str = ""
+    """Reason for the choice of matcher."""
+    calibration: str
+    unit: str
+    reference: str
+    """Camera in the middle of the rig, whose image overlaps most with the others."""
+    coverage: float
+    within_2pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    median_error_pct: float | None = None
+    movers_1cm: CloudScore | None = None
+    """None if nothing moves, or the truth is not known in metres."""
+    moving_measured: float | None = None
+    """Fraction of moving pixels, by motion in the images, that have a depth; only with a page."""
+    nearest: float
+    farthest: float
+    views: tuple[ViewResult, ...]
+    left_out: dict[str, str] = field(default_factory=dict)
+    """Cameras without depth, with the reasons."""
+    fused_points: int
+    cloud_points: int
+    mesh_triangles: int
+    files: tuple[str, ...]
+    seconds_of: dict[str, float]
+    """Wall-clock seconds of each stage."""
+
+
+class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):
+    """One instant of a sequence; `reason` says why it has no cloud."""
+
+    instant: int
+    leader_ns: int
+    cloud: str = ""
+    points: int = 0
+    reference: str = ""
+    coverage: float | None = None
+    movers_1cm: CloudScore | None = None
+    left_out: dict[str, str] = field(default_factory=dict)
+    """Cameras without depth, with the reasons."""
+    seconds: float = 0.0
+    reason: str = ""
+
+
+class SequenceResult(Provenance, frozen=True, kw_only=True, omit_defaults=True):
+    """Clouds of many instants, and this run; fractions are medians over the instants that have them."""
+
+    session: str
+    condition: str
+    matcher: str
+    calibration: str
+    unit: str
+    instants: tuple[SequenceInstant, ...]
+    clouds: int
+    kept: int = 0
+    """Clouds reused from an earlier run that was stopped."""
+    mover_f_score_1cm: float | None = None
+    mover_within_2pct: float | None = None
+    within_2pct: float | None = None
+    masks: bool = False
+    files: tuple[str, ...]

@@ -1,0 +1,369 @@
+"""`reconstruct multiview --instants`: clouds of many instants, motion masks, and a Rerun recording.
+
+The folder grows cloud by cloud, and a stopped run can be resumed. `plan.json` holds the inputs and settings;
+`instants/<instant>.json` marks an instant as done.
+"""
+
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.optional_packages import load_optional, require_reconstruction
+from capture_app.common.text import pretty_json
+from capture_app.console.terminal import Progress
+from capture_app.session.exporting.exported_burst import mask_path
+from capture_app.session.exporting.point_cloud import read_ply
+from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
+from capture_app.session.files.durable import PART, sync_folder, write_atomic
+from capture_app.session.files.output_folder import growing_folder, output_errors
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import CALIBRATION
+from capture_app.session.reading.decoding import JPEG_BEGIN
+from reconstruction.calibration.stored import choose_calibration
+from reconstruction.calibration.structure_from_motion import guess_calibration
+from reconstruction.depth.still_scene import StillScene
+from reconstruction.methods.multiview.instant_model import FUSED, model_instant
+from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
+from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
+from reconstruction.session.conditions import SYNCHRONIZED, Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import SceneMotion, write_masks
+from reconstruction.session.provenance import with_provenance
+
+RECORDING = "sequence.rrd"
+RESULT = "sequence.json"
+PLAN = "plan.json"
+INSTANTS, CLOUDS, MESHES, DEPTH, MASKS = "instants", "clouds", "meshes", "depth", "movers"
+_WORK, _LOCK = ".work", ".lock"
+_BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
+OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
+OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
+"""Includes partial files that a killed run leaves."""
+
+Form = TypeVar("Form", bound=Struct)
+
+
+def write_recording(
+    file: Path, out: Path, dataset: Dataset, calibration: Calibration, instants: Sequence[SequenceInstant]
+) -> None:
+    """Write `cloud` (files in `out`) and `rig/<camera>` on the timelines `leader` and `instant`.
+
+    Only one instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
+    """
+    with rerun_recording(dataset.name, file, calibration.cameras) as (rerun, stream):
+        for one in instants:
+            set_times(stream, one.leader_ns, one.instant)
+            cloud = read_ply(out / one.cloud)
+            stream.log("cloud", rerun.Points3D(cloud.points, colors=cloud.colours))
+            for camera in dataset.cameras:
+                if camera in calibration.cameras and dataset.has_image(camera, one.instant):
+                    picture = dataset.image_bytes(camera, one.instant)
+                    kind = "image/jpeg" if picture.startswith(JPEG_BEGIN) else "image/png"
+                    stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
+
+
+class SequencePlan(Struct, frozen=True, kw_only=True):
+    """Inputs and settings of a folder's clouds; clouds of another plan do not belong among them."""
+
+    session: str
+    pictures: str
+    """Fingerprint of the images and the calibration."""
+    condition: str
+    time_shifts_ms: dict[str, float]
+    matcher: str
+    mesh: bool = msgspec.field(name="meshes")
+    depth: bool
+    quick: bool = False
+    whole: bool = True
+
+    def difference(self, earlier: "SequencePlan") -> str:
+        """Describe the first setting in which an earlier plan differs; empty if they are equal."""
+        for name in self.__struct_fields__:
+            was, now = getattr(earlier, name), getattr(self, name)
+            if was != now:
+                if isinstance(was, bool):
+                    return f"made {'with' if was else 'without'} --{name}"
+                return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
+        return ""
+
+
+class SequenceFolder:
+    """Folder of a sequence, which this run alone writes to."""
+
+    def __init__(self, out: Path, plan: SequencePlan) -> None:
+        """Remove unfinished work of a killed run. Raises BadInputError for clouds with other settings."""
+        self.out = out
+        earlier = _read(out / PLAN, SequencePlan)
+        if earlier is None and (out / PLAN).exists():
+            raise BadInputError(f"{out / PLAN} is broken", hint="choose a new folder for --out")
+        if earlier is not None and self._has_clouds() and (other := plan.difference(earlier)):
+            raise BadInputError(
+                f"{out} holds clouds {other}", hint="use the same options, or choose a new folder for --out"
+            )
+        shutil.rmtree(out / _WORK, ignore_errors=True)
+        for part in list(out.rglob(f"*{PART}")):
+            part.unlink()
+        if earlier != plan:
+            self._clear()
+            write_atomic(out / PLAN, pretty_json(plan))
+        for folder in (INSTANTS, CLOUDS):
+            (out / folder).mkdir(exist_ok=True)
+
+    @classmethod
+    @contextmanager
+    def opened(cls, out: Path, plan: SequencePlan) -> Iterator[Self]:
+        """Open a folder, and create it if missing; at the end remove it if it has no cloud.
+
+        Raises as `growing_folder` and the constructor do.
+        """
+        with growing_folder(out, _LOCK, OURS if (out / PLAN).exists() else _BEGUN) as root:
+            folder = cls(root, plan)
+            try:
+                # Cleanup frees space, so the free space is checked before it.
+                with output_errors(root, root):
+                    yield folder
+            finally:
+                shutil.rmtree(root / _WORK, ignore_errors=True)
+                if not folder._has_clouds():
+                    folder._clear()
+
+    def done(self, instant: int) -> SequenceInstant | None:
+        """Return the result of an instant; None if its cloud is not computed yet."""
+        done = _read(self._record(instant), SequenceInstant)
+        return done if done and done.cloud and (self.out / done.cloud).is_file() else None
+
+    def finish(self, done: SequenceInstant) -> None:
+        """Mark an instant as done by saving its result, once its cloud is saved."""
+        write_atomic(self._record(done.instant), pretty_json(done))
+
+    def calibration(self) -> Calibration | None:
+        """Return the calibration that an earlier run estimated for this folder, as its session has none."""
+        return _read(self.out / CALIBRATION, Calibration)
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Return the names of the files and folders of a finished sequence."""
+        return tuple(sorted({RESULT} | {path.name for path in self.out.iterdir()} - {_WORK, _LOCK}))
+
+    def empty_work(self) -> Path:
+        """Return an empty work folder; it is removed at the end, or when a killed run is resumed."""
+        shutil.rmtree(self.out / _WORK, ignore_errors=True)
+        (self.out / _WORK).mkdir()
+        return self.out / _WORK
+
+    def take_over(self, name: str) -> None:
+        """Move a result from the work folder into its place."""
+        (self.out / _WORK / name).replace(self.out / name)
+        sync_folder(self.out)
+
+    def _record(self, instant: int) -> Path:
+        return self.out / INSTANTS / f"{instant:06d}.json"
+
+    def _has_clouds(self) -> bool:
+        return any((self.out / CLOUDS).glob("*.ply"))
+
+    def _clear(self) -> None:
+        """Remove files that are useless without clouds."""
+        for folder in (INSTANTS, CLOUDS, MESHES, DEPTH, MASKS):
+            shutil.rmtree(self.out / folder, ignore_errors=True)
+        # The plan is removed last: it marks the remaining files as ours for the next run.
+        for file in (CALIBRATION, RECORDING, RESULT, PLAN):
+            (self.out / file).unlink(missing_ok=True)
+
+
+def _read(path: Path, form: type[Form]) -> Form | None:
+    """Read one of our files; None if it is missing or corrupt."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=form)
+    except (FileNotFoundError, msgspec.MsgspecError):
+        return None
+
+
+def model_sequence(
+    session: Path,
+    out: Path,
+    options: MultiviewOptions,
+    condition: Condition = SYNCHRONIZED,
+    progress: Progress | None = None,
+) -> SequenceResult:
+    """Compute a cloud of each of the options' instants in `out`; existing clouds are reused.
+
+    An instant that cannot be reconstructed is left out, with the reason.
+
+    Raises:
+        BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
+            a cloud.
+        NotAvailableError: the requested matcher, COLMAP, Open3D or Rerun is not available.
+        TryAgainError: another run is writing to `out`.
+    """
+    began = time.monotonic()
+    if options.mesh:
+        require_reconstruction("open3d", "making meshes")
+    if options.rrd:
+        load_optional("rerun", "rerun", "the .rrd format")
+    matcher = choose_matcher(options.matcher, quick=options.quick)
+    dataset = Dataset.open(session, options.time_shifts_ms)
+    condition.check(dataset)
+    chosen = _chosen_instants(dataset, options.instants)
+    choose_calibration(dataset)
+    plan = SequencePlan(
+        session=dataset.name,
+        pictures=dataset.fingerprint(),
+        condition=condition.name,
+        time_shifts_ms=dict(options.time_shifts_ms),
+        matcher=matcher.name,
+        mesh=bool(options.mesh),
+        depth=options.depth,
+        quick=options.quick,
+        whole=options.whole,
+    )
+    with SequenceFolder.opened(out, plan) as folder:
+        progress = progress or Progress(1)
+        motion, still = SceneMotion(dataset, step=1), StillScene()
+        masks = (out / MASKS).is_dir()
+        missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
+        if missing_masks:
+            write_masks(motion, folder.empty_work() / MASKS, progress)
+            folder.take_over(MASKS)
+            masks = True
+        calibration = _calibrate(dataset, folder)
+        earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
+        progress.done += len(earlier)
+        every = []
+        for instant in chosen:
+            if instant not in earlier:
+                progress.step(f"instant {instant}")
+            if options.whole:
+                still = StillScene()
+            every.append(
+                earlier.get(instant) or _make(motion, still, matcher, options, condition, instant, folder)
+            )
+        if not any(one.cloud for one in every):
+            raise BadInputError(
+                f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
+                hint="choose other --instants, or calibrate the rig again",
+            )
+        if options.rrd:
+            progress.step("the recording")
+            clouds = [one for one in every if one.cloud]
+            write_recording(folder.empty_work() / RECORDING, out, dataset, calibration, clouds)
+            folder.take_over(RECORDING)
+        result = msgspec.structs.replace(
+            _summary(dataset, plan, calibration, every),
+            kept=len(earlier),
+            masks=masks,
+            files=folder.files,
+        )
+        result = with_provenance(result, began, options.time_shifts_ms)
+        write_atomic(out / RESULT, pretty_json(result))
+    return result
+
+
+def cloud_file(instant: int) -> str:
+    """Return the path of an instant's cloud; the names form a sequence that viewers can play."""
+    return f"{CLOUDS}/{instant:06d}.ply"
+
+
+def _chosen_instants(dataset: Dataset, asked: Sequence[int] | None) -> list[int]:
+    count = len(dataset.instants_ns)
+    chosen = sorted(set(asked or range(count)))
+    for instant in chosen:
+        if not 0 <= instant < count:
+            raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {count - 1}")
+    return chosen
+
+
+def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
+    """Return the session's calibration, or one from its images, shared by all runs to this folder."""
+    calibration = dataset.calibration() or folder.calibration()
+    if calibration is None:
+        calibration = guess_calibration(SceneMotion(dataset, 1))
+        write_atomic(folder.out / CALIBRATION, pretty_json(calibration))
+    dataset.adopt_calibration(calibration)
+    return calibration
+
+
+def _make(
+    motion: SceneMotion,
+    still: StillScene,
+    matcher: ChosenMatcher,
+    options: MultiviewOptions,
+    condition: Condition,
+    instant: int,
+    folder: SequenceFolder,
+) -> SequenceInstant:
+    """Compute an instant in the work folder, move its files into place, then mark it as done."""
+    work, out, dataset, began_s = folder.empty_work(), folder.out, motion.dataset, time.monotonic()
+    leader_ns = dataset.instants_ns[instant]
+    try:
+        each = MultiviewOptions(
+            instant=instant,
+            offsets_ms=options.offsets_ms or condition.offsets_ms(dataset.cameras, instant),
+            mesh=options.mesh,
+            cloud=False,
+            workspace=False,
+            quick=options.quick,
+        )
+        found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
+    except BadInputError as error:
+        done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
+    else:
+        _place(work / FUSED, out / cloud_file(instant))
+        if options.mesh and found.mesh_triangles:
+            _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
+        for view in found.views if options.depth else ():
+            _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
+        done = SequenceInstant(
+            instant=instant,
+            leader_ns=leader_ns,
+            cloud=cloud_file(instant),
+            points=found.fused_points,
+            reference=found.reference,
+            coverage=found.coverage,
+            within_2pct=found.within_2pct,
+            mover_within_2pct=found.mover_within_2pct,
+            movers_1cm=found.movers_1cm,
+            left_out=found.left_out,
+            seconds=round(time.monotonic() - began_s, 3),
+        )
+        folder.finish(done)
+    return done
+
+
+def _place(file: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(target, file.read_bytes())
+
+
+def _summary(
+    dataset: Dataset, plan: SequencePlan, calibration: Calibration, every: list[SequenceInstant]
+) -> SequenceResult:
+    scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
+    return SequenceResult(
+        session=dataset.name,
+        condition=plan.condition,
+        matcher=plan.matcher,
+        calibration=calibration.source_words,
+        unit=calibration.unit,
+        instants=tuple(every),
+        clouds=sum(bool(one.cloud) for one in every),
+        mover_f_score_1cm=_median(scores),
+        mover_within_2pct=_median([one.mover_within_2pct for one in every]),
+        within_2pct=_median([one.within_2pct for one in every]),
+        files=(),
+    )
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return round(float(np.median(known)), 4) if known else None

@@ -1,0 +1,101 @@
+"""Panorama of one instant: the method, its options and its words."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from capture_app.common.text import count
+from capture_app.session.format.manifest import MANIFEST
+from reconstruction.common.options import MethodOptions, Pair, command_flag, flag
+from reconstruction.compare.method import Method
+from reconstruction.session.conditions import MAX_OFFSET_MS, Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.panorama.overlap import Misalignment
+    from reconstruction.methods.panorama.panorama_run import PanoramaResult
+    from reconstruction.session.dataset import Dataset
+
+
+class PanoramaOptions(MethodOptions, frozen=True, kw_only=True):
+    """Options of a panorama; `offset_ms` also composes it with every second camera delayed by this much.
+
+    `pair` is the pair of cameras of the comparison; a panorama of its own has all of them.
+    """
+
+    offset_ms: Annotated[
+        float | None,
+        command_flag(
+            "--offset-ms",
+            gt=0,
+            le=MAX_OFFSET_MS,
+            metavar="MS",
+            help="Also stitch with every second camera delayed by this much.",
+        ),
+    ] = None
+    pair: Annotated[
+        Pair | None,
+        flag("--panorama-pair", "panorama", help="The two cameras for the panorama."),
+        flag("--stitch-pair", "panorama", hidden=True),
+    ] = None
+
+
+class Panorama(Method):
+    """Panorama of one instant of a session, or of images."""
+
+    name = "panorama"
+    Options = PanoramaOptions
+    study = f"{__package__}.panorama_study:PanoramaStudy"
+    help = (
+        "Stitch a panorama from one instant of SESSION, or from image files or a folder of them.\n\n"
+        "Lists the images that were left out and why, and marks ghosting in the panorama."
+    )
+    examples = (
+        "panorama sessions/burst-001 --out panorama",
+        "panorama left.jpg right.jpg --out panorama",
+    )
+    aliases = ("stitch",)
+    takes_images = True
+
+    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
+        """Stitch an instant, and also under the condition if that is another one; see `Method.run`."""
+        from reconstruction.methods.panorama.panorama_run import session_input, stitch
+
+        return stitch(session_input(dataset, condition, self.options), output.folder)
+
+    def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
+        """Stitch a session, or images; see `Method.compute`."""
+        from reconstruction.methods.panorama.panorama_run import image_input, stitch
+
+        if len(sources) == 1 and (sources[0] / MANIFEST).exists():
+            return super().compute(sources, condition, output)
+        return stitch(image_input(sources, condition, self.options), output.folder)
+
+    def notes(self, result: Any) -> Iterator[str]:
+        """Yield nothing: the lines name what was left out."""
+        yield from ()
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield the size, the images left out, and the residuals; see `Method.lines`."""
+        made = result.synced
+        conditions = [("", made)]
+        if result.offset is not None:
+            late = f", {result.actual_offset_ms:.0f} ms late"
+            conditions = [(", synchronized", made), (late, result.offset)]
+        yield f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels"
+        yield from (f"left out: {name}: {why}" for name, why in result.left_out.items())
+        for which, one in conditions:
+            if one.misfit.median_px is not None:
+                text = _misalignment_text(one.misfit, one.mover_misfit)
+                yield f"residual where images overlap{which}: {text}"
+        yield f"picture: {out / made.panorama}"
+
+
+def _misalignment_text(misfit: "Misalignment", moving: "Misalignment | None") -> str:
+    text = f"{misfit.median_px:.1f} px at {misfit.points} points (95 % within {misfit.p95_px:.1f})"
+    if moving is None or not moving.points + moving.lost:
+        return text
+    if moving.median_px is None:
+        return f"{text}; moving objects lost at all {moving.lost} points"
+    text += f"; moving objects {moving.median_px:.1f} px at {moving.points} points"
+    return text + (f", lost at {moving.lost}" if moving.lost else "")

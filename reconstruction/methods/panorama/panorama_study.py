@@ -1,0 +1,231 @@
+"""Panorama of two cameras: registered once, then measured in both conditions."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
+from reconstruction.common.geometry import Array
+from reconstruction.compare.study import PairStudy, write_pictures
+from reconstruction.methods.panorama.composition import Layer, average_layers
+from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
+from reconstruction.methods.panorama.panorama_method import PanoramaOptions
+from reconstruction.methods.panorama.registration import PanoramaStitcher
+from reconstruction.report import wording
+from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
+from reconstruction.report.study_report import Claim, MeasureText, StudyText
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.session.conditions import SYNCHRONIZED, Condition
+from reconstruction.session.moving_pixels import dilate
+
+MIN_GREY_LEVELS = 12
+"""Difference between the conditions below which it is noise."""
+STILL_MARGIN_PX = 12
+"""Margin within which a point's window overlaps a moving object."""
+MIN_POINTS, MIN_PIXELS = 5, 50
+"""Minimum number of points and of pixels for a measure."""
+MEASURES = ("mover_misfit_px", "mover_found")
+"""Measures in order of preference: residual of moving objects, else the fraction found again."""
+CLEAR_RATIO = 1.5
+TEXTS = (
+    Picture(key="panorama", title="Panorama", caption="Two pictures in one, the seam where they agree best."),
+    Picture(
+        key="panorama_closeup",
+        title="The panorama, close up",
+        caption="Where most differs between the two conditions.",
+    ),
+    Picture(
+        key="panorama_overlap",
+        title="The two pictures laid over each other",
+        caption="The same place without a seam, before one of the two is chosen for every spot. A thing that "
+        "is elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
+        "leaving one of them out or by cutting through it.",
+    ),
+)
+WHY = """
+<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
+there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_offset_ms|walking_distance }}</p>
+"""
+
+
+class PanoramaStudy(PairStudy):
+    """Panorama of two cameras, synchronized and offset, registered once by the still scene."""
+
+    text = StudyText(
+        name="panorama",
+        subject="panorama",
+        place=40,
+        term="Panorama",
+        caption="Panorama of cameras {names}",
+        measures=(
+            MeasureText(
+                "misfit_px",
+                "Misfit",
+                "How far apart the two pictures show the same point, without a seam; the median. "
+                "Less is better.",
+                wording.PIXELS,
+            ),
+            MeasureText(
+                "found",
+                "Found again",
+                "Share of the points with structure that the other picture shows within reach. "
+                "More is better.",
+            ),
+            MeasureText(
+                "points",
+                "Points measured",
+                "Number of points of an instant that were found again.",
+                wording.COUNT,
+            ),
+            MeasureText(
+                "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
+            ),
+        ),
+        condition_columns=(("mover_misfit_px", "Panorama: misfit of moving things"),),
+        missing="No panorama was made",
+        hero="panorama",
+        why=WHY,
+        engine="The panorama is put together by OpenCV.",
+    )
+    Options = PanoramaOptions
+    needs_calibration = False
+
+    @classmethod
+    def claim(cls, found: StudyResult[Any]) -> Claim | None:
+        """Return the panorama's main result; see `StudyReport.claim`."""
+        if (known := found.first_known(*MEASURES)) is None:
+            return None
+        if known[0] == "mover_found":
+            return Claim(known[1:], "of moving things in both pictures where these overlap in the panorama")
+        return Claim(
+            known[1:],
+            "of misfit of moving things where the pictures of the panorama overlap",
+            wording.PIXELS,
+        )
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """Return the sentence on the panorama; see `StudyReport.verdict`."""
+        when = "at the same instant" if result.together(found.cameras) else "as recorded"
+        late = late_text(result)
+        error = found.first_known(MEASURES[0])
+        if error is not None and error[2] >= max(CLEAR_RATIO * error[1], error[1] + 1.0):
+            return (
+                f"In the panorama, what moves fits together to within {error[1]:.1f} pixels {when}, "
+                f"and is off by {error[2]:.0f} with one picture {late}."
+            )
+        again = found.first_known(MEASURES[1])
+        if again is None or again[1] - again[2] < CLEAR_FRACTION:
+            return ""
+        return (
+            f"Where the pictures of the panorama overlap, {percent(again[1])} of what moves is in both "
+            f"{when}, and {percent(again[2])} with one picture {late}."
+        )
+
+    def prepare(self) -> None:
+        """Choose the pair, and register its images of the same instant.
+
+        Raises:
+            ValueError: no two cameras are suitable, or their images cannot be stitched.
+        """
+        self.use_pair(self.rig.choose_panorama_pair(self.asked, self.context.middle))
+        first, second = self.cameras
+        self.progress.step(f"registering {first} and {second}")
+        instants, _ = self.instant_pairs(SYNCHRONIZED)
+        now, _ = min(instants, key=lambda pair: abs(pair[0] - self.context.middle))
+        images, moving = (
+            {name: read(name, now) for name in self.cameras}
+            for read in (self.dataset.image, self.motion.widened_moving)
+        )
+        known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
+        self.stitcher = PanoramaStitcher(images, moving, known)
+        """Registers, projects and composes the pair."""
+        if overlap_of(*self.stitcher.layers(images).values()) is None:
+            raise ValueError(f"the pictures of {first} and {second} hardly overlap")
+
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
+        """Measure a condition in the overlap, before seams and blending; see `ConditionStudy.compare`."""
+        first, second = self.cameras
+        pairs, offsets_ms = self.instant_pairs(condition)
+        tally = Tally()
+        for now, later in pairs:
+            self.progress.step(f"panorama {first}-{second}, instant {now}")
+            measured = {"synced": self._measure(now, later, now), "offset": self._measure(now, later, later)}
+            tally.add(measured, {"instant": now, "offset_instant": later})
+        moving = [measured["synced"].shares["mover_found"][1] for measured, _ in tally.rows]
+        return StudyResult(
+            name=self.text.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=offsets_ms,
+            reason=self.reason,
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            pictures=self._pictures(*pairs[int(np.argmax(moving))], folder) if folder else (),
+        )
+
+    def _layers(self, now: int, shown: int) -> dict[str, Layer]:
+        first, second = self.cameras
+        return self.stitcher.layers(
+            {first: self.dataset.image(first, now), second: self.dataset.image(second, shown)}
+        )
+
+    def _measure(self, now: int, later: int, shown: int) -> Measurements:
+        """Measure misalignment where the first camera's image at `now` overlaps the second's at `shown`.
+
+        It is measured on movers and on the control: pixels that are still at both `now` and `later`.
+        """
+        first, second = self.cameras
+        a, b = self._layers(now, shown).values()
+        overlap = overlap_of(a, b)
+        assert overlap is not None
+        moving, other_moving = (
+            overlap.crop(self.stitcher.layer_mask(name, self.motion.moving(name, k)), layer.box)
+            for name, k, layer in ((first, now, a), (second, shown, b))
+        )
+        changing = [
+            overlap.crop(self.stitcher.layer_mask(name, self.motion.changing(name, k)), layer.box)
+            for name, layer in ((first, a), (second, b))
+            for k in (now, later)
+            if self.dataset.has_image(name, k)
+        ]
+        still = ~dilate(np.logical_or.reduce(changing), STILL_MARGIN_PX)
+        return _misalignment_of(overlap, moving, moving | other_moving, still)
+
+    def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:
+        """Draw an instant's panorama, a close-up, and the overlap before the seam, in both conditions."""
+        canvas = self.stitcher.projection.canvas
+        drawn: dict[str, dict[str, Array]] = {}
+        for side, shown in {"synced": now, "offset": later}.items():
+            layers = self._layers(now, shown)
+            mean, count = average_layers(list(layers.values()), canvas)
+            part = trim_empty_borders(count > 0)
+            drawn[side] = {"panorama": self.stitcher.compose(layers)[part], "panorama_overlap": mean[part]}
+        synced, offset = (one["panorama_overlap"].astype(np.float32) for one in drawn.values())
+        changed = np.where(count[part] > 1, np.abs(synced - offset).mean(2), 0)
+        box = box_of_max_weight(changed * (changed > MIN_GREY_LEVELS), 0.4)
+        for one in drawn.values():
+            one["panorama_closeup"] = enlarge_crop(one["panorama"], box)
+            one["panorama_overlap"] = enlarge_crop(one["panorama_overlap"], box)
+        return write_pictures(drawn, TEXTS, out)
+
+
+def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
+    """Return a panorama's measures; masks: motion in the first image, in either image, and still control."""
+    matched_overlap = overlap.with_brightness_matched(still)
+    (x, y), length = measure_misalignment(matched_overlap)
+    difference = matched_overlap.difference
+    measured = Measurements(medians={"overlap_misfit_px": known(length)})
+    for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
+        lengths = length[points[y, x]]
+        matched = known(lengths)
+        measured.shares[f"{kind}_found"] = len(matched), len(lengths)
+        measured.means[f"{kind}_points"] = np.array([len(matched)])
+        if len(matched) >= MIN_POINTS:
+            measured.medians[f"{kind}_misfit_px"] = matched
+        if (pixels & overlap.both).sum() >= MIN_PIXELS:
+            measured.means[f"{kind}_overlap_mad"] = difference[pixels & overlap.both]
+    return measured

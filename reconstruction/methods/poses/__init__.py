@@ -1,0 +1,1 @@
+"""Camera poses of single instants, compared with the calibration."""

@@ -1,0 +1,69 @@
+"""Depth from one pair of cameras: the method, its options and its words."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from reconstruction.common.options import MethodOptions, Pair, command_flag, flag
+from reconstruction.compare.method import Method
+from reconstruction.session.conditions import Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.stereo.stereo_run import StereoDepth
+    from reconstruction.session.dataset import Dataset
+
+
+class StereoOptions(MethodOptions, frozen=True, kw_only=True):
+    """Options of a pair's depth; `pair` None = chosen, `other_instant` None = as the condition has it."""
+
+    other_instant: Annotated[
+        int | None,
+        command_flag(
+            "--other-instant",
+            ge=0,
+            metavar="K",
+            show_default="the same",
+            help="Take the second camera's image from this instant.",
+        ),
+    ] = None
+    pair: Annotated[
+        Pair | None,
+        command_flag("--pair", help="The two cameras for the depth map."),
+        flag("--stereo-pair", "stereo", help="The two cameras for depth."),
+    ] = None
+
+
+class Stereo(Method):
+    """Depth from one pair of cameras, with its confidence."""
+
+    name = "stereo"
+    Options = StereoOptions
+    study = f"{__package__}.stereo_study:StereoStudy"
+    made = f"{__package__}.stereo_run:MadeStereo"
+    help = "Compute a depth map from two cameras of SESSION, with its confidence and a picture."
+    examples = ("stereo sessions/burst-001 --pair cam00,cam01 --out depth",)
+
+    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "StereoDepth":
+        """Match the pair densely; see `Method.run`."""
+        from reconstruction.methods.stereo.stereo_run import compute_stereo
+
+        return compute_stereo(dataset, condition, self.options, output.folder, self.progress)
+
+    def notes(self, result: Any) -> Iterator[str]:
+        """Yield the cameras and the pairs that were left out; see `Method.notes`."""
+        from reconstruction.pairs import describe_left_out
+
+        yield from super().notes(result)
+        if result.pairs_left_out:
+            yield f"left out: {describe_left_out(result.pairs_left_out)}"
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield the range of the depth, and its accuracy if that is known; see `Method.lines`."""
+        yield (
+            f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
+            f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
+        )
+        if result.within_2pct is not None:
+            yield f"within 2 % of the truth: {100 * result.within_2pct:.1f} %"
+        yield f"depth: {out / result.depth}, picture: {out / result.picture}"

@@ -1,0 +1,1 @@
+"""COLMAP's points on moving and still objects."""

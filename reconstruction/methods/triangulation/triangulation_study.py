@@ -1,0 +1,333 @@
+"""Points that COLMAP matches and triangulates with the rig's known poses."""
+
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
+from reconstruction.compare.study import ConditionStudy
+from reconstruction.pairs import Features, size_above_features
+from reconstruction.report import wording
+from reconstruction.report.study_report import POINTS, MeasureText, StudyText
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.scores.truth import right_depth
+from reconstruction.session.conditions import ALL_APART, Condition
+from reconstruction.session.instant_choice import (
+    ShownInstant,
+    choose_moving_instants,
+    complete_instants,
+    relative_offsets_ms,
+)
+from reconstruction.session.moving_pixels import dilate
+
+MAX_ERROR_PX = 2.0
+"""Maximum match and reprojection error, in the image that features are detected in.
+
+COLMAP's default of 4 px is meant for unknown poses, and accepts points that have moved.
+"""
+MIN_ANGLE_DEG = 0.5
+"""Minimum angle between a point's rays; COLMAP's default of 1.5 is too large for cameras side by side."""
+NO_LIMIT = 1e9
+MAX_CAMERAS = 5
+"""More cameras find more points, but say no more about timing."""
+MAX_PICTURES = 24
+"""Approximate number of images whose features are matched."""
+INSTANT_LIMITS = (3, 8)
+CONTROL_MARGIN_PX = 4
+"""Distance from a moving object below which points are left out of the control."""
+PURPOSE = "triangulating points"
+
+
+@dataclass(frozen=True, eq=False)
+class RigPoints:
+    """Points seen by at least two cameras, and their observations.
+
+    `points` (n, 3) are in the rig's frame. `errors` (n,) are mean reprojection errors, px of the undistorted
+    images. Each observation has `point` and `camera`, an index into the given cameras, (m,), and `pixel` (m,
+    2), column and row in the camera's image.
+    """
+
+    points: Array
+    errors: Array
+    point: Array
+    camera: Array
+    pixel: Array
+
+
+def triangulate(rig: Rig, shown: Mapping[str, int]) -> RigPoints:
+    """Triangulate the points that these cameras (two or more) see, each at its instant.
+
+    Features are the rig's, detected once for all studies; COLMAP does all else.
+
+    Raises:
+        NotAvailableError: COLMAP is not installed.
+        ForeignError: COLMAP failed.
+    """
+    colmap = load_pycolmap(PURPOSE)
+    found = {camera: rig.image_features(camera, instant) for camera, instant in shown.items()}
+    limit = MAX_ERROR_PX * max(size_above_features(*rig.dataset.size(camera)) for camera in shown)
+    with (
+        tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
+        foreign_calls("COLMAP", PURPOSE),
+    ):
+        database = Path(scratch) / "database.db"
+        model = _write_database(colmap, database, rig.views, found)
+        _match(colmap, database, model, limit)
+        return _rig_points(_place_points(colmap, database, model, limit), found)
+
+
+def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: Mapping[str, Features]) -> Any:
+    """Write cameras and features into a new database; return a model with the rig's poses, without points.
+
+    Feature positions are undistorted one by one: COLMAP rejects some strong distortions that OpenCV allows.
+    """
+    model = colmap.Reconstruction()
+    database = colmap.Database.open(path)
+    for number, (name, features) in enumerate(found.items(), 1):
+        view = views[name]
+        m = view.matrix
+        # COLMAP's first pixel has its centre at (0.5, 0.5).
+        camera = colmap.Camera(
+            model="PINHOLE",
+            width=view.width,
+            height=view.height,
+            params=[m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5],
+            camera_id=number,
+            has_prior_focal_length=True,
+        )
+        database.write_camera(camera, use_camera_id=True)
+        model.add_camera_with_trivial_rig(camera)
+        database.write_rig(model.rig(number), use_rig_id=True)
+        places = view.undistort(features.positions) + 0.5
+        image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
+        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
+        model.add_image_with_trivial_frame(image, pose)
+        database.write_frame(model.frame(number), use_frame_id=True)
+        database.write_image(model.image(number), use_image_id=True)
+        database.write_keypoints(number, places.astype(np.float32))
+        # As in COLMAP's SIFT: 512 times the root of the L1-normalized values.
+        shares = features.descriptors / np.maximum(features.descriptors.sum(1, keepdims=True), 1e-7)
+        roots = np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8)
+        database.write_descriptors(number, colmap.FeatureDescriptors(colmap.FeatureExtractorType.SIFT, roots))
+    database.close()
+    return model
+
+
+def _match(colmap: Any, database: Path, model: Any, limit_px: float) -> None:
+    """Match every two images, and keep the matches that fit the known poses."""
+    matching = colmap.FeatureMatchingOptions(skip_geometric_verification=True, num_threads=1)
+    colmap.match_exhaustive(database, matching, device=colmap.Device.cpu)
+    # A pair counts however few matches it has: moving objects may be small.
+    verification = colmap.TwoViewGeometryOptions(
+        min_num_inliers=1, ransac={"random_seed": 0, "max_error": limit_px}
+    )
+    colmap.guided_geometric_verification(
+        model, database, two_view_geometry_options=verification, num_threads=1
+    )
+
+
+def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> Any:
+    options = colmap.IncrementalPipelineOptions(
+        random_seed=0,
+        num_threads=1,
+        min_num_matches=1,
+        extract_colors=False,
+        max_focal_length_ratio=NO_LIMIT,
+        min_focal_length_ratio=1 / NO_LIMIT,
+        triangulation={
+            "ignore_two_view_tracks": False,
+            "min_angle": MIN_ANGLE_DEG,
+            "merge_max_reproj_error": limit_px,
+            "complete_max_reproj_error": limit_px,
+        },
+        mapper={"filter_min_tri_angle": MIN_ANGLE_DEG, "filter_max_reproj_error": limit_px},
+    )
+    folder = database.parent / "model"
+    folder.mkdir()
+    return colmap.triangulate_points(model, database, database.parent, folder, options=options)
+
+
+def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
+    positions = [features.positions for features in found.values()]
+    points = [point for _, point in sorted(model.points3D.items())]
+    seen = [(index, one) for index, point in enumerate(points) for one in point.track.elements]
+    pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
+    return RigPoints(
+        points=np.array([point.xyz for point in points], float).reshape(-1, 3),
+        errors=np.array([point.error for point in points], float),
+        point=np.array([index for index, _ in seen], int),
+        camera=np.array([one.image_id - 1 for _, one in seen], int),
+        pixel=np.round(np.array(pixels, float)).astype(int).reshape(-1, 2),
+    )
+
+
+class TriangulationStudy(ConditionStudy):
+    """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
+
+    text = StudyText(
+        name="triangulation",
+        subject="points by COLMAP",
+        place=30,
+        term="Points by COLMAP",
+        caption="Points by COLMAP from {cameras}",
+        measures=(
+            MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
+            MeasureText(
+                "reprojection_px",
+                "Reprojection error",
+                "Distance of a placed point's projection from where the cameras see it. Less is better.",
+                wording.PIXELS,
+            ),
+            MeasureText(
+                "precision",
+                "Correct points",
+                "Share of the points whose distance is within 2 % of the truth.",
+            ),
+        ),
+        condition_columns=(("mover_points", "Points by COLMAP"),),
+        missing="No points were placed by COLMAP",
+        note="COLMAP, a program for reconstruction from photographs, looks for single points that several "
+        "pictures show and works out where each of them is: what has moved between the pictures seldom fits "
+        "together, so most of its points are lost, and those that fit by chance are in the wrong place.",
+    )
+    needs = ("stereo",)
+    needs_calibration = True
+    packages = ("pycolmap",)
+
+    cameras: tuple[str, ...] = ()
+
+    @property
+    def steps(self) -> int:
+        """Number of progress lines: one for the choice of cameras, and one for each instant."""
+        return 1 + min(self.context.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
+
+    def adopt(self, ours: Self) -> None:
+        """Use the cameras that this study chose in the first session of the comparison."""
+        self.cameras = ours.cameras
+
+    def prepare(self) -> None:
+        """Choose the cameras and the condition; see `ConditionStudy.prepare`.
+
+        Raises:
+            ValueError: fewer than two cameras are calibrated, or the burst does not contain the offset.
+        """
+        self.progress.step("choosing cameras for points by COLMAP")
+        self.cameras = self._choose_cameras()
+        # The second camera is delayed where the burst has no delays of all cameras.
+        with suppress(ValueError):
+            if self.context.offset is None or (len(self.cameras) > 2 and self._instants(ALL_APART)):
+                return
+        if offset := self.context.offset:
+            late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
+            self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
+
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[dict[str, list[str]]]:
+        """Compare a condition, without pictures; see `ConditionStudy.compare`.
+
+        The facts name the calibrated cameras that take no part.
+
+        Raises:
+            ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
+        """
+        tally = Tally()
+        found = 0
+        for one in self._instants(condition):
+            self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
+            points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
+            found += len(points["synced"].points)
+            measured = {side: self._measure(points[side], one, side) for side in points}
+            tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
+        if not found:
+            raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
+        return StudyResult(
+            name=self.text.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
+        )
+
+    def _choose_cameras(self) -> tuple[str, ...]:
+        """Return the depth pair and the cameras nearest to it; without one, those nearest to the centre."""
+        if not (views := self.rig.views):
+            raise ValueError("the cameras have no calibration")
+        if missing := [c for c in self.cameras if c not in views]:
+            raise ValueError(f"no calibration of {', '.join(missing)}")
+        if self.cameras:
+            return self.cameras
+        if len(views) < 2:
+            raise ValueError("points are placed by two calibrated cameras or more")
+        depth = self.known.study("stereo")
+        pair = [c for c in depth.cameras if c in views] if depth is not None else []
+        middle = np.mean([views[c].centre for c in pair or views], axis=0)
+        near = sorted(views, key=lambda c: float(np.linalg.norm(views[c].centre - middle)))
+        chosen = [*pair, *(c for c in near if c not in pair)][:MAX_CAMERAS]
+        # Of two cameras the second is delayed, as in the depth pair.
+        return tuple(chosen if len(chosen) == 2 else [c for c in views if c in chosen])
+
+    def _instants(self, condition: Condition) -> list[ShownInstant]:
+        """Return instants with motion at which most cameras have all their images."""
+        complete = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, min_cameras=2)
+        limit = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
+        limit = min(limit, self.context.max_instants)
+        first = list(complete[0].shown)[:2]
+        by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
+        return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
+
+    def _points(self, shown: Mapping[str, int]) -> RigPoints:
+        return self.rig.stages.arrays(
+            "triangulation",
+            RigPoints,
+            lambda: triangulate(self.rig, shown),
+            tuple(shown.items()),
+            [repr(self.rig.views[camera]) for camera in shown],
+            library_versions()["pycolmap"],
+        )
+
+    def _measure(self, found: RigPoints, one: ShownInstant, side: str) -> Measurements:
+        """Measure points on moving objects (in at least half of their images) and on the still control."""
+        moving, hidden, right, known = np.zeros((4, len(found.point)), bool)
+        anything = False
+        for place, (camera, instant) in enumerate(one.by_condition[side].items()):
+            mine = found.camera == place
+            columns, rows = found.pixel[mine].T.clip(0, np.array([self.dataset.size(camera)]).T - 1)
+            moves = self.motion.moving(camera, instant)
+            anything |= bool(moves.any())
+            moving[mine] = moves[rows, columns]
+            changing = [self.motion.changing(camera, shown[camera]) for shown in one.by_condition.values()]
+            hidden[mine] = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)[rows, columns]
+            truth = self.dataset.ground_truth(camera, instant) if self.rig.unit == "m" else None
+            if truth is not None:
+                view = self.rig.views[camera]
+                depth = (found.points[found.point[mine]] @ view.rotation.T + view.translation)[:, 2]
+                true = truth[0][rows, columns]
+                right[mine], known[mine] = right_depth(depth, true), true > 0
+
+        def count(which: Array) -> Array:
+            """Return the number of each point's observations that are selected (bool)."""
+            return np.bincount(found.point[which], minlength=len(found.points))
+
+        seen = count(np.ones_like(moving))
+        on_moving = 2 * count(moving) >= seen
+        judged = count(known) == seen
+        correct = 2 * count(right) >= seen
+        still = (count(hidden) == 0) & ~on_moving
+        measured = Measurements()
+        for kind, mask, there in (("mover", on_moving, anything), ("static", still, True)):
+            measured.means[f"{kind}_points"] = np.array([float(mask.sum())] * there)
+            measured.medians[f"{kind}_reprojection_px"] = found.errors[mask]
+            measured.shares[f"{kind}_precision"] = (
+                int((correct & judged & mask).sum()),
+                int((judged & mask).sum()),
+            )
+        return measured

@@ -317,10 +317,10 @@ class BurstSession:
         TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
         full disk ends the burst.
         """
-        self._intake.check_open()
         if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            # The node learned late that the burst ends earlier.
+            # The node learned late that the burst ends earlier, perhaps after it was saved.
             return known(upload.record.sha256)
+        self._intake.check_open()
         instant = upload.record.instant
         number, suffix = self._choice.number(instant), check_image_path(upload.record)
         upload = replace(

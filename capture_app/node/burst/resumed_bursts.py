@@ -63,7 +63,7 @@ class ResumedBursts:
             await session.finished.wait()
 
     async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
-        """Answer for a finished session that has all images of the report's camera, without reopening it.
+        """Answer for a finished session that has all images of a report, without reopening it.
 
         Returns None if there is no such session, or it lacks images. Raises BadInputError for another
         machine's camera.
@@ -85,15 +85,14 @@ class ResumedBursts:
             return None
         records = [record for record in session.manifest.images if record.camera == camera]
         instants = session.manifest.burst.instants_ns
-        if len(records) < len(instants) or not all(session.image_file(r).is_file() for r in records):
+        # A recording that was cut off is shorter than ordered: the camera may have more of it.
+        chosen = plan.chosen or range(len(instants) if plan.streamed is None else plan.streamed.count)
+        reported = tuple(n for n in report.plan.instants if n in chosen)
+        if report.plan.picking or not {*reported} <= {chosen[record.instant] for record in records}:
             return None
-        chosen = plan.chosen or tuple(range(len(instants)))
-        requested = chosen if plan.spare else None
-        if plan.streamed is not None:
-            # A recording that was cut off is shorter than ordered: the camera may have more of it.
-            requested = tuple(n for n in report.plan.instants if n < plan.streamed.count)
-            if report.plan.picking or not {*requested} <= {record.instant for record in records}:
-                return None
+        if not all(session.image_file(record).is_file() for record in records):
+            return None
+        requested = tuple(chosen) if plan.spare else None if plan.streamed is None else reported
         return ReportAck(
             receipts=tuple(
                 ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)

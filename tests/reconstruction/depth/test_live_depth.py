@@ -1,14 +1,12 @@
 """Depth of a scene that moves, at a small size: right, and confirmed unless the other cameras are late."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
-from capture_app.common.errors import BadInputError, ExitCode, NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth import live_depth
 from reconstruction.depth.live_depth import LiveDepth, LiveMap
@@ -100,15 +98,6 @@ def test_nothing_moves_in_a_still_scene(look: Look, monkeypatch: pytest.MonkeyPa
     assert [one.moving_confirmed for one in found] == [None] * 3
     assert found[-1].moving.sum() == 0
     assert (found[-1].depth > 0).mean() > 0.6
-
-
-@pytest.mark.parametrize("stdin", [b"", b"\0\0", b"\0\0\0\1x"], ids=["nothing", "cut short", "no rig"])
-def test_the_command_refuses_what_is_not_a_rig(stdin: bytes) -> None:
-    command = [sys.executable, "-m", "reconstruction.cli", "live"]
-    done = subprocess.run(command, input=stdin, capture_output=True)
-    assert done.returncode == ExitCode.BAD_INPUT
-    assert done.stderr.startswith(b"reconstruct: error: stdin does not begin with a running rig: ")
-    assert done.stderr.count(b"\n") == 1
 
 
 def test_a_camera_without_depth_says_why(look: Look) -> None:

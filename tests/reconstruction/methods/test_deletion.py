@@ -43,12 +43,16 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(tree: Path, gone: Sequence[str], *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run Python in the tree without some methods."""
     left = {name: target for name, target in ENTRIES[METHODS].items() if name not in gone}
+    groups = {**ENTRIES, METHODS: left}
     about = tree / "simulshot-1.dist-info"
     about.mkdir(exist_ok=True)
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: simulshot\nVersion: 1\n")
-    (about / "entry_points.txt").write_text(
-        f"[{METHODS}]\n" + "".join(f"{name} = {target}\n" for name, target in left.items())
-    )
+    lines = [
+        line
+        for group, entries in groups.items()
+        for line in (f"[{group}]", *(f"{name} = {target}" for name, target in entries.items()))
+    ]
+    (about / "entry_points.txt").write_text("\n".join(lines))
     methods, aside = tree / "reconstruction" / "methods", tree / "aside"
     aside.mkdir(exist_ok=True)
     try:

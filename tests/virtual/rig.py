@@ -26,7 +26,7 @@ from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport, ImageUpload
 from capture_app.protocol.status import BurstStatus
-from capture_app.rig.rig_link import RigLink, ask_status
+from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 from capture_app.rig.taking import Begun, Failed, Progress, Saved, TakePlan, Taking
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.timekeeping import poll_schedule
@@ -502,9 +502,19 @@ class VirtualRig:
                 of.cancelled = True
         await taking.cancel()
 
-    async def _watch(self) -> None:
-        """Ask for the status at intervals, as a screen does."""
+    async def _follow(self) -> None:
+        """Follow one leader's status and log after the other, as a screen does."""
         while True:
+            async with contextlib.aclosing(RigLink(self._address()).updates()) as updates:
+                async for update in updates:
+                    if isinstance(update, LinkLost):
+                        break
+            await asyncio.sleep(1)
+
+    async def _watch(self) -> None:
+        """Ask for the status at intervals, and see that it comes."""
+        following = asyncio.create_task(self._follow())
+        while not following.done():
             await asyncio.sleep(5)
             asked_ns, undisturbed = self.world.now_ns, self.undisturbed_since("lead", "lead2", "relay")
             try:

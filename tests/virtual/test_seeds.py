@@ -1,5 +1,6 @@
 """Rigs drawn by seed keep what they promise, whatever befalls them; other seeds each day."""
 
+import os
 from datetime import date
 
 import pytest
@@ -9,11 +10,14 @@ from tests.virtual.planted import PLANTED
 from tests.virtual.run import run, run_seed
 
 DAILY, SLOW = 20, 300
-FIRST = 1000 + date.today().toordinal() * DAILY % 9000  # noqa: DTZ011 - any day will do
-
+FIRST = 0 if os.environ.get("CI") else 1000 + date.today().toordinal() * DAILY % 9000  # noqa: DTZ011
+"""First seed of today. In CI the same ones every time: a change is judged by what it changed."""
 FOUND = {
-    0: "",
+    3906: "a camera that offered an image it had not reported had its session opened for ever",
+    3907: "a recording did not wait for an image that had been reported missing before",
+    3913: "frames of beyond a recording's end were refused for ever",
 }
+"""Further seeds that have found a fault, and which."""
 
 
 def check(seed: int) -> None:
@@ -28,7 +32,7 @@ def test_a_seed_of_today(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(SLOW))
+@pytest.mark.parametrize("seed", [*range(SLOW), *FOUND])
 def test_a_seed(seed: int) -> None:
     check(seed)
 

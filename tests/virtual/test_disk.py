@@ -2,31 +2,35 @@
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
+from capture_app.session.writing.session_writer import SessionWriter
+from tests.images import small_jpeg
 from tests.virtual.world import World
 
 
 def left(
-    work: Callable[[Path], None], *, before: Callable[[Path], object] = lambda _: None
+    *works: Callable[[Path], object], before: Callable[[Path], object] = lambda _: None
 ) -> dict[str, bytes]:
-    """Let a process work in a folder, cut its power, and return the files by name."""
+    """Let processes work in a folder, each killed in turn, cut the power, and return the files by name."""
     world = World(1)
     folder = world.disks.of("machine").folder
     before(folder)
     world.disks.settle("machine")
 
-    async def process() -> None:
+    async def process(work: Callable[[Path], object]) -> None:
         work(folder)
         await asyncio.sleep(1)
 
     async def evening() -> None:
-        world.start("process", "machine", process)
-        await asyncio.sleep(0.5)
-        await world.kill("process")
+        for work in works:
+            world.start("process", "machine", partial(process, work))
+            await asyncio.sleep(0.5)
+            await world.kill("process")
 
     try:
         with world.entered():
@@ -67,6 +71,18 @@ def test_a_deleted_file_comes_back_without_a_sync() -> None:
     assert left(lambda folder: (folder / "a").unlink(), before=lambda f: f.joinpath("a").touch()) == {
         "a": b""
     }
+
+
+def test_folders_that_a_killed_writer_did_not_sync_are_synced_by_the_next() -> None:
+    def begin(folder: Path) -> None:
+        SessionWriter.create(folder, "burst-001")
+        (folder / "burst-001" / "images" / "rig1" / "a").mkdir(parents=True)
+
+    def go_on(folder: Path) -> None:
+        writer = SessionWriter(folder / "burst-001", "burst-001")
+        writer.add_image(small_jpeg(), camera="a", instant=0, leader_ns=0)
+
+    assert "000000.jpg" in left(begin, go_on)
 
 
 @pytest.mark.parametrize("steps", range(1, 6))

@@ -293,7 +293,7 @@ class BurstSession:
                         self._writer.add_event,
                         *({**event, "camera": delivery.name} for event in report.events),
                     )
-                delivery.note_report(plan, now_ns, is_of_earlier_run=self._lost is not None)
+                delivery.note_report(plan, now_ns)
                 self._now_ns = max(self._now_ns, now_ns)
                 await self._commit_instants()
                 if self._choice.committed.is_set():

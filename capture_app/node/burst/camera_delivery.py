@@ -99,16 +99,16 @@ class CameraDelivery:
             may_take_ns = image_bytes * 1_000_000_000 // MIN_UPLOAD_BYTES_PER_S
             self.since_ns = max(self.since_ns, min(now_ns, self.since_ns + may_take_ns))
 
-    def note_report(self, plan: CameraPlan, now_ns: int, *, is_of_earlier_run: bool) -> None:
+    def note_report(self, plan: CameraPlan, now_ns: int) -> None:
         """Store the camera's report as its plan, and wait for its images.
 
-        The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged. Only
-        a first report counts as progress: it could be repeated forever.
+        The camera's facts and clock stay as first reported: its images were timed by these, and a node that
+        was started again has others. Only a first report counts as progress: it could be repeated forever.
         """
         self.note_heard(now_ns)
         if not self.plan.reported:
             self.since_ns = max(self.since_ns, now_ns)
-        if is_of_earlier_run and self.plan.reported:
+        if self.plan.reported:
             plan = replace(
                 plan,
                 camera=self.plan.camera,

@@ -187,6 +187,18 @@ async def test_a_node_that_was_killed_keeps_what_it_still_has_of_a_burst(tmp_pat
     ]
 
 
+async def test_a_node_that_was_started_again_changes_no_clock_of_a_burst(tmp_path: Path) -> None:
+    """Its clock is another one, which the burst's images were not timed by."""
+    session = burst_session(tmp_path, "a")
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    later = CameraRecord(name="a", facts=replace(CAMERA, exposure_ns=123_456))
+    await session.accept_report(report("a", 0, 1).with_plan(camera=later), now_ns=0)
+    for instant in (0, 1):
+        await receive_image(session, upload("a", instant), pieces(IMAGE))
+    assert session.session is not None
+    assert Session.open(session.session).camera("a").facts == CAMERA
+
+
 async def test_a_recording_waits_for_an_image_that_was_reported_missing_before(tmp_path: Path) -> None:
     burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], ("a",), streamed=True, video=True)
     session = BurstSession.begin(burst, {"a": CAMERA}, SessionWriter.create(tmp_path, "b"), DISK)

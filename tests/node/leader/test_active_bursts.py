@@ -356,3 +356,23 @@ async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: P
         assert sum(of() is not None for of in begun) <= 2
     assert len(bursts.saved) < 100, "each status tells them"
     assert bursts.saved[-1].endswith("-200")
+
+
+async def test_a_camera_that_missed_the_end_of_a_recording_is_told_again(tmp_path: Path) -> None:
+    engine, clock = engine_of("a"), StillClock()
+    options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
+    bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
+    try:
+        session = await bursts.order(BurstOrder(frames=1000, streamed=True, video=True))
+        taking = replace(report("a").with_plan(picking=True), burst=session.burst.number)
+        await session.accept_report(taking, clock.shown_ns)
+        await bursts.end()
+        clock.shown_ns += 10 * 10**9
+        engine.orders.expire(clock.shown_ns)
+        assert engine.orders.triggers_due(clock.shown_ns) == []
+        await bursts.give_up_silent_cameras()
+        ((members, trigger),) = engine.orders.triggers_due(clock.shown_ns)
+        assert [member.name for member in members] == ["a"]
+        assert (trigger.burst, trigger.count) == (session.burst.number, session.burst.frames)
+    finally:
+        await bursts.close()

@@ -27,7 +27,7 @@ def broken(rig: VirtualRig) -> Iterator[str]:
     yield from _honest(rig, sessions)
     yield from _timed(rig, sessions)
     yield from _said(rig, sessions)
-    for folder, files in Counter(str(Path(file).parent) for file in rig.spooled()).items():
+    for folder, files in Counter(str(Path(file).parent) for file in rig.spooled(rig.absent_leaders)).items():
         yield f"left in a spool: {files} images in {folder}"
     minutes = rig.world.elapsed_s() / 60
     for name, lines in rig.evidence.log_lines.items():
@@ -111,7 +111,7 @@ def _confirmed(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Itera
 def _honest(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
     """A camera that was ready, and that nothing befell, is whole in its burst."""
     for of in rig.evidence.bursts:
-        if of.cancelled or of.session.order_end is not None:
+        if of.cancelled or of.session.order_end is not None or of.machine in rig.absent_leaders:
             continue
         saved = sessions.get(of.key)
         there = {} if saved is None else saved.checksums()

@@ -153,6 +153,8 @@ class VirtualRig:
         self.clocks: dict[str, MachineClock] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._down: Counter[str] = Counter()
+        self.absent_leaders: set[str] = set()
+        """Machines that do not lead in the end: images of their bursts wait for them."""
         self.inside = self.total = 0
         """Images whose true time is within the stated 95 % bar, and all."""
         self.works: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
@@ -289,6 +291,7 @@ class VirtualRig:
             self._befell("lead2", "stop", 0.0)
             await world.stop("lead2")
             await self._rest()
+        self.absent_leaders = {"lead", "lead2"} - {*self.leaders}
         await self._judge_at_rest()
         for name in ("desk", *[name for name in self.works if not name.startswith("lead")]):
             await world.stop(name)

@@ -191,7 +191,8 @@ class OwnedTask(asyncio.Task[Any]):
     def of(cls, loop: asyncio.AbstractEventLoop, work: Any, **options: Any) -> "OwnedTask":
         """Make a task of the running process, for `loop.set_task_factory`."""
         task = cls(work, loop=loop, **options)
-        task.owner = process.get()
+        given = options.get("context")
+        task.owner = process.get() if given is None else given.get(process)
         if task.owner is not None:
             task.owner.tasks.add(task)
         return task

@@ -1,11 +1,16 @@
 """What must hold at the end of a virtual evening, whatever befell the rig."""
 
+import asyncio
+import contextlib
 import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
+from capture_app.protocol.log import Log
+from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -21,6 +26,11 @@ MAX_LINES_PER_MINUTE = 120
 
 def broken(rig: VirtualRig) -> Iterator[str]:
     """Yield each broken invariant in words."""
+    for machine in sorted(rig.absent_leaders):
+        # What it had begun waits there until it leads again, or a person repairs it.
+        sessions_folder = rig.world.disks.of(machine).folder / "sessions"
+        with contextlib.suppress(SimulshotError):  # there may be nothing to repair
+            asyncio.run(repair(sessions_folder, wait_s=0, address=Address("127.0.0.1", 1), log=Log()))
     sessions = _sessions(rig)
     yield from _opened(sessions)
     yield from _confirmed(rig, sessions)

@@ -9,7 +9,7 @@ from tests.virtual.plan import draw
 from tests.virtual.planted import PLANTED
 from tests.virtual.run import run, run_seed
 
-DAILY, SLOW = 20, 300
+DAILY, SLOW = 20, 100
 FIRST = 0 if os.environ.get("CI") else 1000 + date.today().toordinal() * DAILY % 9000  # noqa: DTZ011
 """First seed of today. In CI the same ones every time: a change is judged by what it changed."""
 FOUND = {

@@ -236,17 +236,15 @@ class BurstSession:
         """Return whether no image has arrived yet."""
         return not any(delivery.instants for delivery in self._deliveries.values())
 
-    def is_overrun(self, now_ns: int, leader: int) -> bool:
-        """Return whether a camera takes frames after the last instant of a burst of this run of the leader.
+    def is_overrun(self, now_ns: int) -> bool:
+        """Return whether a camera takes frames after the last instant, as it has missed the order to end.
 
-        It has missed the order to end.
+        False for a burst of an earlier run of the leader, which cannot give it.
         """
-        is_over = self.burst.streamed and now_ns >= self.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
-        is_own = self._plan is not None and self._plan.leader == leader
-        return (
-            is_over
-            and is_own
-            and any(of.plan.picking and not of.given_up for of in self._deliveries.values())
+        if not self.burst.streamed or now_ns < self.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS:
+            return False
+        return self._is_of_this_run and any(
+            of.plan.picking and not of.given_up for of in self._deliveries.values()
         )
 
     # Incoming reports and images

@@ -106,8 +106,6 @@ class CameraDelivery:
         was started again has others. Only a first report counts as progress: it could be repeated forever.
         """
         self.note_heard(now_ns)
-        if not self.plan.reported:
-            self.since_ns = max(self.since_ns, now_ns)
         if self.plan.reported:
             plan = replace(
                 plan,
@@ -115,6 +113,8 @@ class CameraDelivery:
                 calibration=self.plan.calibration,
                 true_clock=self.plan.true_clock,
             )
+        else:
+            self.since_ns = max(self.since_ns, now_ns)
         self.plan = replace(plan, reported=True)
         self.given_up, self.silent = "", False
 

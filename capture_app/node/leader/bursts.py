@@ -427,7 +427,7 @@ class ActiveBursts:
         for session in sessions:
             if not session.finished.is_set():
                 await session.give_up_silent_cameras(lost, now_ns, new_bytes)
-                if session.is_overrun(now_ns, self._engine.config.instance):
+                if session.is_overrun(now_ns):
                     self._engine.orders.end(session.burst, session.burst.frames, now_ns)
 
     async def _watch_silence(self) -> None:

@@ -5,12 +5,9 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
 
-from msgspec.structs import replace
-
 from capture_app.node.burst.camera_delivery import CameraDelivery
-from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera import uploader
-from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.session.format.burst_plan import CameraPlan
 from tests.virtual.world import World
 
 
@@ -37,15 +34,14 @@ def _without_retry(_: World) -> AbstractContextManager[None]:
 
 
 def _with_stale_reports(_: World) -> AbstractContextManager[None]:
-    """A leader takes a report of an earlier run's burst for one of its own."""
-    find = ActiveBursts.find_session
+    """A report that says nothing new counts as progress of its camera."""
+    note = CameraDelivery.note_report
 
-    async def find_any(bursts: ActiveBursts, report: Any, pin: str) -> Any:
-        if report.burst in bursts._bursts:
-            report = replace(report, leader=bursts._engine.config.instance)
-        return await find(bursts, report, pin)
+    def note_any(delivery: CameraDelivery, plan: CameraPlan, now_ns: int) -> None:
+        note(delivery, plan, now_ns)
+        delivery.since_ns = max(delivery.since_ns, now_ns)
 
-    return _in_place_of(ActiveBursts, "find_session", find_any)
+    return _in_place_of(CameraDelivery, "note_report", note_any)
 
 
 @contextlib.contextmanager
@@ -55,20 +51,10 @@ def _without_timeouts(_: World) -> Iterator[None]:
         yield
 
 
-def _forgetful(_: World) -> AbstractContextManager[None]:
-    """A restarted leader does not resume what was interrupted."""
-
-    async def resume_nothing(bursts: ResumedBursts, *_: Any, **__: Any) -> None:
-        bursts._all_resumed.set()
-
-    return _in_place_of(ResumedBursts, "resume_all", resume_nothing)
-
-
 PLANTED: dict[str, Callable[[World], AbstractContextManager[None]]] = {
     "sync": _without_sync,
     "retry": _without_retry,
     "stale": _with_stale_reports,
     "timeout": _without_timeouts,
-    "resume": _forgetful,
 }
 """Faults by name; each docstring says what is wrong."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
@@ -153,6 +154,8 @@ class VirtualRig:
         self.clocks: dict[str, MachineClock] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._down: Counter[str] = Counter()
+        self.reported: WeakKeyDictionary[Channel[Any], CameraReport] = WeakKeyDictionary()
+        """The last report on each stream."""
         self.absent_leaders: set[str] = set()
         """Machines that do not lead in the end: images of their bursts wait for them."""
         self.inside = self.total = 0
@@ -330,11 +333,19 @@ class VirtualRig:
         ]
 
     def _open_bursts(self) -> list[str]:
+        """Return the bursts under way, but saved ones that only a liar opens again and again."""
+        liars = {*self.plan.liars}
         return [
             session.status.name
             for node in self.leaders.values()
             for session in (*node.bursts._bursts.values(), *node.bursts.resumed.sessions())
             if not session.finished.is_set()
+            and not (
+                session.session is not None
+                and all(
+                    of.is_complete(session._choice) or of.name in liars for of in session._deliveries.values()
+                )
+            )
         ]
 
     async def _judge_at_rest(self) -> None:
@@ -588,8 +599,12 @@ class VirtualRig:
 
         async def sending(channel: Channel[Any], message: Any, *payloads: Any, **options: Any) -> None:
             lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
-            if lie == "silent" and isinstance(message, ImageUpload):
-                await asyncio.Event().wait()
+            if isinstance(message, CameraReport):
+                rig.reported[channel] = message
+            while lie == "silent" and isinstance(message, ImageUpload):
+                # It says again and again what it has, and sends nothing of it.
+                await asyncio.sleep(5)
+                await send(channel, rig.reported[channel])
             is_short = isinstance(message, CameraReport) and message.plan.picked is None
             if lie in ("nothing", "partial") and is_short and not message.plan.picking:
                 left = message.plan.instants[:1] if lie == "partial" else ()

@@ -41,6 +41,15 @@ def test_a_seed_replays_exactly() -> None:
     assert run_seed(5).digest == run_seed(5).digest != run_seed(6).digest
 
 
-@pytest.mark.parametrize(("fault", "seed"), [])
+@pytest.mark.parametrize(
+    ("fault", "seed"),
+    [
+        ("sync", 2),
+        pytest.param("retry", 0, marks=pytest.mark.slow),
+        pytest.param("timeout", 28, marks=pytest.mark.slow),
+        pytest.param("stale", 122, marks=pytest.mark.slow),
+    ],
+)
 def test_a_planted_fault_is_found(fault: str, seed: int) -> None:
     assert run(draw(seed), PLANTED[fault]).failures
+    assert not run_seed(seed).failures

@@ -28,6 +28,7 @@ from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_preview
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.facts import make_facts
+from tests.images import small_jpeg
 from tests.node.bursts import DISK, INSTANTS_NS, PERIOD_NS, report, upload
 from tests.phones.places import serving
 from tests.session.importing.test_bombs import png
@@ -130,6 +131,7 @@ async def phones(_: int) -> None:
 async def truths(_: int) -> None:
     """A simulated camera sends as much ground truth with each of its images as is taken."""
     facts, truth = make_facts(width=3840, height=2160), bytes(16 << 20)
+    whole = small_jpeg(truth, 3840, 2160)
     instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(64))
     burst = Burst(1, instants_ns, PERIOD_NS, instants_ns[0], ("a",))
 
@@ -144,9 +146,9 @@ async def truths(_: int) -> None:
         saved = []
         for instant in range(64):
             image = upload("a", instant)
-            size = replace(image.record, bytes=len(truth), sha256=hashlib.sha256(truth).hexdigest())
+            size = replace(image.record, bytes=len(whole), sha256=hashlib.sha256(whole).hexdigest())
             coming = replace(image, record=size, truth_bytes=len(truth), true_ns=1)
-            saved.append(await session.take_image(coming, payload(truth + truth), 0))
+            saved.append(await session.take_image(coming, payload(whole + truth), 0))
         await asyncio.gather(*saved)
         await until(session.finished.is_set, seconds=SLOW_PATIENCE_S)
 

@@ -16,7 +16,14 @@ PERIOD_US = 1e6 / 30
 ARRIVAL_US = 300.0
 """Time from the start of a frame to its arrival in the page."""
 WIDTH, HEIGHT = 320, 240
-JPEG = cv2.imencode(".jpg", np.full((HEIGHT, WIDTH, 3), 90, np.uint8))[1].tobytes()
+
+
+def jpeg_of(width: int, height: int) -> bytes:
+    """A grey picture."""
+    return cv2.imencode(".jpg", np.full((height, width, 3), 90, np.uint8))[1].tobytes()
+
+
+JPEG = jpeg_of(WIDTH, HEIGHT)
 
 
 class StandInPhone:
@@ -33,6 +40,7 @@ class StandInPhone:
         self.states: list[str] = []
         self.asked = 0
         self.exposure_us = 20_000.0
+        self._jpeg = JPEG
         self._zero_us = zero_us
         self._phase_us, self._stream, self._next = phase_us, 1, 0
         self._ring: dict[int, bytes] = {}
@@ -77,6 +85,8 @@ class StandInPhone:
         self._tasks.append(asyncio.create_task(self._shoot()))
 
     async def say(self, **message: Any) -> None:
+        if message.get("type") == "opened":
+            self._jpeg = jpeg_of(message["width"], message["height"])
         await self._socket.send_str(json.dumps(message))
 
     async def vanish(self) -> None:
@@ -149,7 +159,7 @@ class StandInPhone:
             if stream != self._stream:
                 continue
             self._next += 1
-            self._ring[self._next] = JPEG
+            self._ring[self._next] = self._jpeg
             self._ring.pop(self._next - 200, None)
             # A phone is not late because this machine is: its frames arrive on time by its own clock.
             told = struct.pack("<BIIddd", 2, self._next, stream, at_us, at_us + ARRIVAL_US, float("nan"))

@@ -29,6 +29,9 @@ DISK_THREADS = 8
 MAX_BATCH = 128
 """Maximum number of images per sync: the first of them waits for the last."""
 
+MAX_WAITING_TRUTH_BYTES = 1 << 20
+"""Larger ground truth does not wait for the disk in memory: its camera's next image waits."""
+
 _checking = threading.Lock()
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -215,7 +218,10 @@ class Intake:
             if (others := self.find(camera, instant)) is not None:
                 return others
             truth = await on_disk(self._disk, partial.split_off_truth, size)
-            return self.add(StoredImage(record, partial.file, truth, upload.true_ns))
+            saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))
+            if len(truth) > MAX_WAITING_TRUTH_BYTES:
+                await asyncio.wait([saving])
+            return saving
 
     @asynccontextmanager
     async def interrupted(self, camera: str) -> AsyncIterator[None]:

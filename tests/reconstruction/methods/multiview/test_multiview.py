@@ -31,19 +31,8 @@ from reconstruction.methods.multiview.multiview_method import Multiview, Multivi
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.methods.multiview.conftest import VIEWS
 from tests.reconstruction.true_workspace import write_true_workspace
-
-VIEWS = {
-    "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
-    "middle": make_view((0.0, 0.03, 0.0), distortion=(-0.05, 0.01, 0.0, 0.0, 0.0)),
-    "right": make_view((0.14, 0.0, 0.0), yaw=-1.5),
-}
-
-
-@pytest.fixture(scope="module")
-def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """Three cameras that see the boards, one of them with distortion; five instants."""
-    return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
 
 
 def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, reconstruct: Reconstruct) -> None:

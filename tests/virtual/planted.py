@@ -4,21 +4,12 @@ import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from typing import Any
+from unittest.mock import patch
 
 from capture_app.node.burst.camera_delivery import CameraDelivery
 from capture_app.node.camera import uploader
 from capture_app.session.format.burst_plan import CameraPlan
 from tests.virtual.world import World
-
-
-@contextlib.contextmanager
-def _in_place_of(module: Any, name: str, value: Any) -> Iterator[None]:
-    real = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, real)
 
 
 @contextlib.contextmanager
@@ -28,12 +19,12 @@ def _without_sync(world: World) -> Iterator[None]:
     yield
 
 
-def _without_retry(_: World) -> AbstractContextManager[None]:
+def _without_retry(_: World) -> AbstractContextManager[Any]:
     """A node whose stream breaks off waits for ever before it opens another one."""
-    return _in_place_of(uploader.Uploader.__init__, "__kwdefaults__", {"retry_s": (1e6,), "trust": None})
+    return patch.object(uploader.Uploader.__init__, "__kwdefaults__", {"retry_s": (1e6,), "trust": None})
 
 
-def _with_stale_reports(_: World) -> AbstractContextManager[None]:
+def _with_stale_reports(_: World) -> AbstractContextManager[Any]:
     """A report that says nothing new counts as progress of its camera."""
     note = CameraDelivery.note_report
 
@@ -41,17 +32,15 @@ def _with_stale_reports(_: World) -> AbstractContextManager[None]:
         note(delivery, plan, now_ns)
         delivery.since_ns = max(delivery.since_ns, now_ns)
 
-    return _in_place_of(CameraDelivery, "note_report", note_any)
+    return patch.object(CameraDelivery, "note_report", note_any)
 
 
-@contextlib.contextmanager
-def _without_timeouts(_: World) -> Iterator[None]:
+def _without_timeouts(_: World) -> AbstractContextManager[Any]:
     """A leader waits for ever for a camera that sends nothing."""
-    with _in_place_of(CameraDelivery, "why_silent", lambda *_, **__: ""):
-        yield
+    return patch.object(CameraDelivery, "why_silent", lambda *_, **__: "")
 
 
-PLANTED: dict[str, Callable[[World], AbstractContextManager[None]]] = {
+PLANTED: dict[str, Callable[[World], AbstractContextManager[Any]]] = {
     "sync": _without_sync,
     "retry": _without_retry,
     "stale": _with_stale_reports,

@@ -2,12 +2,14 @@
 
 import asyncio
 import contextlib
+import contextvars
 import functools
 from collections import Counter
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 from weakref import WeakKeyDictionary
 
 from capture_app.common.address import Address
@@ -257,7 +259,7 @@ class VirtualRig:
         if error is not None and not isinstance(error, SimulshotError):
             self.world.fail(f"{one.name} ended with {type(error).__name__}: {error}")
         if not self._down[one.name]:
-            self._do(self._again(one))
+            self._do(self._again(one), contextvars.Context())
 
     async def _again(self, one: Process) -> None:
         self._befell(one.name, "kill", RESTART_S)
@@ -268,8 +270,9 @@ class VirtualRig:
         if not self._down[one.name]:
             self._start(one.name)
 
-    def _do(self, work: Coroutine[Any, Any, None]) -> None:
-        task = self.world.loop.create_task(work, context=self.world.outside())
+    def _do(self, work: Coroutine[Any, Any, None], context: contextvars.Context | None = None) -> None:
+        """Run a coroutine as a task, by default as the running process."""
+        task = self.world.loop.create_task(work, context=context)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -473,12 +476,7 @@ class VirtualRig:
         elif step.kind == "recording":
             options = {"video": True}
         plan = TakePlan(wait_ready_s=5, **options)
-        self.world.within(
-            self.world.processes["desk"],
-            lambda: self.world.processes["desk"].tasks.add(
-                self.world.loop.create_task(self._take(step, plan))
-            ),
-        )
+        self.world.within(self.world.processes["desk"], lambda: self._do(self._take(step, plan)))
 
     async def _take(self, step: Step, plan: TakePlan) -> None:
         take = Take(step, self.world.now_ns)
@@ -508,7 +506,7 @@ class VirtualRig:
             with contextlib.suppress(SimulshotError):
                 await work
 
-        self.world.processes["desk"].tasks.add(self.world.loop.create_task(done()))
+        self._do(done())
 
     async def _cancel(self, taking: Taking) -> None:
         for of in self.evidence.bursts:
@@ -552,12 +550,7 @@ class VirtualRig:
     @contextlib.contextmanager
     def observed(self) -> Iterator[None]:
         """Note orders and confirmations within the block, and let liars lie."""
-        rig, undo = self, contextlib.ExitStack()
-
-        def replaced(module: Any, name: str, value: Any) -> None:
-            undo.callback(setattr, module, name, getattr(module, name))
-            setattr(module, name, value)
-
+        rig = self
         order = ActiveBursts.order
 
         async def ordering(bursts: ActiveBursts, *arguments: Any, **options: Any) -> BurstSession:
@@ -611,13 +604,15 @@ class VirtualRig:
                 message = message.with_plan(instants=left, missing=())
             await send(channel, message, *payloads, **options)
 
-        replaced(ActiveBursts, "order", ordering)
-        replaced(burst_upload.BurstUpload, "confirm", confirming)
-        replaced(Channel, "send", sending)
-        replaced(joining, "power_saving_towards", lambda _: None)
         # Exchanges are most of the work of a rig at rest: these nodes ask as seldom as among thousands.
-        replaced(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE))
-        with undo:
+        seldom = patch.object(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE))
+        with (
+            patch.object(ActiveBursts, "order", ordering),
+            patch.object(burst_upload.BurstUpload, "confirm", confirming),
+            patch.object(Channel, "send", sending),
+            patch.object(joining, "power_saving_towards", lambda _: None),
+            seldom,
+        ):
             yield
 
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import Any
 
 from tests.virtual.invariants import broken
 from tests.virtual.plan import Plan, draw
@@ -39,7 +40,7 @@ class Result:
         return line + "".join(f"\n    BROKEN {failure}" for failure in self.failures)
 
 
-def run(plan: Plan, planted: Callable[[World], AbstractContextManager[None]] | None = None) -> Result:
+def run(plan: Plan, planted: Callable[[World], AbstractContextManager[Any]] | None = None) -> Result:
     """Run a plan in a world of its own; `planted` puts a fault into the product."""
     began_s = _cpu_s()
     world = World(plan.seed)

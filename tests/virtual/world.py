@@ -19,6 +19,7 @@ from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
+from unittest.mock import patch
 
 START_NS = 1_000_000_000_000
 WALL_NS = 1_790_000_000_000_000_000
@@ -115,7 +116,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
             finally:
                 self.world.in_thread = False
 
-        delay_s = 0.0 if owner is None else self.world.thread_delay_s(owner)
+        delay_s = 0.0 if owner is None else self.world.disks.delay_s(owner.machine)
         if isinstance(executor, ThreadPoolExecutor) and getattr(executor, "_max_workers", 2) == 1:
             self._queues.setdefault(executor, _Worker(self)).add(delay_s, work)
         elif delay_s:
@@ -262,14 +263,6 @@ class World:
         self._steps = 0
         self.now_ns += max(1, round(timeout * 1e9))
 
-    def thread_delay_s(self, owner: Process) -> float:
-        """Return how long work in a thread of this process takes."""
-        return self.disks.delay_s(owner.machine)
-
-    def outside(self) -> contextvars.Context:
-        """Return a context outside of all processes."""
-        return contextvars.Context()
-
     def within(self, one: Process, work: Callable[[], Any]) -> None:
         """Call something as a process, unless it has ended."""
         if one.is_alive:
@@ -372,9 +365,7 @@ class World:
         with contextlib.ExitStack() as undo:
 
             def replaced(module: Any, **values: Any) -> None:
-                for name, value in values.items():
-                    undo.callback(setattr, module, name, getattr(module, name))
-                    setattr(module, name, value)
+                undo.enter_context(patch.multiple(module, **values))
 
             replaced(
                 time,

@@ -10,7 +10,13 @@ from msgspec import Struct, structs
 from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.camera_time import ImageTimes
-from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit, scatter_ms
+from reconstruction.time_offsets.crossings import (
+    MIN_INSTANTS,
+    InstantOffset,
+    OffsetFit,
+    fit_slope,
+    scatter_ms,
+)
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
@@ -172,11 +178,13 @@ def judge_timing(
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
+    end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     doubts = {
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
         "their epipolar lines; check it with a board": fit.misfit_px is not None,
+        f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
         f"some instants disagree with the others: {', '.join(map(str, fit.disagreeing))}": bool(
@@ -205,6 +213,17 @@ def judge_timing(
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )
+
+
+def _largest_by_slope_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
+    """Return the largest offset of the measured instants if they certainly drift, else 0."""
+    if len(instants) < MIN_INSTANTS:
+        return 0.0
+    slope_ms, sd_ms, middle = fit_slope(instants)
+    if abs(slope_ms) < SIGMAS * sd_ms:
+        return 0.0
+    ends = (late_ms + slope_ms * (instants[k].instant - middle) for k in (0, -1))
+    return max(ends, key=abs)
 
 
 def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:

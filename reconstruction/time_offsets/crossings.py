@@ -303,14 +303,23 @@ def _votes(seen: Crossings) -> Votes:
 
 def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:
     """Return a drift corrected by the slope of the instants' remaining offsets, with its error."""
-    at = np.array([one.instant - change.pivot for one in instants]) * period_ms
-    late_ms = np.array([one.late_ms for one in instants])
+    slope_ms, sd_ms, _ = fit_slope(instants)
+    return structs.replace(change, drift=change.drift + slope_ms / period_ms, drift_sd=sd_ms / period_ms)
+
+
+def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:
+    """Return the growth of the offsets from instant to instant, its standard deviation (ms), and the middle.
+
+    Weighted least squares; the offsets' scatter widens their errors.
+    """
     weights = np.array([one.sd_ms for one in instants]) ** -2.0
-    at, late_ms = (of - np.average(of, weights=weights) for of in (at, late_ms))
+    at, late_ms = (np.array([getattr(one, of) for one in instants], float) for of in ("instant", "late_ms"))
+    middle = float(np.average(at, weights=weights))
+    at, late_ms = at - middle, late_ms - np.average(late_ms, weights=weights)
     normal = float(weights @ at**2)
-    slope = float(weights @ (at * late_ms)) / normal
-    factor = max(1.0, float(weights @ (late_ms - slope * at) ** 2) / max(1, len(at) - 2))
-    return structs.replace(change, drift=change.drift + slope, drift_sd=float(np.sqrt(factor / normal)))
+    slope_ms = float(weights @ (at * late_ms)) / normal
+    factor = max(1.0, float(weights @ (late_ms - slope_ms * at) ** 2) / max(1, len(at) - 2))
+    return slope_ms, float(np.sqrt(factor / normal)), middle
 
 
 def _changing(

@@ -124,6 +124,13 @@ def test_offsets_that_drift_over_the_take_are_the_geometrys() -> None:
     assert "drifts between -24.0 and -1.4 ms, by clocks or a wrong calibration" in timing_sentences(found)
 
 
+def test_a_slow_drift_whose_ends_are_off_is_not_certified() -> None:
+    slow, slower = (judged(1.5, 0.9, *(1.5 + ms * (k - 10) for k in range(21))) for ms in (0.05, 0.2))
+    assert slow.synchronized
+    assert not slower.synchronized
+    assert slower.reason == "the offset changes over the take, to +3.5 ms"
+
+
 def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:
     found = judge_timing(PAIR, OffsetFit(reason="it does not fit", misfit_px=12.8), 0.0, FRAME_MS)
     assert with_curve_peak(found, [33.3] * 8, FRAME_MS) == found

@@ -195,7 +195,7 @@ class StartPanel(Vertical):
 
     @property
     def _for_newcomers(self) -> str:
-        """Choice that comes first where nothing was chosen yet: what works without a camera, if there is none."""
+        """Choice that comes first where nothing was chosen yet: without a camera, what needs none."""
         return "" if self._found or self._saved_count else "simulated"
 
     @property

@@ -18,7 +18,7 @@ from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
-from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
+from capture_app.companions.monitor import DEFAULT_PORT as MONITOR_PORT
 from capture_app.protocol.orders import AddSimulated, PhoneInvited, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
@@ -286,7 +286,7 @@ class RigView(ModeView):
         return page
 
     async def _serve_monitor(self, page: "ListeningPage") -> None:
-        from capture_app.monitor.monitor_page import serving_monitor  # heavy: a web server
+        from capture_app.companions.monitor.monitor_page import serving_monitor  # heavy: a web server
 
         async with serving_monitor(self._source.another(), page, is_local=self._local):
             await asyncio.Event().wait()

@@ -17,6 +17,7 @@ from textual.widgets.option_list import Option
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
+from capture_app.machine.cameras import list_cameras
 from capture_app.protocol.orders import (
     VIEWS,
     AddCamera,
@@ -25,7 +26,6 @@ from capture_app.protocol.orders import (
     Order,
     PhoneInvited,
 )
-from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import (
     INVITE,

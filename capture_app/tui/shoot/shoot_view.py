@@ -53,6 +53,8 @@ from capture_app.tui.widgets.lines import Lines
 MAX_ANSWERS = 9
 """Maximum bursts offered for cancellation, one per digit key."""
 MAX_TAKES = 100
+SOON_S = 5.0
+"""Time in which live depth usually starts."""
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
@@ -231,17 +233,29 @@ class ShootView(ModeView):
 
     @work(group="live-depth", exclusive=True)
     async def _show_depth(self, status: RigStatus) -> None:
-        # The process takes seconds to start.
-        self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem="depth is starting"))
+        begun_s = self._record.clock()
+
+        def say_starting() -> None:
+            """Say for how long: the process takes seconds to start, and more on a busy machine."""
+            for_s = self._record.clock() - begun_s
+            words = "depth is starting" + (
+                f", for {for_s:.0f} s: this machine is busy" if for_s > SOON_S else ""
+            )
+            self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem=words))
+
+        say_starting()
+        starting = self.set_interval(1.0, say_starting)
         try:
             with showing_errors(self):
                 async with aclosing(
                     live_depth(self._rig.another(), status, self.stage.grid.chosen)
                 ) as depths:
                     async for depth in depths:
+                        starting.stop()
                         self.stage.show_depth(depth)
             self._wants_depth = False  # it ended by an error
         finally:
+            starting.stop()
             self.stage.show_depth(None)
 
     def action_wiggle(self) -> None:

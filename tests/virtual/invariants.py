@@ -9,8 +9,8 @@ from pathlib import Path
 
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
+from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

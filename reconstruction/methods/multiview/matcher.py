@@ -13,7 +13,7 @@ from reconstruction.depth.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.depth.gpu import find_engine
+from reconstruction.depth.gpu import find_engine, is_requested
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
@@ -45,7 +45,7 @@ class ChosenMatcher:
 
 
 def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
-    """Return the requested matcher, see `Matcher.engine`.
+    """Return the requested matcher, see `Matcher.engine`. GPU goes on with the CPU where there is none.
 
     Raises:
         NotAvailableError: PatchMatch is requested, and this machine cannot run it.
@@ -53,8 +53,8 @@ def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu[0]}")
-    engine = find_engine()
-    why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
+    engine = find_engine() if asked is Matcher.GPU or is_requested() else CPU
+    why = FINDS_MORE if asked is Matcher.AUTO else "asked for"
     return ChosenMatcher(why=why, engine=engine, quick=quick)
 
 

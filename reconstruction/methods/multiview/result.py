@@ -5,6 +5,22 @@ from msgspec import Struct, field
 from reconstruction.scores.truth import DepthShares
 from reconstruction.session.provenance import Provenance
 
+WARNED_PX, REFUSED_PX = 0.5, 2.0
+"""Misfit of points at rest from which depth is inaccurate, and from which it is not called measured."""
+
+
+def describe_basis(error_px: float | None, points: int) -> str:
+    """Describe how well points at rest fit the calibration that depth rests on."""
+    if error_px is None:
+        return "the calibration could not be checked: the cameras share too few points at rest"
+    fits = f"points at rest fit within {error_px:.2f} px ({points:,} matches)"
+    if error_px < WARNED_PX:
+        return fits
+    remedy = "calibrate the rig again, or try --refine"
+    if error_px < REFUSED_PX:
+        return f"warning: {fits}, so this depth is inaccurate: {remedy}"
+    return f"warning: {fits}: this is not a measurement; {remedy}"
+
 
 class ViewResult(DepthShares, frozen=True, kw_only=True):
     """One camera's depth map, and its accuracy."""
@@ -51,6 +67,9 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
     median_error_pct: float | None = None
+    rest_error_px: float | None = None
+    """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
+    rest_points: int = 0
     movers_1cm: CloudScore | None = None
     """None if nothing moves, or the truth is not known in metres."""
     moving_measured: float | None = None
@@ -66,6 +85,11 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     files: tuple[str, ...]
     seconds_of: dict[str, float]
     """Wall-clock seconds of each stage."""
+
+    @property
+    def basis(self) -> str:
+        """What the depth rests on, in words: the fit of points at rest, and what that means."""
+        return describe_basis(self.rest_error_px, self.rest_points)
 
 
 class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):

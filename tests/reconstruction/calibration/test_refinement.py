@@ -81,9 +81,10 @@ def test_a_camera_with_few_points_is_not_refined() -> None:
 @pytest.mark.parametrize(
     ("px", "text"),
     [
-        (0.21, "points at rest fit within 0.21 px (1,200 matches)"),
-        (0.7, "this depth is inaccurate: calibrate the rig again, or try --refine"),
-        (2.4, "this is not a measurement"),
+        (0.21, "points at rest fit within 0.21 px (1,200 matches); at such a misfit, 81 to 84 %"),
+        (0.7, "warning: this depth is inaccurate: points at rest fit within 0.70 px"),
+        (0.7, "calibrate the rig again, or try --refine"),
+        (2.4, "warning: this depth is not a measurement"),
         (None, "could not be checked"),
     ],
 )

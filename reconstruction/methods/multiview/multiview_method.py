@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 RESULT = "multiview.json"
+FEW_PIXELS = 0.1
+"""Fraction of the pixels below which the result is doubtful."""
 
 
 class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
@@ -205,6 +207,11 @@ class Multiview(Method):
         maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
         yield f"{maps} in {result.seconds:.1f} s{moving}"
         yield result.basis
+        if result.coverage < FEW_PIXELS:
+            yield (
+                f"warning: only {100 * result.coverage:.0f} % of {result.reference}'s pixels have a depth: "
+                "the cameras hardly see the same, or this is another rig's calibration"
+            )
         if (right := result.within_2pct) is not None:
             yield f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth"
 

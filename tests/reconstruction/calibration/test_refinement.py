@@ -1,6 +1,7 @@
 """Poses that are pixels off are refined by points at rest, and depth says what it rests on."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.calibration.consistency import check_rig, triangulate
 from reconstruction.calibration.refinement import refine_views
 from reconstruction.common.geometry import View
+from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
 from reconstruction.methods.multiview.result import describe_basis
 from reconstruction.pairs import Features
 from tests.reconstruction.conftest import make_view
@@ -90,3 +92,20 @@ def test_a_camera_with_few_points_is_not_refined() -> None:
 )
 def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
     assert text in describe_basis(px, 1200)
+
+
+def test_depth_of_few_pixels_is_no_success() -> None:
+    result = SimpleNamespace(
+        views=VIEWS,
+        fused_points=900,
+        seconds=1.0,
+        moving_measured=None,
+        within_2pct=None,
+        basis="",
+        coverage=0.02,
+        reference="cam1",
+    )
+    lines = [*Multiview(MultiviewOptions())._instant_lines(result)]
+    assert lines[-1].startswith("warning: only 2 % of cam1's pixels have a depth")
+    result.coverage = 0.8
+    assert len([*Multiview(MultiviewOptions())._instant_lines(result)]) == len(lines) - 1

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 from capture_app.common.text import count
@@ -21,7 +22,7 @@ VAGUE_FRACTION = 0.6
 """Width of a fraction's 95 % interval from which it is no headline."""
 CLEAR_FRACTION = 0.15
 """Lost fraction of the moving pixels from which the loss is reported as clear."""
-REPAIR = "reconstruct time --repair-drops pairs the pictures of an imported session again"
+REPAIR = "To pair the pictures of an imported session again: reconstruct time --repair-drops"
 MAX_NAMED = 4
 """Maximum number of cameras named in a sentence."""
 
@@ -46,9 +47,11 @@ def timing_sentences(timing: Timing) -> str:
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
     if timing.change:
-        remedy = REPAIR if timing.change.steps else "Import it with its own times: --times or --timestamps"
-        when = "at first" if timing.change.steps else "on average"
-        return f"{found} {timing.reason}, and {offset_text(timing)} {when} ({by}; 95 %). {remedy}."
+        if timing.change.steps:
+            found = f"These cameras were not synchronized throughout: {timing.reason}; before that"
+            return f"{found} it is {offset_text(timing)} ({by}; 95 %). {REPAIR}."
+        found = f"{found} {timing.reason}, and {timing.other} is {offset_text(timing)} on average"
+        return f"{found} ({by}; 95 %). Import it with its own times: --times or --timestamps."
     paired = f"{timing.option} pairs the pictures that belong together" if timing.option else ""
     if timing.jitter_ms is not None:
         shift = f" {paired} on average." if paired else ""
@@ -339,8 +342,11 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 
 
 def _largest_offset_ms(timing: Timing) -> float:
-    """Return the size of the offset, the largest of its instants if it changes."""
-    late_ms = [one.late_ms for one in timing.instants] if timing.change else []
+    """Return the size of the offset; if it changes, the largest, of its instants or between two steps."""
+    late_ms = [one.late_ms for one in timing.instants] if timing.change.drift else []
+    for step in timing.change.steps:
+        later = [one.late_ms for one in timing.instants if one.instant >= step.instant]
+        late_ms += [median(later)] if later else []
     return max(map(abs, [*late_ms, timing.late_ms or 0.0]))
 
 

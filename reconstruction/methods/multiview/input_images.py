@@ -20,6 +20,8 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, dilate
 
 CACHED_IMAGES = 32
+EDGE_PX = 2
+"""Distance from pixels outside the original image within which nothing is matched."""
 CHECKED = 960, 800
 """Longer side (px) and number of points of an image by which a calibration is checked."""
 MIN_CONTRAST = 2.0
@@ -40,6 +42,16 @@ class InputImage:
     calibrated: CalibratedImage
     view: View
     """The view with the image's original distortion."""
+
+    @property
+    def outside(self) -> Array:
+        """The undistorted pixels (bool) that the original image does not contain, and those at its edge."""
+        if not self.view.distortion.any():
+            return np.zeros(self.colours.shape[:2], bool)
+        there = undistort_nearest(self.view, np.ones(self.colours.shape[:2], np.uint8))
+        # The edge of what is filled with black is no edge of an object.
+        inside = cv2.erode(there, np.ones((2 * EDGE_PX + 1,) * 2, np.uint8), borderValue=1)
+        return np.asarray(inside == 0)
 
 
 def undistort_nearest(view: View, image: Array) -> Array:

@@ -1,8 +1,10 @@
 """Choice of the depth matcher for all cameras: the plane sweep, or COLMAP's PatchMatch on a GPU."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
@@ -73,7 +75,7 @@ def match_cameras(
     """
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        return match_all_views(
+        found = match_all_views(
             calibrated,
             sources,
             depth_ranges,
@@ -82,11 +84,23 @@ def match_cameras(
             quick=matcher.quick,
             still=still,
         )
+        return {camera: _inside(images[camera], view) for camera, view in found.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)
+
+
+def _inside(image: InputImage, found: ViewDepth) -> ViewDepth:
+    """Return a map without what was matched outside the original image, in black."""
+    if not (outside := image.outside).any():
+        return found
+    return replace(
+        found,
+        depth=np.where(outside, 0, found.depth),
+        normals=np.where(outside[..., None], 0, found.normals),
+    )
 
 
 def image_views(images: Mapping[str, InputImage]) -> dict[str, View]:

@@ -15,6 +15,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.calibration.consistency import check_rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
@@ -190,6 +191,11 @@ class Comparison:
             rig.calibrate()
         except (BadInputError, NotAvailableError) as error:
             self._no_views, rig.problem = error, str(error)
+        else:
+            with suppress(BadInputError):
+                check = check_rig(rig.views, rig.middle_features)
+                px = None if check.error_px is None else round(check.error_px, 3)
+                self.known = structs.replace(self.known, rest_error_px=px, rest_points=check.points)
         progress.step("choosing cameras")
 
     def measure_studies(self) -> Generator[tuple[str, ...], None, None]:

@@ -6,6 +6,7 @@ from statistics import median
 from typing import Any
 
 from capture_app.common.text import count
+from reconstruction.calibration.consistency import INACCURATE_PX, describe_misfit
 from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
 from reconstruction.report.study_report import Claim, reported, study_reports
@@ -192,6 +193,7 @@ def verdict(result: CompareResult) -> str:
         _what_was_found(result),
         rig_sentence(rig, timing) if rig is not None else "",
         _guess_sentence(result),
+        _misfit_sentence(result),
         _skipped_sentence(result),
     )
     return " ".join(filter(None, texts))
@@ -201,6 +203,15 @@ def _guess_sentence(result: CompareResult) -> str:
     """Return a sentence on a calibration that was estimated from images alone; empty for any other."""
     _, guess, errors = result.calibration.partition(GUESS)
     return f"The calibration is {guess}{errors}." if guess else ""
+
+
+def _misfit_sentence(result: CompareResult) -> str:
+    """Return a sentence on a calibration that points at rest do not fit; empty if they do."""
+    px = result.rest_error_px
+    if px is None or px < INACCURATE_PX:
+        return ""
+    text = describe_misfit(px, result.rest_points, "calibrate the rig again")
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _skipped_sentence(result: CompareResult) -> str:

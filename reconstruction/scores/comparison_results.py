@@ -102,6 +102,9 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     """One or two plain sentences for a reader who does not know what synchronization is."""
     calibration: str = "none"
     """Source of the calibration."""
+    rest_error_px: float | None = None
+    """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
+    rest_points: int = 0
     moving_share: float = 0.0
     """Fraction of the pixels that moves, 0..1."""
     studies: tuple[StudyResult[Any], ...] = ()

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.calibration.consistency import check_rig, triangulate
+from reconstruction.calibration.consistency import check_rig, describe_misfit, triangulate
 from reconstruction.calibration.refinement import refine_views
 from reconstruction.common.geometry import View
 from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
-from reconstruction.methods.multiview.result import describe_basis
 from reconstruction.pairs import Features
 from tests.reconstruction.conftest import make_view
 
@@ -91,7 +90,7 @@ def test_a_camera_with_few_points_is_not_refined() -> None:
     ],
 )
 def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
-    assert text in describe_basis(px, 1200)
+    assert text in describe_misfit(px, 1200)
 
 
 def test_depth_of_few_pixels_is_no_success() -> None:

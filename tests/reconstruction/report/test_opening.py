@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
-from reconstruction.report.findings import claims, describe_exactness
+from reconstruction.report.findings import claims, describe_exactness, verdict
 from reconstruction.scores.study_result import Interval
 from reconstruction.scores.timing import RigTiming
 from reconstruction.time_offsets.crossings import InstantOffset
@@ -138,3 +138,9 @@ def test_a_fraction_that_may_be_anything_is_no_headline() -> None:
     wide = changed(STEREO, {"mover_within_2pct": Interval(value=0.96, low=0.03, high=1.0)})
     assert claims(msgspec.structs.replace(RESULT, studies=(STEREO,)))[0]
     assert not claims(msgspec.structs.replace(RESULT, studies=(wide,)))[0]
+
+
+def test_a_calibration_that_points_at_rest_do_not_fit_is_in_the_verdict() -> None:
+    for px, said in ((None, False), (0.3, False), (0.8, True)):
+        text = verdict(msgspec.structs.replace(RESULT, rest_error_px=px, rest_points=900))
+        assert ("Warning: this depth is inaccurate: points at rest fit within 0.80 px" in text) == said

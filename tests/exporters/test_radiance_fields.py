@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.exporters.n3dv import focus_depths
+from capture_app.session.exporting.pinhole import focus_depths
 from capture_app.session.reading.reader import Session
 from tests.exporters.conftest import (
     GRID,

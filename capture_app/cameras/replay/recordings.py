@@ -23,6 +23,8 @@ KIND = "replay"
 TYPICAL_FPS = 30.0
 SPARSE = 1.5
 """Instants further apart than this many periods are a selection from the camera's stream."""
+SAME_PERIOD = 0.01
+"""Share by which a camera's period may differ from its rig's: quartz and rounding, not another rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +39,13 @@ class RecordedTiming:
 class Playback:
     """Schedules frames at the intervals they were recorded with, in a loop."""
 
-    def __init__(self, timing: RecordedTiming, *, anchored: bool = False) -> None:
-        """Create the schedule; if `anchored`, the recording begins at every multiple of its loop from time 0.
+    def __init__(self, timing: RecordedTiming, *, restarts: bool = False) -> None:
+        """Create the schedule: the recording begins at every multiple of its loop from time 0.
 
-        That keeps several cameras of one recording together. Otherwise a stream begins when it is started.
+        That keeps several cameras of one recording together. If it `restarts`, a stream begins at the time
+        that is asked for, with the frame nearest to it.
         """
-        self._timing, self._anchored = timing, anchored
+        self._timing, self._restarts = timing, restarts
         times_ns = (*timing.at_ns, timing.at_ns[0] + timing.loop_ns)
         steps = (max(1, round((after - before) / timing.period_ns)) for before, after in pairwise(times_ns))
         # The camera's number of each frame, from 0, and of the first one in the next loop; gaps are drops.
@@ -52,14 +55,14 @@ class Playback:
         self._stream = -1
 
     def start(self, at_ns: int) -> None:
-        """Begin a stream at `at_ns` with the next frame or, if anchored, with the frame due at that time."""
+        """Begin a stream with the frame due at `at_ns`, or with the nearest one, at that time."""
         self._stream += 1
         self._base_ns, timing = 0, self._timing
-        if self._anchored:
-            self._next = (at_ns - timing.at_ns[0]) // timing.loop_ns * len(timing.at_ns)
-            while self._due()[2] < at_ns:
-                self._next += 1
-        else:
+        due_ns = at_ns - timing.period_ns // 2 if self._restarts else at_ns
+        self._next = (due_ns - timing.at_ns[0]) // timing.loop_ns * len(timing.at_ns)
+        while self._due()[2] < due_ns:
+            self._next += 1
+        if self._restarts:
             self._base_ns = at_ns - self._due()[2]
         _, self._first_slot, _ = self._due()
 
@@ -111,18 +114,21 @@ class SessionRecording(Recording):
     def __init__(self, session: Session, camera: CameraRecord) -> None:
         """Read a camera's frames. Raises BadInputError for a camera without images, or a broken session."""
         self._session = session
-        facts, instants_ns = camera.facts, session.stored_manifest.burst.instants_ns
+        facts, burst = camera.facts, session.stored_manifest.burst
+        # The rig's period, as each camera's own differs a little, and all loops have to be equally long.
+        same = abs(facts.period_ns - burst.period_ns) < SAME_PERIOD * burst.period_ns
+        period_ns, instants_ns = burst.period_ns if same else facts.period_ns, burst.instants_ns
         lasts_ns = instants_ns[-1] - instants_ns[0]
-        sparse = lasts_ns > SPARSE * facts.period_ns * (len(instants_ns) - 1)
+        sparse = lasts_ns > SPARSE * period_ns * (len(instants_ns) - 1)
         if sparse:
             # Use one instant per period: a camera without a frame in most of its periods would be useless.
-            lasts_ns = (len(instants_ns) - 1) * facts.period_ns
+            lasts_ns = (len(instants_ns) - 1) * period_ns
         placed = [
-            (self._at_ns(image, instants_ns, facts.period_ns if sparse else None), image)
+            (self._at_ns(image, instants_ns, period_ns if sparse else None), image)
             for image in _images_of(session, camera.name, with_others=not sparse)
         ]
         # Drop frames far outside the instants: their number varies by camera, the loop length must not.
-        in_loop = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
+        in_loop = [one for one in placed if -period_ns <= 2 * one[0] < 2 * lasts_ns + period_ns]
         in_loop.sort(key=lambda one: one[0])
         if not in_loop:
             raise BadInputError(
@@ -130,9 +136,7 @@ class SessionRecording(Recording):
                 hint=f"see its images: capture-app sessions show {session.folder}",
             )
         self._images = [image for _, image in in_loop]
-        self.timing = RecordedTiming(
-            facts.period_ns, lasts_ns + facts.period_ns, tuple(at_ns for at_ns, _ in in_loop)
-        )
+        self.timing = RecordedTiming(period_ns, lasts_ns + period_ns, tuple(at_ns for at_ns, _ in in_loop))
         movable = facts.phase_control in (PhaseControl.RESET, PhaseControl.FRAME_DURATION)
         tells_start = all(image.exposure_start_ns is not None for image in self._images)
         self.facts = replace(

@@ -93,7 +93,7 @@ class ReplayCamera(Camera):
 
         self._recording, self._facts = recording, recording.facts
         self._playback = Playback(
-            recording.timing, anchored=recording.facts.phase_control is PhaseControl.NONE
+            recording.timing, restarts=recording.facts.phase_control is PhaseControl.RESET
         )
         self._playing: asyncio.Task[None] | None = None
 

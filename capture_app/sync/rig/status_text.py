@@ -64,7 +64,7 @@ def of_state(
                 return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {longer}"
             return degraded(error_ns, target_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:
-            return off_grid(phase, aligner.window.asked_ns)
+            return aligner.other_rate or off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
             return aligner.window.fleetingness
     return ""

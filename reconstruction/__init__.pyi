@@ -10,6 +10,8 @@ from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import MultiviewOptions as MultiviewOptions
 from reconstruction.methods.panorama.panorama_method import PanoramaOptions as PanoramaOptions
 from reconstruction.methods.panorama.panorama_run import PanoramaResult
+from reconstruction.methods.splat.splat_method import SplatOptions as SplatOptions
+from reconstruction.methods.splat.splat_run import MadeSplat
 from reconstruction.methods.stereo.stereo_method import StereoOptions as StereoOptions
 from reconstruction.methods.stereo.stereo_run import MadeStereo
 from reconstruction.methods.view.view_method import ViewOptions as ViewOptions
@@ -46,6 +48,18 @@ class _OurMethods(ReconstructedSession):
         instant: int = 0,
         offset_ms: float | None = None,
     ) -> Made[PanoramaResult]: ...
+    def splat(
+        self,
+        options: SplatOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instant: int = 0,
+        instants: tuple[int, ...] | None = None,
+        iterations: int = 50,
+        width: int = 960,
+        quick: bool = False,
+    ) -> MadeSplat: ...
     def view(
         self,
         options: ViewOptions | None = None,

@@ -14,7 +14,8 @@ from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
 VIEWS = Path(__file__).with_name("views.c")
-SOURCES = (SOURCE, VIEWS)
+GAUSSIANS = Path(__file__).with_name("gaussians.c")
+SOURCES = (SOURCE, VIEWS, GAUSSIANS)
 # Without fused multiply-add all machines give the same depth; the other flags change no result.
 FLAGS = (
     "-std=gnu11",

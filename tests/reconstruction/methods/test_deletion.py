@@ -18,7 +18,7 @@ from reconstruction.common.options import METHODS
 ROOT = Path(__file__).resolve().parents[3]
 ENTRIES = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
 NAMES = sorted(ENTRIES[METHODS])
-WITHOUT_STUDY = {"view"}
+WITHOUT_STUDY = {"splat", "view"}
 STUDIES = [name for name in NAMES if name not in WITHOUT_STUDY]
 GONE = [*((name,) for name in NAMES), NAMES]
 """Each method, and all."""

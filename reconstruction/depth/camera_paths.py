@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from itertools import combinations, pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -39,24 +40,103 @@ def find_subject(moment: Moment) -> Array:
     return np.asarray(np.median(np.concatenate(points), axis=0))
 
 
+class Frame(NamedTuple):
+    """The part of a sphere around the subject on which a rig's cameras stand.
+
+    Places are angles to the right and down, radians, from `ahead`, the direction in which the rig looks.
+    """
+
+    subject: Array
+    right: Array
+    down: Array
+    ahead: Array
+    distance: float
+    middle: tuple[float, float]
+    half: tuple[float, float]
+    """Half of the extent in both angles, within which there is something to show."""
+    spot: tuple[float, float]
+    """Place of the subject in the picture, as fractions of its width and height."""
+    scale: float
+    """Focal length in picture widths, for a subject at distance 1."""
+
+    def place(self, across: float, down: float) -> Array:
+        """Return a place (3,), from -1 to 1 across and down the frame."""
+        a, b = self.middle[0] + across * self.half[0], self.middle[1] + down * self.half[1]
+        outwards = (
+            np.sin(a) * np.cos(b) * self.right + np.sin(b) * self.down - np.cos(a) * np.cos(b) * self.ahead
+        )
+        return np.asarray(self.subject + self.distance * outwards)
+
+    def view(self, place: Array, width: int, height: int) -> View:
+        """Return the upright view from a place in which the subject keeps its spot and size."""
+        ahead = self.subject - place
+        focal = self.scale * width * float(np.linalg.norm(ahead))
+        ahead = ahead / np.linalg.norm(ahead)
+        right = np.cross(self.down, ahead)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        x, y = np.array(self.spot) * (width, height) - 0.5
+        matrix = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
+        return View(width, height, matrix, np.zeros(5), rotation, -rotation @ place)
+
+
+def frame_of(views: Mapping[str, View], subject: Array) -> Frame:
+    """Return the frame of a rig's cameras around a subject."""
+    centres = np.array([view.centre for view in views.values()])
+    down = np.mean([view.rotation[1] for view in views.values()], axis=0)
+    ahead = np.mean([view.axis for view in views.values()], axis=0)
+    if np.linalg.norm(ahead) < 0.2:  # all around
+        ahead = next(iter(views.values())).axis
+    right = np.cross(down, ahead)
+    right /= np.linalg.norm(right)
+    down /= np.linalg.norm(down)
+    ahead = np.cross(right, down)
+    rays = centres - subject
+    ranges = np.linalg.norm(rays, axis=1)
+    across = np.arctan2(rays @ right, -(rays @ ahead))
+    below = np.arcsin(np.clip(rays @ down / ranges, -1, 1))
+    half = [MARGIN * float(np.ptp(one)) / 2 for one in (across, below)]
+    scales, spots = [], []
+    for view, distance in zip(views.values(), ranges, strict=True):
+        at = view.rotation @ subject + view.translation
+        scales.append(view.focal / view.width / distance)
+        spots.append((view.project(at.reshape(1, 3))[0] + 0.5) / (view.width, view.height))
+    x, y = np.clip(np.mean(spots, axis=0), 0.3, 0.7).tolist()
+    return Frame(
+        subject,
+        right,
+        down,
+        ahead,
+        float(np.median(ranges)),
+        (float(across.min() + across.max()) / 2, float(below.min() + below.max()) / 2),
+        (half[0], max(half[1], 0.2 * half[0])),
+        (x, y),
+        ZOOM * float(np.median(scales)),
+    )
+
+
 def swing(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     """Return views from one end of the rig to the other and back, as an endless film."""
     along = (1 - np.cos(2 * np.pi * np.arange(frames) / frames)) / 2
+    frame = frame_of(views, subject)
     if _stand_around(views, subject):
-        return _through_cameras(views, subject, along)
-    middle, axes, (half, _) = _extent(views)
-    return _looking_at(views, subject, middle + np.outer(2 * along - 1, half * axes[0]))
+        return _looking_from(views, frame, _through_cameras(views, along))
+    return _looking_from(views, frame, [frame.place(2 * t - 1, 0) for t in along])
 
 
 def orbit(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
-    """Return views on an ellipse within the rig, or once around where cameras stand around the subject."""
+    """Return views on an ellipse within the rig, or once along all cameras that stand around the subject."""
     turn = np.arange(frames) / frames
+    frame = frame_of(views, subject)
     if _stand_around(views, subject):
-        return _through_cameras(views, subject, turn)
-    middle, axes, (half, other) = _extent(views)
-    angle = 2 * np.pi * turn[:, None]
-    across, down = 0.8 * half * axes[0], 0.8 * max(other, 0.2 * half) * axes[1]
-    return _looking_at(views, subject, middle + np.cos(angle) * across + np.sin(angle) * down)
+        return _looking_from(views, frame, _through_cameras(views, turn))
+    angles = 2 * np.pi * turn
+    return _looking_from(views, frame, [frame.place(0.8 * np.cos(t), 0.8 * np.sin(t)) for t in angles])
+
+
+def _looking_from(views: Mapping[str, View], frame: Frame, places: Sequence[Array]) -> list[View]:
+    first = next(iter(views.values()))
+    return [frame.view(place, first.width, first.height) for place in places]
 
 
 def read_path(path: Path) -> list[View]:
@@ -98,21 +178,8 @@ def _stand_around(views: Mapping[str, View], subject: Array) -> bool:
     return bool((rays @ rays.T).min() < np.cos(np.radians(RING_DEG)))
 
 
-def _extent(views: Mapping[str, View]) -> tuple[Array, Array, tuple[float, float]]:
-    """Return the middle of the cameras' places, their two main directions, and half their extent in both."""
-    centres = np.array([view.centre for view in views.values()])
-    axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=True)[2][:2]
-    right = np.mean([view.rotation[0] for view in views.values()], axis=0)
-    axes[0] *= 1 if axes[0] @ right >= 0 else -1
-    places = centres @ axes.T
-    low, high = places.min(axis=0), places.max(axis=0)
-    middle = centres.mean(axis=0) + ((low + high) / 2 - places.mean(axis=0)) @ axes
-    half = MARGIN * (high - low) / 2
-    return middle, axes, (float(half[0]), float(half[1]))
-
-
-def _through_cameras(views: Mapping[str, View], subject: Array, along: Array) -> list[View]:
-    """Return views on a smooth path through the cameras in order; `along` runs from 0 to 1."""
+def _through_cameras(views: Mapping[str, View], along: Array) -> list[Array]:
+    """Return places on a smooth path through the cameras in order; `along` runs from 0 to 1."""
     centres = np.array([views[name].centre for name in order_by_place(views)])
     at = along * (len(centres) - 1)
     left = np.clip(at.astype(int), 0, len(centres) - 2)
@@ -124,32 +191,7 @@ def _through_cameras(views: Mapping[str, View], subject: Array, along: Array) ->
         2 * p[1] + (p[2] - p[0]) * t + (2 * p[0] - 5 * p[1] + 4 * p[2] - p[3]) * t**2
         + (3 * p[1] - p[0] - 3 * p[2] + p[3]) * t**3
     )  # fmt: skip
-    return _looking_at(views, subject, places)
-
-
-def _looking_at(views: Mapping[str, View], subject: Array, places: Array) -> list[View]:
-    """Return upright views from these places (n, 3), in which the subject keeps its place and size."""
-    first = next(iter(views.values()))
-    width, height = first.width, first.height
-    down = np.mean([view.rotation[1] for view in views.values()], axis=0)
-    scales, seen = [], []
-    for view in views.values():
-        at = view.rotation @ subject + view.translation
-        scales.append(view.focal / view.width / float(np.linalg.norm(at)))
-        seen.append((view.project(at.reshape(1, 3))[0] + 0.5) / (view.width, view.height))
-    scale = ZOOM * float(np.median(scales)) * width
-    x, y = np.clip(np.mean(seen, axis=0), 0.3, 0.7) * (width, height) - 0.5
-    path = []
-    for place in places:
-        ahead = subject - place
-        focal = scale * float(np.linalg.norm(ahead))
-        ahead = ahead / np.linalg.norm(ahead)
-        right = np.cross(down, ahead)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
-        matrix = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
-        path.append(View(width, height, matrix, np.zeros(5), rotation, -rotation @ place))
-    return path
+    return list(places)
 
 
 def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:

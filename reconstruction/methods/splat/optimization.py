@@ -17,8 +17,8 @@ from reconstruction.depth.seen_moment import Moment
 RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
 LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
-LAST_RATE = 0.2
-"""Factor of the steps at the end, from 1 at the beginning."""
+FEW, MAX_FACTOR = 25, 2.0
+"""Number of iterations below which steps are larger, and the largest factor."""
 MIN_OPACITY = 0.05
 """Opacity below which a Gaussian is removed at the end."""
 
@@ -38,7 +38,7 @@ def optimize(
         "logits": _logit(gaussians.opacities),
         "grown": np.zeros(number, np.float32),
     }
-    parts = worker_count()
+    parts, factor = worker_count(), min(max(FEW / max(iterations, 1), 1.0), MAX_FACTOR)
     slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
     moments = {name: (np.zeros_like(one), np.zeros_like(one)) for name, one in values.items()}
     seen = list(moment.values())
@@ -59,9 +59,8 @@ def optimize(
             rows = bands(view.height, parts)
             list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
             slopes["logits"] *= opacities * (1 - opacities)
-            rate = 1 - (1 - LAST_RATE) * iteration / iterations
             for name, one in values.items():
-                _adam(name, one, slopes[name], moments[name], iteration + 1, rate)
+                _adam(name, one, slopes[name], moments[name], iteration + 1, factor)
             step(iteration + 1)
     opacities = _sigmoid(values["logits"])
     grown = np.exp(values["grown"])[:, None]

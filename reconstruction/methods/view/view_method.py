@@ -54,6 +54,10 @@ class ViewOptions(MethodOptions, frozen=True, kw_only=True):
         bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
     ] = False
 
+    page: Annotated[
+        bool, command_flag("--page", help="Also write walk.html, a page to walk round in; --out is a folder.")
+    ] = False
+
     def __post_init__(self) -> None:
         """Refuse both `instant` and `instants`, with ValueError."""
         if self.instants is not None and self.instant:
@@ -74,6 +78,7 @@ class ViewMethod(Method):
         "view sessions/burst-001 --out swing.mp4",
         "view sessions/burst-001 --instants all --path orbit --out orbit.mp4",
         "view sessions/burst-001 --path cameras.json --out views",
+        "view sessions/burst-001 --instants all --page --out walk",
     )
     result_file = "view.json"
 
@@ -90,6 +95,8 @@ class ViewMethod(Method):
             return super().make(sources, out, condition)
         from reconstruction.methods.view.view_run import write_film
 
+        if self.options.page:
+            raise BadInputError("--page needs a folder as --out", hint=f"--out {out.stem}")
         if out.is_dir():
             raise BadInputError(f"{out} is a folder", hint="name a film that does not exist yet")
         if out.suffix.lower() == ".mp4":
@@ -110,4 +117,6 @@ class ViewMethod(Method):
         instants = f", {count(len(result.instants), 'instant')}" if len(result.instants) > 1 else ""
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
+        if self.options.page:
+            yield f"page: {out / 'walk.html'}"
         yield from super().lines(result, out)

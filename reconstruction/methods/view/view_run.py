@@ -21,12 +21,13 @@ from reconstruction.depth.camera_paths import find_subject, orbit, read_path, sw
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewOptions
+from reconstruction.methods.view.walk_page import PAGE, write_walk_page
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.provenance import Provenance
 
 VIEWS, MAPS = "views", "maps"
-OURS = {VIEWS, MAPS}
+OURS = {VIEWS, MAPS, PAGE}
 _GIF_STEP_MS = 10
 """GIF's unit of time."""
 
@@ -103,6 +104,9 @@ def render_views(
         picture = render(view, moment)
         write_image(folder / VIEWS / f"{number:06d}.png", picture.colours)
         shares.append(float(picture.known.mean()))
+    if options.page:
+        moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
+        write_walk_page(folder, dataset.name, moments, dataset.period_ns)
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),

@@ -8,12 +8,13 @@ import contextlib
 import math
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 from aiohttp import WSMsgType
 from msgspec import Struct
 
+from capture_app.common.child import LOWEST_PRIORITY, ask_reconstruct
 from capture_app.common.errors import IncompleteError, SimulshotError
 from capture_app.common.names import natural_order
 from capture_app.common.tasks import Background, end
@@ -64,6 +65,7 @@ class MonitorFeed:
         self._session = ""
         """Path of the last session."""
         self._making: set[str] = set()
+        self._is_computing = False
         self._say_course("idle")
 
     async def run(self) -> None:
@@ -199,9 +201,29 @@ class MonitorFeed:
         try:
             self._show(key, await asyncio.to_thread(_PICTURES[kind], sheet))
         except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError) as error:
-            self._say("absent", picture=key, words=str(error))
+            is_uncomputed = isinstance(error, IncompleteError) and kind == "depth"
+            self._say("absent", picture=key, words=str(error), can_compute=is_uncomputed)
         finally:
             self._making.discard(key)
+
+    def compute_depth(self) -> None:
+        """Compute the depth of the last take's middle instant, unless it is being computed."""
+        if self._sheet is not None and not self._is_computing:
+            self._background.start(self._compute_depth(self._sheet))
+
+    async def _compute_depth(self, sheet: TakeSheet) -> None:
+        session, self._is_computing = sheet.session.folder, True
+        key = f"take/{sheet.session.manifest.name}/depth"
+        self._say("absent", picture=key, words="Computing the depth …", can_compute=False)
+        asked = ("multiview", str(session), "--out", str(results_folder(session) / DEPTH_RUNS[0]))
+        how = ("--instant", str(sheet.instants // 2), "--quick", "--page", "--calibrated")
+        try:
+            await ask_reconstruct((*asked, *how), dict[str, Any], niceness=LOWEST_PRIORITY)
+            await self._make_picture(key)
+        except SimulshotError as error:
+            self._say("absent", picture=key, words=str(error), can_compute=False)
+        finally:
+            self._is_computing = False
 
     def _say_course(self, state: str, **fields: object) -> None:
         self._course = state
@@ -238,15 +260,11 @@ def _wiggle(sheet: TakeSheet) -> bytes:
 
 
 def _depth(sheet: TakeSheet) -> bytes:
-    session = sheet.session.folder
-    results = results_folder(session)
+    results = results_folder(sheet.session.folder)
     for run in DEPTH_RUNS:
         if (found := results / run / "multiview.json").is_file():
             return depth_picture(found)
-    raise IncompleteError(
-        "No depth of this take has been computed",
-        hint=f"on the leader's machine: reconstruct multiview {session} --out {results / DEPTH_RUNS[-1]}",
-    )
+    raise IncompleteError("No depth of this take has been computed")
 
 
 _PICTURES = {"sheet": _contact_sheet, "wiggle": _wiggle, "depth": _depth}
@@ -260,9 +278,10 @@ class PageOrder(Struct, frozen=True):
     open    shows a picture of the last take, by its key; empty: none
     take    takes pictures by a plan
     stop    stops the take that has not begun, or the recording
+    depth   computes the depth of the last take
     """
 
-    type: Literal["seen", "look", "open", "take", "stop"]
+    type: Literal["seen", "look", "open", "take", "stop", "depth"]
     picture: str = ""
     camera: str = ""
     plan: TakePlan = TakePlan()
@@ -351,6 +370,8 @@ class _Monitor:
                 self._feed.take(order.plan)
             case "stop":
                 await self._feed.stop()
+            case "depth":
+                self._feed.compute_depth()
 
 
 @contextlib.asynccontextmanager

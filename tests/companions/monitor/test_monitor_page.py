@@ -1,15 +1,21 @@
 """The monitor's server without a browser: who is admitted, what is sent, and what orders do."""
 
+import asyncio
+import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import aiohttp
 import pytest
 
+from capture_app.common.tasks import end
+from capture_app.companions.monitor.monitor_page import MonitorFeed
 from capture_app.web.paired_page import MAX_LINKS_PER_DEVICE
 from tests.companions.monitor.served import ServedMonitor, StandInMonitor, monitored
-from tests.waiting import SLOW_PATIENCE_S, time_limit
+from tests.tui.fake_rig import FakeRig
+from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
+JUMPER = Path(__file__).resolve().parents[3] / "sample_sessions" / "jumper"
 JPEG_START = b"\xff\xd8"
 
 
@@ -126,5 +132,26 @@ async def test_a_take_is_seen_by_all_monitors_and_its_pictures_come_on_request(
             await other.say(type="open", picture=f"take/{name}/depth")
             while await other.hear() != "absent":
                 pass
-        assert "No depth" in other.said["absent"]["words"]
+            assert "No depth" in other.said["absent"]["words"]
+            assert other.said["absent"]["can_compute"]
+            await other.say(type="depth")
+            while other.said["absent"]["can_compute"] or "Computing" in other.said["absent"]["words"]:
+                await other.hear()
+            assert "no valid calibration" in other.said["absent"]["words"]
         assert not any(key.startswith("take/") for key in director.pictures)
+
+
+@pytest.mark.slow
+async def test_depth_is_computed_when_a_monitor_asks(tmp_path: Path) -> None:
+    shutil.copytree(JUMPER, tmp_path / "jumper")
+    rig = FakeRig(1)
+    rig.different = {"sessions": ("jumper",), "sessions_folder": str(tmp_path)}
+    feed = MonitorFeed(rig, is_local=True)
+    following = asyncio.create_task(feed.run())
+    rig.tell()
+    await until(lambda: "take" in feed.texts)
+    feed.compute_depth()
+    await until(lambda: "Computing" in feed.texts.get("absent", ""))
+    await until(lambda: "take/jumper/depth" in feed.pictures, seconds=SLOW_PATIENCE_S)
+    assert feed.pictures["take/jumper/depth"].startswith(b"\x89PNG")
+    await end(following)

@@ -64,9 +64,9 @@ const SHOW = {
     if (isNew) { kind = "sheet"; openPicture(); }
     showCourse();
   },
-  absent({picture, words}) {
-    reasons.set(picture, words);
-    if (take && picture === takeKey()) { seen("picture").hidden = true; seen("absent").textContent = words; }
+  absent(message) {
+    reasons.set(message.picture, message);
+    if (take && message.picture === takeKey()) { seen("picture").hidden = true; showAbsent(message); }
   },
 };
 
@@ -88,18 +88,18 @@ function addTile(name) {
   return tile;
 }
 
-// Columns with which all cameras are in view, as large as possible; else two, and the page scrolls.
+// Columns and width with which all cameras are in view, as large as possible; else two columns, and the page scrolls.
 function fitTiles() {
-  const main = seen("cameras"), room = main.getBoundingClientRect();
+  const main = seen("cameras"), style = getComputedStyle(main);
+  const wide = main.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight);
+  const high = main.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom);
   let best = 2, largest = 0;
   for (let columns = 1; columns <= tiles.size; columns++) {
-    const width = room.width / columns - GAP_PX, rows = Math.ceil(tiles.size / columns);
-    if (width >= MIN_TILE_PX && rows * (width * aspect + GAP_PX) <= room.height - GAP_PX && width > largest) {
-      best = columns;
-      largest = width;
-    }
+    const rows = Math.ceil(tiles.size / columns), gaps = GAP_PX * (columns - 1);
+    const width = Math.floor(Math.min((wide - gaps) / columns, (high - GAP_PX * (rows - 1)) / rows / aspect));
+    if (width >= MIN_TILE_PX && width > largest) [best, largest] = [columns, width];
   }
-  main.style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
+  main.style.gridTemplateColumns = largest ? `repeat(${best}, ${largest}px)` : `repeat(${best}, minmax(0, 1fr))`;
 }
 new ResizeObserver(fitTiles).observe(seen("cameras"));
 
@@ -226,8 +226,13 @@ function openPicture() {
     button.setAttribute("aria-checked", String(button.dataset.kind === kind));
   }
   if (!take) return;
-  if (shownTake !== takeKey()) { seen("picture").hidden = true; seen("absent").textContent = take.has_pictures ? reasons.get(takeKey()) || "One moment …" : ""; }
+  if (shownTake !== takeKey()) { seen("picture").hidden = true; showAbsent(take.has_pictures ? reasons.get(takeKey()) || {words: "One moment …"} : {words: ""}); }
   link.say("open", {picture: take.has_pictures ? takeKey() : ""});
+}
+
+function showAbsent({words, can_compute: canCompute}) {
+  seen("absent").textContent = words;
+  seen("compute").hidden = !canCompute;
 }
 
 function drawTake(key, bytes) {
@@ -239,7 +244,7 @@ function drawTake(key, bytes) {
   picture.className = kind;
   picture.alt = `${kind} of ${take.name}`;
   picture.hidden = false;
-  seen("absent").textContent = "";
+  showAbsent({words: ""});
   if (kind === "sheet") {
     seen("thumbnail").src = picture.src;
     seen("thumbnail").hidden = false;
@@ -249,11 +254,12 @@ function drawTake(key, bytes) {
 seen("kinds").onclick = event => { if (event.target.dataset.kind) { kind = event.target.dataset.kind; openPicture(); } };
 // The first tap opens the take on a wide screen, where a small picture is shown beside the cameras; the next enlarges it.
 seen("picture").onclick = event => {
-  if (document.body.classList.contains("taken")) event.target.classList.toggle("whole");
+  if (document.body.classList.contains("taken")) seen("frame").classList.toggle("whole");
   else document.body.classList.add("taken");
 };
 seen("last").onclick = () => document.body.classList.toggle("taken");
 seen("close").onclick = () => document.body.classList.remove("taken");
+seen("compute").onclick = () => link.say("depth");
 
 // The screen stays on while the page is in front.
 async function keepAwake() {

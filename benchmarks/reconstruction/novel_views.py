@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 
 from benchmarks.report import new_parser, print_report, print_rows, talk
-from capture_app.simulation.rendering import scene as rendering
-from capture_app.simulation.scenes.stages import DEFINITIONS
+from capture_app.plugins.cameras.sim.rendering import scene as rendering
+from capture_app.plugins.cameras.sim.scenes.stages import DEFINITIONS
 from reconstruction.common.geometry import Array, View
 from reconstruction.compare.moments import see_moments
 from reconstruction.depth.camera_paths import find_subject

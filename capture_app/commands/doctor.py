@@ -13,13 +13,14 @@ import msgspec
 from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
+from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.text import UNREADABLE, count, pretty_json
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_atomic
 
 if TYPE_CHECKING:
-    from capture_app.rig.doctor import Finding
+    from capture_app.machine.doctor import Finding
 
 
 @click.command(
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     "--panel",
     type=ANY_PATH,
     metavar="SESSION",
+    hidden="panel" not in plugin_names(COMMANDS),
     help="With --report: add the measurements of `panel read` of SESSION.",
 )
 @spool_option
@@ -73,7 +75,7 @@ def doctor(
     pairing, firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. With problems, the
     exit code is 1.
     """
-    from capture_app.rig.doctor import examine
+    from capture_app.machine.doctor import examine
     from capture_app.rig.process import list_rigs
 
     if report is None and (specs or panel is not None):

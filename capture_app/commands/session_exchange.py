@@ -17,6 +17,7 @@ from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
+from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
 from capture_app.session.exporting.exporter import (
     GROUP,
     Exporter,
@@ -90,9 +91,9 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--align",
-    type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
+    type=click.Choice(["auto", "none", *plugin_names(ALIGNMENTS)]),
     default="auto",
-    help="Method that aligns videos without common times. auto tries all in this order.",
+    help="Method that aligns videos without common times. auto tries all.",
 )
 @click.option(
     "--sound-distance-m",

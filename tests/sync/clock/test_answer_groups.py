@@ -7,8 +7,8 @@ import pytest
 from benchmarks.simulated.wireless import WIFI, WirelessLink
 from capture_app.sync.clock.answer_groups import HALF_NS, HALF_SAMPLES, AnswerGroups
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from tests.simulation.clock_changes import SPELL_CASES, run_case
-from tests.simulation.link_spells import LAWS, FillingQueue
+from tests.benchmarks.simulated.clock_changes import SPELL_CASES, run_case
+from tests.benchmarks.simulated.link_spells import LAWS, FillingQueue
 
 MS, S = 10**6, 10**9
 WINDOW_NS = 60 * S

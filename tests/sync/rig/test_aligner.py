@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from benchmarks.paper.phase_trials import known_profile, unknown_phone
 from benchmarks.simulated.aligner_bench import Bench, FrameObservation
 from capture_app.common.camera_facts import PhaseControl
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp

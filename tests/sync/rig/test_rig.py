@@ -14,7 +14,7 @@ from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode

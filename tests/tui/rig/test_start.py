@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import CameraError, UnknownMachineError
+from capture_app.plugins.cameras.v4l2 import v4l2_driver
 from capture_app.protocol.orders import AddCamera, AddSimulated
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.app import SimulshotApp

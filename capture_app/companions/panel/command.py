@@ -1,0 +1,344 @@
+"""`capture-app panel`: show the time to cameras, read it from their images, build a panel of LEDs."""
+
+import asyncio
+import socket
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.commands.shared_options import ANY_PATH, FOLDER, run_until_stopped
+from capture_app.common.errors import SimulshotError
+from capture_app.common.text import count, duration, pretty_json
+from capture_app.companions.panel.screen import DEFAULT_PORT
+from capture_app.console.terminal import (
+    FiniteRange,
+    answer,
+    json_option,
+    show_count,
+    table,
+    talk,
+)
+from capture_app.console.usage import examples
+
+if TYPE_CHECKING:
+    from capture_app.companions.panel.pair_errors import Held, PairTable, RigErrors
+    from capture_app.companions.panel.session_times import SessionTimes
+
+RESULT = "panel.json"
+RATE_LIMIT_PPM = 3_000.0
+"""Maximum rate difference of panel and session; beyond it the markers name another panel."""
+
+
+@click.command(epilog=examples("capture-app panel read sessions/burst-001"))
+@click.argument("session", type=ANY_PATH)
+@click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
+@json_option
+def read(session: Path, out: Path | None, as_json: bool) -> None:
+    """Measure the time differences between cameras from a panel in the pictures of SESSION.
+
+    The panel is detected by its markers, in imported sessions too. Total is the difference that the panel
+    shows, phase the difference by the session's timestamps, and clock the rest, the clock errors.
+    """
+    from capture_app.companions.panel.pair_errors import rig_errors
+    from capture_app.companions.panel.session_times import read_session
+    from capture_app.session.files.output_folder import OutputFolder, replaces_only
+    from capture_app.session.reading.reader import Session
+
+    times = read_session(Session.open(session), show_count("pictures"))
+    found = _as_json(times, rig_errors(times))
+    if out is not None:
+        with OutputFolder(out, replaces_only({RESULT})) as output:
+            (output.folder / RESULT).write_bytes(pretty_json(found))
+    answer(as_json, found, _lines(found["words"]))
+
+
+def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
+    import msgspec
+
+    return {
+        "panel": times.panel.name,
+        "tick_ns": times.panel.tick_ns,
+        "cycle_ns": times.panel.cycle_ns,
+        "exposures_known": times.exposures_known,
+        "pictures": [
+            {
+                "camera": picture.image.camera,
+                "instant": picture.image.instant,
+                "panel_ns": picture.panel_ns,
+                "uncertainty_ns": picture.uncertainty_ns,
+                "stamp_ns": picture.stamp_ns,
+                "stamp_uncertainty_ns": picture.image.uncertainty_ns,
+                "exposure_ns": picture.reading.shutter.exposure_ns,
+                "row_time_ns": picture.reading.shutter.row_time_ns,
+                "markers": picture.reading.markers,
+                "misfit": picture.reading.residual,
+            }
+            for picture in times.pictures
+        ],
+        "refusals": [
+            {"camera": image.camera, "instant": image.instant, "reason": reason}
+            for image, reason in times.refusals
+        ],
+        "errors": msgspec.to_builtins(errors),
+        "words": _words(times, errors),
+    }
+
+
+def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
+    """Return the verdict, tables and notes of a panel reading, as the terminal and the screen show them."""
+    panel = times.panel
+    apart = f"{panel.name}: time differences (phase: by timestamps; clock: the rest)"
+    ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
+    tables = [
+        (apart, ("error", "mean abs", "std", "largest", "mean", "instants"), _apart(errors)),
+        (
+            f"{panel.name} in the pictures",
+            ("read", "refused", "95 % error", "exposure", "row time"),
+            [_camera_row(times, name) for name in times.cameras],
+        ),
+    ]
+    return {
+        "verdict": _verdict(errors),
+        "tables": [
+            {"caption": caption, "groups": [""] * len(columns), "columns": columns, "rows": rows}
+            for caption, columns, rows in tables
+            if rows
+        ],
+        "remarks": [
+            f"panel {panel.name}: a tick lasts {ticks}, and the pattern repeats after {cycle}",
+            *(f"{image.camera}, instant {image.instant}, refused: {why}" for image, why in times.refusals),
+            *_judgement(times, errors),
+        ],
+    }
+
+
+def _lines(words: Mapping[str, Any]) -> Iterator[str]:
+    yield words["verdict"]
+    for one in words["tables"]:
+        yield f"\n{one['caption']}"
+        yield table(("cameras", *one["columns"]), one["rows"])
+    yield "\n" + "\n".join(words["remarks"])
+
+
+def _apart(errors: "RigErrors") -> "list[tuple[str, ...]]":
+    tables = [(" - ".join(pair.cameras), pair) for pair in errors.pairs]
+    every = [("all pairs", errors.all)] if len(errors.pairs) > 1 and errors.all is not None else []
+    return [row for name, pairs in tables + every for row in _rows(name, pairs)]
+
+
+def _verdict(errors: "RigErrors") -> str:
+    """Return the time differences in a sentence."""
+    every, held = errors.all, errors.within_uncertainty
+    if every is None:
+        return "No instant has two readable pictures, so no cameras can be compared."
+    largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
+    bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
+    return (
+        f"{duration(every.total.mean_abs_ns)} apart{largest}; "
+        f"the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
+    )
+
+
+def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:
+    mine = [picture for picture in times.pictures if picture.image.camera == name]
+    refused = sum(image.camera == name for image, _ in times.refusals)
+    if not mine:
+        return name, "0", str(refused), "-", "-", "-"
+    middle = sorted(mine, key=lambda picture: picture.uncertainty_ns)[len(mine) // 2]
+    return (
+        name,
+        str(len(mine)),
+        str(refused),
+        f"±{duration(middle.uncertainty_ns)}",
+        duration(middle.reading.shutter.exposure_ns),
+        duration(middle.reading.shutter.row_time_ns),
+    )
+
+
+def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
+    kinds = (("total", table.total), ("phase", table.phase), ("clock", table.clock))
+    return [
+        (
+            name if kind == "total" else "",
+            kind,
+            duration(of.mean_abs_ns),
+            duration(of.std_ns),
+            duration(of.max_ns),
+            duration(of.bias_ns, signed=True),
+            str(table.count) if kind == "total" else "",
+        )
+        for kind, of in kinds
+    ]
+
+
+def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
+    if errors.all is None:
+        return
+    tick_ns = times.panel.tick_ns
+    yield f"The panel resolves differences of ±{duration(errors.all.reading_uncertainty_ns)} (95 %)."
+    if times.panel.is_screen:
+        yield (
+            f"A screen of {1e9 / tick_ns:.0f} Hz changes every {duration(tick_ns)}, row by row; "
+            "a panel of LEDs resolves microseconds."
+        )
+    if not times.exposures_known:
+        yield (
+            "The session lacks exposures or row times. Timestamps may then refer to another moment than "
+            "mid-exposure, and that difference is counted as clock error."
+        )
+    if errors.within_uncertainty is None:
+        yield "The session has no error bars to compare with."
+    else:
+        yield f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}."
+    if errors.within_bound is not None:
+        yield f"Inside its hard bounds: {_of(errors.within_bound)}."
+    if errors.totals_near_truth is not None and errors.largest_reading_error_ns is not None:
+        yield (
+            f"By the ground truth, totals are off by at most {duration(errors.largest_reading_error_ns)}; "
+            f"inside the panel's error bars {_of(errors.totals_near_truth)}."
+        )
+    rate_ppm = errors.rate_error_ppm or 0.0
+    if abs(rate_ppm) > RATE_LIMIT_PPM + (errors.rate_uncertainty_ppm or 0.0):
+        yield (
+            f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: check that it is the "
+            "panel named by its markers, at that rate. Otherwise these figures are wrong."
+        )
+
+
+def _of(held: "Held") -> str:
+    return f"{held.held} of {count(held.count, 'pair')}"
+
+
+@click.command(epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"))
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    help="Address that the page listens on; 0.0.0.0 shows it to phones of the network.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=DEFAULT_PORT,
+    metavar="PORT",
+    help="TCP port of the page; 0 chooses a free one.",
+)
+@click.option(
+    "--save",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Write the page to FILE (.html) instead, for a screen without a network.",
+)
+@json_option
+def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
+    """Serve a page that shows a time code in any browser, until Ctrl-C.
+
+    Open it full-screen on one screen that all cameras see. It measures the refresh rate, and draws the number
+    of each refresh. With --host 0.0.0.0 a phone can show it: scan the QR code.
+    """
+    from capture_app.common.address import listen_tcp
+    from capture_app.companions.panel.screen import page_html
+
+    if save is not None:
+        _save(save, page_html(), as_json)
+        return
+    with listen_tcp(host, port) as listening:
+        run_until_stopped(_serve(listening, page_html(), as_json))
+
+
+def _save(file: Path, page: bytes, as_json: bool) -> None:
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise click.BadParameter(f"{file} does not end in .html", param_hint="--save")
+    try:
+        file.write_bytes(page)
+    except OSError as error:
+        raise SimulshotError(
+            f"cannot write {file}: {error.strerror or error}", hint="choose another file with --save"
+        ) from error
+    answer(as_json, {"file": str(file)}, [str(file)])
+
+
+async def _serve(listening: socket.socket, page: bytes, as_json: bool) -> None:
+    from capture_app.common.address import ANY_HOST, Address, reachable_host
+    from capture_app.web.own_page import served_page
+
+    host, port = listening.getsockname()[:2]
+    outside = host in ANY_HOST
+    url = f"http://{Address(reachable_host(host, listening.family), port)}/"
+    async with served_page(listening, page):
+        answer(as_json, {"url": url}, [url])
+        if outside and sys.stderr.isatty():
+            import segno
+
+            segno.make(url, micro=False).terminal(sys.stderr, compact=True)
+        who = "all machines of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
+        talk(f"the page is served to {who}; Ctrl-C stops")
+        await asyncio.Event().wait()
+
+
+@click.command(epilog=examples("capture-app panel sketch --out panel"))
+@click.option(
+    "--out",
+    type=FOLDER,
+    required=True,
+    metavar="DIR",
+    help="Folder for the sketch, its wiring and the frame.",
+)
+@click.option(
+    "--panel",
+    "name",
+    default="led-200us",
+    metavar="NAME",
+    help="led-200us (repeats after 20 ms), led-10ms (1 s), or led-pair: both side by side.",
+)
+@click.option(
+    "--pitch-mm",
+    type=FiniteRange(4, 30),
+    default=10.0,
+    metavar="MM",
+    help="Distance between neighbouring LEDs.",
+)
+@click.option(
+    "--page",
+    type=click.Choice(["a4", "a3", "letter"], case_sensitive=False),
+    default="a4",
+    help="Paper to print the frame on.",
+)
+@json_option
+def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> None:
+    """Write the files to build the paper's LED panel, which resolves microseconds; a screen: milliseconds.
+
+    They are a sketch for an Arduino Uno or Nano, its wiring, and the frame with markers to print at true
+    size. The sketch was tested on a simulated board only; no such panel has been built yet.
+    """
+    from capture_app.common.errors import BadInputError
+    from capture_app.companions.panel.led_build import write_sketch
+    from capture_app.companions.panel.pattern import panel_named
+
+    panel = panel_named(name)
+    if panel.is_screen:
+        raise BadInputError(f"{name} is a screen, not an LED panel", hint="capture-app panel show draws it")
+    paths = [str(file) for file in write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)]
+    answer(
+        as_json,
+        {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths},
+        paths,
+        said=f"start with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %",
+    )
+
+
+@click.group(
+    short_help="Show a time code to all cameras, and measure their time differences.",
+    epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"),
+)
+def panel() -> None:
+    """Show a time code to all cameras, and measure their time differences from their pictures.
+
+    docs/panel.md has all steps.
+    """
+
+
+for command in (show, read, sketch):
+    panel.add_command(command)

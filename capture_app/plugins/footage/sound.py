@@ -1,0 +1,148 @@
+"""Alignment by sound, by cross-correlation.
+
+Sound is matched roughly first, by its rises in loudness (as of a clap or speech) over the whole length. Short
+windows of the waveforms then refine the offset (generalized cross-correlation with phase transform, Knapp and
+Carter 1976).
+"""
+
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.alignment.alignment_method import AlignmentMethod
+from capture_app.session.alignment.clock_line import fit_clock_line
+from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.importing.video_tracks import open_container
+
+RATE_HZ = 16_000
+BIN_S = 0.004
+"""Length of a loudness bin, s."""
+WINDOW_S = 1.0
+WINDOWS = 80
+"""Maximum number of windows; they are the loudest ones, distributed over the common recording time."""
+MAX_ERROR_S = 0.08
+"""Maximum error of the rough offset, including clock drift."""
+DISTINCT = 1.4
+"""Minimum ratio of the best rough correlation to the second best."""
+PROMINENT = 8.0
+"""Minimum height of a correlation peak in standard deviations of chance, also in each window."""
+WINDOW_SD_S = 5e-5
+Samples = NDArray[np.float32]
+
+
+Sound = tuple[Samples, float]
+"""A mono sound track at `RATE_HZ`, and its beginning in the video's own times, s."""
+
+
+def read_sound(path: Path) -> Sound:
+    """Return the sound of a video. Raises BadInputError with a short reason if there is none."""
+    parts: list[Samples] = []
+    start_s, length = 0.0, 0
+    with open_container(path) as (av, container):
+        if not container.streams.audio:
+            raise BadInputError("it has no sound")
+        resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
+        for frame in chain(container.decode(container.streams.audio[0]), [None]):
+            timed = frame is not None and frame.pts is not None
+            at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
+            if not parts:
+                start_s = at_s
+            # A gap in the track is filled with silence, so that later sound keeps its time.
+            gap = round((at_s - start_s) * RATE_HZ) - length
+            if gap > 0.02 * RATE_HZ:
+                parts.append(np.zeros(gap, np.float32))
+                length += gap
+            for made in resampler.resample(frame):
+                parts.append(made.to_ndarray().ravel().astype(np.float32))
+                length += len(parts[-1])
+    if not any(map(np.any, parts)):
+        raise BadInputError("it has no sound")
+    return np.concatenate(parts), start_s
+
+
+def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
+    """Return the camera's times against the reference's; without an offset, the reason.
+
+    `error_s` (95 %): possible offset between the cameras' sounds while their images are simultaneous.
+    """
+    rough_s = _rough_offset(reference, camera)
+    if isinstance(rough_s, str):
+        return CameraTimes(reason=rough_s)
+    (reference_samples, reference_start_s), (samples, start_s) = reference, camera
+    found = []
+    size = round(WINDOW_S * RATE_HZ)
+    for at in _loud_windows(samples, size):
+        centre_s = start_s + (at + size / 2) / RATE_HZ
+        expected = round((centre_s + rough_s - reference_start_s) * RATE_HZ - size / 2)
+        # A window beyond either end of the reference is too short.
+        window = reference_samples[max(0, expected) : max(0, expected + size)]
+        if len(window) == size and (lag := _lag(window, samples[at : at + size])) is not None:
+            found.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))
+    if not found:
+        return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
+    camera_s, reference_s = np.array(found).T
+    return fit_clock_line(
+        camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s
+    )
+
+
+def _rough_offset(reference: Sound, camera: Sound) -> float | str:
+    """Return the approximate offset (s) to add to the camera's times, or the reason why it is unknown."""
+    a, b = (_onsets(samples) for samples, _ in (reference, camera))
+    if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():
+        return "a sound track is too short or silent"
+    size = 1 << (len(a) + len(b)).bit_length()
+    fits = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+    noise = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
+    best = int(fits.argmax())
+    near = round(MAX_ERROR_S / BIN_S)
+    second = np.roll(fits, -best)[near : size - near].max()
+    if fits[best] < max(PROMINENT * noise, DISTINCT * second):
+        return "their sounds do not agree on one offset"
+    return reference[1] - camera[1] + (best if best < len(a) else best - size) * BIN_S
+
+
+def _onsets(samples: Samples) -> NDArray[np.float64]:
+    """Return the rise of each bin's log loudness over the previous bin, with low tones weighted less."""
+    size = round(BIN_S * RATE_HZ)
+    bright = np.diff(samples, prepend=samples[:1])
+    energy = (bright[: len(bright) // size * size].reshape(-1, size) ** 2).mean(1).astype(np.float64)
+    loud = np.log(energy + 1e-3 * energy.mean() + 1e-15)
+    rises = np.clip(np.diff(loud, prepend=loud[:1]), 0, None)
+    return np.asarray(rises - rises.mean())
+
+
+def _loud_windows(samples: Samples, size: int) -> list[int]:
+    """Return the starts of the windows: the loudest one in each of many equal parts."""
+    starts = np.arange(0, max(1, len(samples) - size + 1), size // 2)
+    sums = np.concatenate([[0.0], np.cumsum(np.diff(samples, prepend=samples[:1]).astype(np.float64) ** 2)])
+    energies = sums[np.minimum(starts + size, len(samples))] - sums[starts]
+    parts = np.array_split(np.arange(len(starts)), min(WINDOWS, len(starts)))
+    return [int(starts[part[energies[part].argmax()]]) for part in parts if energies[part].max() > 0]
+
+
+def _lag(reference: Samples, camera: Samples) -> float | None:
+    """Return the delay of the reference in samples, with a fraction; None if the two do not correlate."""
+    size = 2 * len(reference)
+    taper = np.hanning(len(reference))
+    spectrum = np.fft.rfft(reference * taper, size) * np.conj(np.fft.rfft(camera * taper, size))
+    strength = np.abs(spectrum)
+    # The phase of very weak frequencies is noise.
+    weight = np.where(strength > 1e-3 * strength.max(), 1 / np.maximum(strength, 1e-20) ** 0.8, 0.0)
+    fits = np.fft.fftshift(np.fft.irfft(spectrum * weight, size))
+    middle, max_lag = size // 2, round(MAX_ERROR_S * RATE_HZ)
+    near = fits[middle - max_lag : middle + max_lag + 1]
+    best = int(near.argmax())
+    noise = 1.4826 * float(np.median(np.abs(near - np.median(near)))) + 1e-20
+    if not 0 < best < len(near) - 1 or near[best] < PROMINENT * noise:
+        return None
+    before, now, after = near[best - 1 : best + 2]
+    return best - max_lag + 0.5 * float((before - after) / (before - 2 * now + after))
+
+
+METHOD: AlignmentMethod[Sound] = AlignmentMethod(
+    priority=4, of_video_times=True, read=lambda path, first_s: read_sound(path), match=match_sounds
+)

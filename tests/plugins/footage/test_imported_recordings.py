@@ -1,0 +1,187 @@
+"""One scene cut apart into videos with unknown offsets, imported again: offsets within their errors."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import run
+from capture_app.common.errors import ExitCode
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from tests.plugins.footage.cut_apart import Phone, Take
+from tests.plugins.footage.offsets import PHONES, error_ms
+
+CLAPS = Take(claps_s=(2.2, 3.31, 4.87, 6.05))
+
+
+def imported(folder: Path, *arguments: str) -> Session:
+    name = f"s{len(list(folder.parent.iterdir()))}"
+    call = ["sessions", "import", str(folder), "--out", str(folder.parent), "--name", name, *arguments]
+    assert run(call) == ExitCode.OK
+    session = Session.open(folder.parent / name)
+    assert verify(session) == []
+    return session
+
+
+@pytest.fixture(scope="module")
+def claps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cut") / "rec"
+    for phone in PHONES:
+        phone.record(CLAPS, folder / f"{phone.name}.mp4", 8)
+    return folder
+
+
+@pytest.mark.slow
+def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    exact = ("--sound-distance-m", "0", "--sound-delay-ms", "0")
+    session = imported(claps, "--times", "video", *exact, "--start", "60", "--count", "40")
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert (times.state, times.reference) == ("aligned", "a")
+    for phone in PHONES[1:]:
+        of = times.cameras[phone.name]
+        assert of.source == "sound"
+        error, bar = error_ms(of, phone, 4.0)
+        assert abs(error) < bar < 1
+    # No picture is made or changed for it; frames that are nearest to each other are paired by it.
+    pairs = [images for images in session.images_by_instant() if len(images) == 3]
+    assert len(pairs) > 25
+    for image in (image for images in pairs for image in images.values()):
+        phone = next(phone for phone in PHONES if phone.name == image.camera)
+        assert image.local_ns is not None
+        assert abs(image.leader_ns / 1e9 - float(PHONES[0].own_s(phone.true_s(image.local_ns / 1e9)))) < 1e-3
+        assert abs(image.residual_ns) < 17e6
+    assert "by sound" in capsys.readouterr().out
+
+
+def test_the_way_of_sound_is_in_the_error_bar(claps: Path) -> None:
+    times = imported(claps, "--times", "video", "--start", "60", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    # And how late a camera's sound is, which it does not tell.
+    assert (times.cameras["b"].uncertainty_ns or 0) > 1 / 343 * 1e9 + 20e6
+
+
+def test_what_was_not_asked_for_is_not_done(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    times = imported(
+        claps, "--times", "video", "--align", "none", "--start", "60", "--count", "3"
+    ).manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert NOT_SYNCHRONIZED in capsys.readouterr().out
+
+
+def test_a_rate_gives_sound_other_times(claps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["sessions", "import", str(claps), "--out", str(claps.parent), "--name", "by-rate"]
+    assert run([*call, "--fps", "30", "--align", "sound"]) == ExitCode.BAD_INPUT
+    assert "--align sound takes the videos' own times" in capsys.readouterr().err
+
+
+def test_sounds_that_share_nothing_align_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for phone, take in zip(PHONES[:2], (Take(claps_s=(2.0, 3.3), seed=5), Take()), strict=True):
+        phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5)
+    times = imported(
+        tmp_path / "rec", "--times", "video", "--start", "60", "--count", "3"
+    ).manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert not times.cameras
+    assert "by sound" in times.reason
+    assert NOT_SYNCHRONIZED in capsys.readouterr().out
+
+
+def test_flashes_align_rolling_shutters(tmp_path: Path) -> None:
+    take = Take(flashes_s=tuple(1.6 + 0.371 * n + 0.02 * n**2 for n in range(11)))
+    for phone in PHONES:
+        phone.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 7, sound=False)
+    few = ("--start", "60", "--count", "3")
+    session = imported(tmp_path / "rec", "--align", "flash", "--times", "video", *few)
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state == "aligned"
+    for phone in PHONES[1:]:
+        assert times.cameras[phone.name].source == "flash"
+        error, bar = error_ms(times.cameras[phone.name], phone, 3.0)
+        assert abs(error) < min(bar, 1.0)
+        assert bar < 5
+
+
+@pytest.mark.parametrize(
+    ("take", "exposure_s"),
+    [
+        # Between a short exposure and the next one a flash may be missed, a lamp may not.
+        (Take(flashes_s=(2.3,)), 0.018),
+        pytest.param(Take(flashes_s=(2.3,)), 0.03, marks=pytest.mark.slow),
+        pytest.param(Take(lamp_s=(2.3,)), 0.004, marks=pytest.mark.slow),
+        (Take(lamp_s=(2.3,)), 0.03),
+        (Take(lamp_s=(2.31, 3.42)), 0.004),
+        pytest.param(Take(lamp_s=(2.31, 3.42)), 0.03, marks=pytest.mark.slow),
+    ],
+)
+def test_one_flash_or_lamp_is_an_answer_with_its_bar(tmp_path: Path, take: Take, exposure_s: float) -> None:
+    for phone in PHONES[:2]:
+        exposed = replace(phone, exposure_s=exposure_s)
+        exposed.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5, sound=False)
+    session = imported(tmp_path / "rec", "--start", "70", "--count", "3")
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state == "aligned"
+    of = times.cameras["b"]
+    error, bar = error_ms(of, PHONES[1], 2.3 - PHONES[1].start_s)
+    assert abs(error) < bar < 40
+    assert ("alone" in of.reason) == (len(take.lamp_s) < 2)
+    assert (of.rate_uncertainty_ppm or 0) >= 100
+
+
+def test_a_flash_that_only_one_saw_twice_may_be_any(tmp_path: Path) -> None:
+    for phone, flashes_s in zip(PHONES, ((2.3,), (2.3, 3.4)), strict=False):
+        phone.record(Take(flashes_s=flashes_s), tmp_path / "rec" / f"{phone.name}.mp4", 4, sound=False)
+    times = imported(tmp_path / "rec", "--start", "70", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+    assert "fit at several offsets" in times.reason
+
+
+def test_a_lamp_that_goes_off_is_not_one_that_goes_on(tmp_path: Path) -> None:
+    for phone, lamp_s in zip(PHONES, ((2.3,), (-9, 2.3)), strict=False):
+        phone.record(Take(lamp_s=lamp_s), tmp_path / "rec" / f"{phone.name}.mp4", 4, sound=False)
+    times = imported(tmp_path / "rec", "--start", "70", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    assert times.unknown
+
+
+def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
+    codes = {"a": "10:00:00:00", "b": "10:00:00:06"}
+    for phone in PHONES[:2]:
+        still = Phone(phone.name, fps=30, timecode=codes[phone.name])
+        still.record(Take(), tmp_path / "rec" / f"{phone.name}.mp4", 3, sound=False)
+    for arguments in (["--times", "video"], ["--fps", "30"]):
+        session = imported(tmp_path / "rec", *arguments, "--count", "20")
+        times = session.manifest.burst.common_times
+        assert times is not None
+        of = times.cameras["b"]
+        assert (times.state, of.source, of.offset_ns) == ("aligned", "timecode", 200_000_000)
+        assert of.uncertainty_ns == pytest.approx(1e9 / 30, abs=1)
+        both = [images for images in session.images_by_instant() if len(images) == 2]
+        assert {(i["a"].sequence or 0) - (i["b"].sequence or 0) for i in both} == {6}
+
+
+@pytest.mark.slow
+def test_a_timecode_that_sound_contradicts_is_not_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for phone, code in zip(PHONES, ("10:00:00:00", "10:00:05:00", ""), strict=True):
+        take = Take(claps_s=CLAPS.claps_s, lamp_s=(2.9, 5.1)) if phone.name != "c" else CLAPS
+        coded = replace(phone, fps=30, exposure_s=0.004, timecode=code)
+        coded.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 8)
+    times = imported(tmp_path / "rec", "--start", "70", "--count", "3").manifest.burst.common_times
+    assert times is not None
+    # Each camera by what tells it best: the third one saw no flash.
+    assert [times.cameras[name].source for name in "bc"] == ["flash", "sound"]
+    for phone in PHONES[1:]:
+        error, bar = error_ms(times.cameras[phone.name], phone, 4.0)
+        assert abs(error) < bar < 25
+    said = capsys.readouterr().err
+    assert "by timecode: b: +5000.0 ± 33.3 ms, not taken: others differ" in said
+    assert "by flash: b: " in said

@@ -350,9 +350,8 @@ def test_an_impossible_plan_is_refused(plan: dict[str, Any], says: str) -> None:
 
 
 def test_numbers_of_numpy_are_taken_as_numbers() -> None:
-    plan = TakePlan(
-        frames=np.int64(3), before=np.uint8(1), repeat=np.int32(2), every_s=np.float32(0.5), countdown_s=1
-    )
+    numbers: dict[str, Any] = {"frames": np.int64(3), "before": np.uint8(1), "repeat": np.int32(2)}
+    plan = TakePlan(**numbers | {"every_s": np.float32(0.5), "countdown_s": 1})
     assert plan == TakePlan(frames=3, before=1, repeat=2, every_s=0.5, countdown_s=1.0)
     sent = msgspec.json.decode(msgspec.json.encode(plan.request()), type=BurstRequest)
     assert (sent.frames, sent.before) == (3, 1)

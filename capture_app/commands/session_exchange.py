@@ -279,7 +279,7 @@ class _ExportCommand(click.Command):
                 [f"--{name.replace('_', '-')}"],
                 metavar=option.metavar or None,
                 help=f"For {', '.join(formats[name])}: {option.help}.",
-                **_KINDS.get(kind, {}),
+                **({"type": click.Choice(option.choices)} if option.choices else _KINDS.get(kind, {})),
             )
             for name, (kind, option) in stated.items()
         ]
@@ -322,11 +322,18 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
 
     restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
-    burst = export_session(Session.open(session), name, out, show_count("images"), **given)
+    told: list[str] = []
+
+    def warn(note: str) -> None:
+        told.append(note)
+        talk(note)
+
+    burst = export_session(Session.open(session), name, out, show_count("images"), warn, **given)
     answer(
         as_json,
         {"folder": str(out), "format": name, "images": len(burst.images), "notes": burst.notes},
         [str(out)],
     )
     for note in burst.notes:
-        talk(note)
+        if note not in told:
+            talk(note)

@@ -161,7 +161,7 @@ class Multiview(Method):
         if options.calibrated and dataset.calibration() is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
-                hint="run reconstruct calibrate first; docs/calibration.md shows how",
+                hint="run reconstruct calibrate first",
             )
         offsets_ms = options.offsets_ms or condition.offsets_ms(dataset.cameras, options.instant)
         cloud = options.cloud and (options.mesh or (not options.quick and find_spec("open3d") is not None))

@@ -175,7 +175,7 @@ class Multiview(Method):
         if options.calibrated and dataset.calibration() is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
-                hint="run reconstruct calibrate first; docs/calibration.md shows how",
+                hint="run reconstruct calibrate first",
             )
         if options.refine:
             from reconstruction.calibration.refinement import refine_calibration

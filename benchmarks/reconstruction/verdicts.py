@@ -60,16 +60,12 @@ def judge(take: Take, timing: Timing) -> dict[str, Any]:
     """Compare the judgement of a session with the truth."""
     late_ms, bar_ms, change = timing.late_ms, timing.uncertainty_ms, timing.change
     delays_ms = take.delays_ms()
-    measured = [one.instant for one in timing.instants] or [0, take.frames - 1]
-    # What is said holds from the first to the last instant that has an offset of its own.
-    said_of = delays_ms[min(measured) : max(measured) + 1]
-    far_ms = float(np.abs(said_of).max()) + 2 * take.jitter_ms
+    far_ms = float(np.abs(delays_ms).max()) + 2 * take.jitter_ms
     same_frame = timing.same_frame_ms is not None and not timing.synchronized
     steady = not take.jitter_ms and not take.slower and not take.wander_ms
     told = late_ms is not None and steady and (bool(change.steps) or not take.unsteady)
     jumps = [(k, 1) for k in take.drops] + [(k, -1) for k in take.doubles]
-    jumps = [(k, sign) for k, sign in jumps if min(measured) < k <= max(measured)]
-    changes = bool(jumps) or abs(take.slower) * len(said_of) > RATE_FRAMES
+    changes = bool(jumps) or abs(take.slower) * take.frames > RATE_FRAMES
     exact = [(step.instant, step.instant, step.frames) for step in change.steps]
     rough = [(step.earliest, step.latest, step.frames) for step in change.steps]
     placed, ranged = (

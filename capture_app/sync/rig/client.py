@@ -49,12 +49,6 @@ HOLD_BEFORE_BURST_NS = 2_000_000_000
 PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
 """Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
 restart is uncertain by that much."""
-CLOCK_TOLERANCE_NS = 300_000
-"""Clock uncertainty of a ready node some seconds after its start if no tolerance is requested.
-
-Recorded WiFi has minimum round trips up to 2.1 ms, which leave 210 us uncertain (likely_line.ASYMMETRY). A
-tenth to a third more comes from the delays (docs/accuracy-measurements.md).
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +58,10 @@ class ClientConfig:
     name: str
     instance: int
     camera: CameraFacts
-    tolerance_ns: int | None
-    """Requested tolerance of the phase and of the clock; None for the defaults."""
+    tolerance_ns: int | None = None
+    """Requested tolerance of the phase; None for the default of the camera's kind."""
+    clock_tolerance_ns: int | None = None
+    """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
     ring_ns: int = RING_NS
     """Time for which frames stay in the ring buffer, where a burst in the past can select them."""
     ring_bytes: int = RING_BYTES
@@ -101,9 +97,8 @@ class Client(TimeClient, Generic[F]):
 
         Every exchange with the leader is appended to `samples`.
         """
-        # The clock is first held to the phase's tolerance, and later to what WiFi reaches.
-        first_ns = config.phase_tolerance_ns
-        target = AccuracyTarget(first_ns, config.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
+        asked_ns = config.clock_tolerance_ns
+        target = AccuracyTarget(asked_ns, min_ns=config.phase_tolerance_ns if asked_ns is None else None)
         keeper = Timekeeper(rng.getrandbits(32), schedule, samples=samples, target=target)
         super().__init__(config.name, config.instance, keeper, config.camera)
         self.config = config

@@ -38,7 +38,7 @@ from capture_app.sync.rig.frame_selection import (
     is_possible_burst,
 )
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.codec import Message
@@ -46,6 +46,8 @@ from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, Trigg
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
+CORRECTION_NS = 1_000_000_000
+"""Time that a correction of a ready stream may take; one by frame injection takes 0.3 s (docs/paper.md)."""
 PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
 """Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
 restart is uncertain by that much."""
@@ -108,6 +110,9 @@ class Client(TimeClient, Generic[F]):
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
         self._reported_problem = ""
+        self._aligned_ns = AT_ONCE_NS
+        self._corrects_briefly = False
+        """Whether a ready stream is not aligned for a moment, as it drifted or its clock is known better."""
         self._reported = self._answered = False
         """Whether the current phase was reported to the leader, and whether the leader has answered since."""
         self._commands: deque[CameraCommand] = deque()
@@ -142,7 +147,7 @@ class Client(TimeClient, Generic[F]):
         state = super().state
         if state is not NodeState.READY:
             return state
-        if not self._is_aligned:
+        if not self._is_aligned and not self._corrects_briefly:
             return NodeState.ALIGNING
         fine = self.timekeeper.target.met and not self.aligner.window.degradation
         return state if fine else NodeState.DEGRADED
@@ -320,6 +325,7 @@ class Client(TimeClient, Generic[F]):
         grid, time_map, aligner = self._grid, self.time_map, self.aligner
         if grid is None or time_map is None or super().state is not NodeState.READY:
             aligner.window.clear()
+            self._corrects_briefly = False
             return
         was_aligned, corrections = self._is_aligned, aligner.corrections
         before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
@@ -346,6 +352,9 @@ class Client(TimeClient, Generic[F]):
             self._reported_problem = aligner.problem
             if aligner.problem:
                 self._events.append(AlignmentFailed(aligner.problem))
+        is_near = before is None or abs(before.error_ns) <= 2.0 * aligner.window.tolerance_ns
+        self._aligned_ns = now_ns if self._is_aligned else self._aligned_ns
+        self._corrects_briefly = is_near and now_ns - self._aligned_ns < CORRECTION_NS
         if is_news or was_aligned is not self._is_aligned:
             self.report_at_once()
 

@@ -58,7 +58,8 @@ def of_state(
         ):
             # With such a clock frames are aligned repeatedly: the clock is the cause in both states.
             own = keeper.map_to_leader
-            by_relay = own is not None and own.uncertainty_at(now_ns) <= target_ns
+            is_below = len(keeper.path) > 1
+            by_relay = is_below and own is not None and own.uncertainty_at(now_ns) <= target_ns
             longer_ns = 0.0 if by_relay else keeper.clock.longer_ns
             return degraded(error_ns, target_ns, time_map.round_trip_ns, longer_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:

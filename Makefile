@@ -97,10 +97,10 @@ test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
 
 test-gige: $(VENV)/.installed-dev
-	$(BIN)/pytest -m gige -s tests/cameras/aravis
+	$(BIN)/pytest -m gige -s tests/plugins/cameras/aravis
 
 test-phones: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or not slow" tests/phones tests/end_to_end/test_phones.py
+	$(BIN)/pytest -m "slow or not slow" tests/companions/phones tests/end_to_end/test_phones.py
 
 test-libcamera: $(VENV)/.installed-dev
 	$(BIN)/pytest -m libcamera tests/end_to_end

@@ -70,7 +70,7 @@ if [ -n "$remove" ]; then
     uv) uv tool uninstall simulshot || true ;;
     pipx) pipx uninstall simulshot || true ;;
   esac
-  for name in capture-app reconstruct; do
+  for name in capture-app reconstruct simulshot; do
     # Only what points into the environment that is removed.
     case $(readlink "$links/$name" 2>/dev/null) in "$home"/*) rm -f "$links/$name" ;; esac
     rm -f "$bash/$name" "$fish/$name.fish"
@@ -102,7 +102,7 @@ case $by in
     # Compiled is what is used, below: a third of all there is.
     "$home/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt "$what"
     [ -n "$extras" ] || "$home/bin/python" -m pip uninstall --quiet --yes setuptools pip 2>/dev/null
-    for name in capture-app reconstruct; do ln -sf "$home/bin/$name" "$links/$name"; done
+    for name in capture-app reconstruct simulshot; do ln -sf "$home/bin/$name" "$links/$name"; done
     "$home/bin/python" -c 'import capture_app.tui.app, capture_app.node.camera.camera_node, cv2' ;;
 esac
 

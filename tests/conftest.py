@@ -1,11 +1,12 @@
 """Fixtures shared by all tests."""
 
+import asyncio
 import contextlib
 import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,16 @@ def pytest_collection_finish() -> None:
     # A screen is ten thousand objects, which the default would search again and again.
     gc.set_threshold(20_000)
     gc.enable()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_asyncio_loop_factories(item: pytest.Item) -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
+    """Run tests marked `virtual` in virtual time."""
+    if item.get_closest_marker("virtual") is None:
+        return {"real": asyncio.new_event_loop}
+    from tests.virtual.in_process import virtual_loop
+
+    return {"virtual": virtual_loop}
 
 
 @pytest.fixture(scope="session")

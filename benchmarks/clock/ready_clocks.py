@@ -18,14 +18,14 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.timekeeping.clock_events import ClockChanged
 from capture_app.sync.wire.datagrams import CLOCK
-from tests.simulation.changing_clock import ChangingClock, RateSpell
-from tests.simulation.clock_changes import DrawLink, cable, loopback, wifi
-from tests.simulation.clock_pair import START_TRUE_NS, ClockPair
-from tests.simulation.link_spells import LAWS, recorded_laws
+from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
+from tests.benchmarks.simulated.clock_changes import DrawLink, cable, loopback, wifi
+from tests.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
+from tests.benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 S = 1_000_000_000
 LOOK_EVERY_NS = 100_000_000

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
-from capture_app.panel.pattern import Panel, panel_named
+from capture_app.companions.panel.pattern import Panel, panel_named
 
 WIDTH, HEIGHT = 960, 720
 EXPOSURES_NS = (100e3, 20e6)

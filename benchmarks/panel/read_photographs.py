@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.panel.photographs import Case, draw_case
-from capture_app.panel.finder import PanelNotFoundError
-from capture_app.panel.pattern import nearest_ns
-from capture_app.panel.time_reading import read_panel
+from capture_app.companions.panel.finder import PanelNotFoundError
+from capture_app.companions.panel.pattern import nearest_ns
+from capture_app.companions.panel.time_reading import read_panel
 
 LED_LIMIT_NS = 100_000.0
 SCREEN_LIMIT_TICKS = 0.25

@@ -15,7 +15,7 @@ from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
 from capture_app.console.terminal import talk
-from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.plugins.cameras.sim.profiles import PROFILES, SensorProfile
 from capture_app.sync.rig.client import PHASE_TOLERANCE_NS
 
 TRIALS = 100

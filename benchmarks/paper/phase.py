@@ -21,7 +21,7 @@ from benchmarks.paper.phase_trials import (
 from benchmarks.paper.result import Figures, Outcome, Result, Table
 from benchmarks.paper.trials import call_all
 from capture_app.console.terminal import talk
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 
 if TYPE_CHECKING:
     pass

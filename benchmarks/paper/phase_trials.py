@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import PhaseControl
-from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.plugins.cameras.sim.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.frame_grid import FrameGrid

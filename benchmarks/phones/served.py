@@ -14,10 +14,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from capture_app.common.address import parse_address
+from capture_app.companions.phones.gateway import PhoneGateway
+from capture_app.companions.phones.phone import Phone
+from capture_app.companions.phones.phone_camera import PhoneNodes
 from capture_app.console.terminal import log_line
-from capture_app.phones.gateway import PhoneGateway
-from capture_app.phones.phone import Phone
-from capture_app.phones.phone_camera import PhoneNodes
 from capture_app.web.admission import Admission
 from capture_app.web.certificate import own_certificate
 

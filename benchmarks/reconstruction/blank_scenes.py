@@ -7,8 +7,15 @@ import numpy as np
 
 from benchmarks.scenery import materials
 from benchmarks.scenery.meshes import Mesh, box, ellipsoid, panel, rod
-from capture_app.simulation.scenes.moving_bodies import jumping_child, rotation, walking_child
-from capture_app.simulation.scenes.stages import Part, Picture, Point, SceneDefinition, Stage, read_stage
+from capture_app.plugins.cameras.sim.scenes.moving_bodies import jumping_child, rotation, walking_child
+from capture_app.plugins.cameras.sim.scenes.stages import (
+    Part,
+    Picture,
+    Point,
+    SceneDefinition,
+    Stage,
+    read_stage,
+)
 
 SEED = 20190516
 FLOOR, BACK, FRONT, TOP = 1.0, 4.3, 0.6, -2.2

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction import blank_scenes
-from capture_app.simulation.rendering.scene import Scene, load
+from capture_app.plugins.cameras.sim.rendering.scene import Scene, load
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 

@@ -109,7 +109,7 @@ EXPOSURE_NS = 4_000_000
 
 def rendered_pairs() -> list[RectifiedPair]:
     """Return a pair from each scene of the package, and one of weak texture and thin rods; all 640x480."""
-    from capture_app.simulation.rendering.scene import load
+    from capture_app.plugins.cameras.sim.rendering.scene import load
 
     pairs = []
     for name, baseline in BASELINES_M.items():

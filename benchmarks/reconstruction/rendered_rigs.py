@@ -14,11 +14,11 @@ import numpy as np
 
 from benchmarks.scenery import materials
 from benchmarks.scenery.meshes import Mesh, box, ellipsoid, lathe, rod
-from capture_app.simulation.rendering import layers as still
-from capture_app.simulation.rendering.layers import View as RenderedView
-from capture_app.simulation.rendering.raycast import LINEAR, Body, Texture
-from capture_app.simulation.rendering.scene import develop
-from capture_app.simulation.scenes.moving_bodies import rotation
+from capture_app.plugins.cameras.sim.rendering import layers as still
+from capture_app.plugins.cameras.sim.rendering.layers import View as RenderedView
+from capture_app.plugins.cameras.sim.rendering.raycast import LINEAR, Body, Texture
+from capture_app.plugins.cameras.sim.rendering.scene import develop
+from capture_app.plugins.cameras.sim.scenes.moving_bodies import rotation
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 

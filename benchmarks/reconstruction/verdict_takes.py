@@ -1,5 +1,6 @@
 """Sessions of a pair with a known time offset, painted and real, to test timing judgements."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,17 +40,40 @@ class Take:
     frames: int = 14
     start: int = 0
     """The first frame of a real recording."""
+    drops: tuple[int, ...] = ()
+    """The instants from which the right camera is a frame later, as it has lost one before each."""
+    doubles: tuple[int, ...] = ()
+    """The instants at which the right camera repeats a frame; from there on it is a frame earlier."""
+    slower: float = 0.0
+    """Fraction by which the right camera's frames last longer than recorded."""
+    wander_ms: float = 0.0
+    """Amplitude of a slow swing of the right camera's times."""
 
     @property
     def name(self) -> str:
         """Folder name of its session."""
         told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
-        return f"{told}-{self.start}-{self.frames}{self.fault}".replace(" ", "_").replace(".", "p")
+        if self.drops or self.doubles or self.slower or self.wander_ms:
+            told += f"-drops{self.drops}{self.doubles}-{self.slower:g}-{self.wander_ms:g}"
+        return re.sub(r"[ ,()]+", "_", f"{told}-{self.start}-{self.frames}{self.fault}").replace(".", "p")
 
     @property
     def truly_synchronized(self) -> bool:
         """Whether its images are of one instant."""
-        return not self.late_ms and not self.jitter_ms
+        return not self.late_ms and not self.jitter_ms and not self.unsteady
+
+    @property
+    def unsteady(self) -> bool:
+        """Whether the right camera's delay changes over the take."""
+        return bool(self.drops or self.doubles or self.slower or self.wander_ms)
+
+    def delays_ms(self) -> Array:
+        """Return the right camera's delay at each instant (frames,) ms, without jitter."""
+        k = np.arange(self.frames)
+        lost = sum((k >= drop for drop in self.drops), np.zeros(self.frames))
+        lost = lost - sum((k >= double for double in self.doubles), np.zeros(self.frames))
+        swing = self.wander_ms * np.sin(2 * np.pi * (k / 22 + 0.1 * self.seed))
+        return np.asarray(self.late_ms + (lost + self.slower * k) * self.period_ms + swing)
 
     @property
     def period_ms(self) -> float:
@@ -111,6 +135,33 @@ def takes(seeds: int) -> Iterator[Take]:
                 yield Take(kind, seed, late_ms=late_ms, geometry_px=size, fault=fault)
 
 
+def unsteady_takes(seeds: int) -> Iterator[Take]:
+    """Yield takes whose right camera drops or repeats frames, has another rate, or wanders; and controls."""
+    for seed in range(seeds):
+        for part, kind in enumerate(("boards", "street", "large mover", "small mover", "slow boards")):
+            place = seed + part
+            long = Take(kind, seed, frames=30, geometry_px=(0.0, 0.3)[place % 2])
+            yield replace(long, drops=(9 + 5 * (place % 3),))
+            yield replace(long, drops=(8, 20 + place % 4))
+            yield replace(long, drops=((3, 27), (4,), (26,))[place % 3])
+            yield replace(long, doubles=(10 + 3 * (place % 4),))
+            yield replace(long, slower=(0.001, 0.005, 0.01, 0.02, 0.05)[place % 5])
+            yield replace(long, wander_ms=(4.0, 8.0, 12.0)[place % 3])
+            yield long
+        yield Take("boards", seed, late_ms=6.0, drops=(15,), frames=30)
+        yield Take("boards", seed, drops=(7,), doubles=(19,), frames=30)
+        yield Take("boards", seed, slower=-0.03, frames=30)
+        yield Take("boards", seed, slower=30 / 25 - 1, frames=30)
+
+
+def real_unsteady_takes() -> Iterator[Take]:
+    """Yield the ball with dropped frames: in the middle, at the border, two of them, and a repeated one."""
+    for drops in ((20,), (12,), (26,), (10, 22), (3,), (31,), (15, 16)):
+        yield Take(BALL, 0, frames=35 - len(drops), drops=drops)
+    yield Take(BALL, 0, frames=35, doubles=(18,))
+    yield Take(BALL, 0, frames=35, doubles=(25,))
+
+
 def real_takes(every: int) -> Iterator[Take]:
     """Yield the ball in all images, cut at starts `every` frames apart, and with one camera a frame late."""
     yield Take(BALL, 0, frames=35)
@@ -139,10 +190,10 @@ def _paint(take: Take, cache: Path) -> Session:
     stage, views = STAGES[take.kind](take.seed)
     rng = np.random.default_rng([take.seed, 7])
     begin_s = float(rng.uniform(0.05, 0.1))
-    writer = SessionWriter.create(cache, take.name)
+    writer, delays_ms = SessionWriter.create(cache, take.name), take.delays_ms()
     for k in range(take.frames):
         for name, view in views.items():
-            off_ms = 0.0 if name == "left" else take.late_ms + take.jitter_ms * rng.uniform(-2, 2)
+            off_ms = 0.0 if name == "left" else delays_ms[k] + take.jitter_ms * rng.uniform(-2, 2)
             rolling = take.fault == ROLLING and name == "right"
             strips = STRIPS if rolling else 1
             parts = []
@@ -212,13 +263,13 @@ def _wrong(
 
 def _import_ball(take: Take, cache: Path, folder: Path) -> Session:
     """Import a part of a real recording; frame delays are made by renaming the right camera's images."""
-    ahead = round(take.late_ms / take.period_ms)
+    frames_late = np.rint(take.delays_ms() / take.period_ms).astype(int)
     source = cache / f"{take.name}-source"
     numbers = sorted(int(path.stem) for path in (folder / "L").iterdir() if int(path.stem))
-    for name, later in (("L", 0), ("R", ahead)):
+    for name, later in (("L", 0 * frames_late), ("R", frames_late)):
         (source / name).mkdir(parents=True, exist_ok=True)
         for k, number in enumerate(numbers[take.start : take.start + take.frames]):
-            other = folder / name / f"{number + later}.png"
+            other = folder / name / f"{number + later[k]}.png"
             if not other.is_file():
                 raise BadInputError(f"{folder} has no picture {number + later} of {name}")
             link = source / name / f"{k}.png"

@@ -3,7 +3,8 @@
     python -m benchmarks.reconstruction.verdicts --seeds 3 --footage FOLDER --cache FOLDER
 
 Painted pairs (a car in a street, boards, small and large movers, a thrown ball), on time, late by parts of a
-frame, with jitter, with a calibration that is off; and, with --footage, a real ball. Simulated and real.
+frame, with jitter, with a calibration that is off, with dropped or repeated frames, at another rate; and,
+with --footage, a real ball. Simulated and real.
 """
 
 import json
@@ -13,7 +14,16 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.reconstruction.verdict_takes import Take, real_takes, session_of, takes
+import numpy as np
+
+from benchmarks.reconstruction.verdict_takes import (
+    Take,
+    real_takes,
+    real_unsteady_takes,
+    session_of,
+    takes,
+    unsteady_takes,
+)
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.calibration.calibrated_rig import Rig
@@ -36,14 +46,33 @@ COLUMNS = {
     "untold": ("not told", ""),
     "told": ("error bars", ""),
     "held": ("held", ""),
+    "changes": ("drops, rates", ""),
+    "changes_told": ("told", ""),
+    "placed": ("placed", ""),
+    "falsely_changed": ("falsely", ""),
 }
+RATE_FRAMES = 0.5
+"""Change of a camera's delay over the take, in frames, from which its rate counts as different."""
 
 
 def judge(take: Take, timing: Timing) -> dict[str, Any]:
     """Compare the judgement of a session with the truth."""
-    late_ms, bar_ms = timing.late_ms, timing.uncertainty_ms
-    far_ms = abs(take.late_ms) + 2 * take.jitter_ms
+    late_ms, bar_ms, change = timing.late_ms, timing.uncertainty_ms, timing.change
+    delays_ms = take.delays_ms()
+    measured = [one.instant for one in timing.instants] or [0, take.frames - 1]
+    # What is said holds from the first to the last instant that has an offset of its own.
+    said_of = delays_ms[min(measured) : max(measured) + 1]
+    far_ms = float(np.abs(said_of).max()) + 2 * take.jitter_ms
     same_frame = timing.same_frame_ms is not None and not timing.synchronized
+    steady = not take.jitter_ms and not take.slower and not take.wander_ms
+    told = late_ms is not None and steady and (bool(change.steps) or not take.unsteady)
+    jumps = [(k, 1) for k in take.drops] + [(k, -1) for k in take.doubles]
+    jumps = [(k, sign) for k, sign in jumps if min(measured) < k <= max(measured)]
+    changes = bool(jumps) or abs(take.slower) * len(said_of) > RATE_FRAMES
+    placed = all(
+        any(abs(step.instant - k) <= 1 and step.frames * sign > 0 for step in change.steps)
+        for k, sign in jumps
+    )
     return {
         "kind": _group(take),
         "take": take.name,
@@ -57,17 +86,23 @@ def judge(take: Take, timing: Timing) -> dict[str, Any]:
         "denied": timing.offset,
         "falsely_denied": timing.offset and take.truly_synchronized,
         "untold": not (timing.synchronized or timing.offset or same_frame),
-        "told": late_ms is not None and not take.jitter_ms,
-        "held": late_ms is not None
-        and bar_ms is not None
-        and not take.jitter_ms
-        and abs(late_ms - take.late_ms) <= bar_ms,
+        "told": told,
+        "held": told and late_ms is not None and bar_ms is not None and abs(late_ms - take.late_ms) <= bar_ms,
+        "changes": changes,
+        "changes_told": changes and bool(change),
+        "placed": changes and bool(change) and placed and bool(jumps) == bool(change.steps),
+        "falsely_changed": bool(change) and not (jumps or take.slower),
+        "change": change.describe("R", "L"),
         "reason": timing.reason,
     }
 
 
 def _group(take: Take) -> str:
-    if take.jitter_ms:
+    if take.drops or take.doubles:
+        return f"{take.kind}, drops"
+    if take.slower:
+        return f"{take.kind}, rate"
+    if take.jitter_ms or take.wander_ms:
         return f"{take.kind}, jitter"
     if take.late_ms:
         return f"{take.kind}, late"
@@ -130,11 +165,17 @@ def main() -> None:
         "--every", type=int, default=1, help="starts of the real ball's parts are so far apart"
     )
     parser.add_argument("--part", type=int, default=1, help="judge only every PART-th take")
+    parser.add_argument(
+        "--unsteady", action="store_true", help="only takes with drops, other rates or wandering times"
+    )
     parser.add_argument("--fast", action="store_true", help="by motion alone, in a third of the time")
     parser.add_argument("--cache", type=Path, help="keeps what was painted")
     chosen = parser.parse_args()
-    wanted = [*takes(chosen.seeds)]
-    wanted += real_takes(chosen.every) if chosen.footage is not None else []
+    wanted = [] if chosen.unsteady else [*takes(chosen.seeds)]
+    wanted += unsteady_takes(chosen.seeds)
+    if chosen.footage is not None:
+        wanted += [] if chosen.unsteady else real_takes(chosen.every)
+        wanted += real_unsteady_takes()
     with tempfile.TemporaryDirectory() as scratch:
         cache = chosen.cache or Path(scratch)
         rows = run(wanted[:: chosen.part], cache, chosen.footage, by_depth=not chosen.fast)

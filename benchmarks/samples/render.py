@@ -10,6 +10,10 @@ from benchmarks.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, T
 from benchmarks.samples.takes import take_naive, take_synchronized
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name
+from capture_app.plugins.cameras.sim.profiles import find_profile
+from capture_app.plugins.cameras.sim.rendering.picture_source import PictureSource, open_picture_source
+from capture_app.plugins.cameras.sim.sensor import SensorFrame
+from capture_app.plugins.cameras.sim.simulation_driver import SimulatedPicture, encode_truth, stable_seed
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.files.untrusted_files import indented
@@ -17,10 +21,6 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.simulation.profiles import find_profile
-from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
-from capture_app.simulation.sensor import SensorFrame
-from capture_app.simulation.simulation_driver import SimulatedPicture, encode_truth, stable_seed
 
 Progress = Callable[[int, int], None]
 """Called after each image with the number of images done and the total."""

@@ -15,11 +15,11 @@ from capture_app.common.clock import SimulatedClock, seeded_clock
 from capture_app.common.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.camera_node import camera_record, event_line
+from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of, find_profile
+from capture_app.plugins.cameras.sim.rendering.picture_source import PictureSource
+from capture_app.plugins.cameras.sim.sensor import Sensor, SensorFrame
 from capture_app.protocol.messages import EventValue
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile
-from capture_app.simulation.rendering.picture_source import PictureSource
-from capture_app.simulation.sensor import Sensor, SensorFrame
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 
 _READY_WITHIN_NS = 120_000_000_000

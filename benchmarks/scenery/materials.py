@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.simulation.scenes.stages import Floats, Picture
+from capture_app.plugins.cameras.sim.scenes.stages import Floats, Picture
 
 Reals = NDArray[np.floating[Any]]
 Colour = tuple[float, float, float]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from capture_app.simulation.scenes import stages
+from capture_app.plugins.cameras.sim.scenes import stages
 
 Window = tuple[float, float, float, float]
 """A part of a texture: left, top, right, bottom in texture widths and heights; above 1 it repeats."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from capture_app.simulation.profiles import SensorProfile, facts_of
-from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
+from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of
+from capture_app.plugins.cameras.sim.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner

@@ -13,8 +13,8 @@ from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.wireless import WIFI
 from capture_app.common.clock import NodeClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import SensorProfile, facts_of
-from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
+from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of
+from capture_app.plugins.cameras.sim.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.burst_orders import BurstOrder

@@ -17,9 +17,9 @@ from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.commands.take import TakeEnd
+    from capture_app.machine.characterize import Character, Moves
     from capture_app.protocol.orders import SaveStamp
     from capture_app.rig.camera_times import MeasuredTimes
-    from capture_app.rig.characterize import Character, Moves
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
@@ -134,9 +134,9 @@ def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) 
 def times_by_panel(session: "Session", reference: str | None = None) -> "MeasuredTimes":
     """Measure each camera's delay against a reference camera by a panel. Raises NotApplicableError."""
     from capture_app.common.camera_facts import StampSource
-    from capture_app.panel.pair_errors import rig_errors
-    from capture_app.panel.session_times import read_session
-    from capture_app.panel.time_reading import SIGMAS_95
+    from capture_app.companions.panel.pair_errors import rig_errors
+    from capture_app.companions.panel.session_times import read_session
+    from capture_app.companions.panel.time_reading import SIGMAS_95
     from capture_app.rig.camera_times import MeasuredTime, MeasuredTimes, choose_reference
 
     records = {record.name: record for record in session.manifest.cameras}
@@ -220,7 +220,7 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     restart and injection results from their first command on. For the timestamp delay, use `cameras
     calibrate-time`.
     """
-    from capture_app.rig.characterize import characterize as measure
+    from capture_app.machine.characterize import characterize as measure
 
     found = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
     saved = ["saved in this user's profiles; nodes use them from now on"]

@@ -162,7 +162,7 @@ class CamerasGroup(click.Group):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write how each kind's spec is written, its options and what it needs, below the commands."""
-        from capture_app.rig.cameras import kinds_of_cameras
+        from capture_app.machine.cameras import kinds_of_cameras
 
         super().format_options(ctx, formatter)
         rows = []
@@ -185,7 +185,7 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
 
     With a command: measure one, or start, show, calibrate or remove cameras of a running rig.
     """
-    from capture_app.rig.cameras import list_cameras
+    from capture_app.machine.cameras import list_cameras
 
     if ctx.invoked_subcommand is not None:
         if as_json:

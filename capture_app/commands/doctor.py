@@ -19,7 +19,7 @@ from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_atomic
 
 if TYPE_CHECKING:
-    from capture_app.rig.doctor import Finding
+    from capture_app.machine.doctor import Finding
 
 
 @click.command(
@@ -73,7 +73,7 @@ def doctor(
     pairing, firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. With problems, the
     exit code is 1.
     """
-    from capture_app.rig.doctor import examine
+    from capture_app.machine.doctor import examine
     from capture_app.rig.process import list_rigs
 
     if report is None and (specs or panel is not None):

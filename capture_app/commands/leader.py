@@ -125,8 +125,8 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
-    from capture_app.interop.app_phones import AppPhones
-    from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
+    from capture_app.companions.interop.app_phones import AppPhones
+    from capture_app.companions.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
@@ -175,8 +175,8 @@ async def _run_leader(
     log: Path | None,
     as_json: bool,
 ) -> None:
+    from capture_app.machine.doctor import warnings_for_leader
     from capture_app.protocol.orders import AddCamera, InvitePhone, PhoneInvited
-    from capture_app.rig.doctor import warnings_for_leader
     from capture_app.rig.process import recorded_rig
     from capture_app.rig.rig_link import ask_leader
 

@@ -9,9 +9,9 @@ import click
 from capture_app.commands.leader_choice import inviting_phones
 from capture_app.commands.shared_options import leader_option, page_options, run_until_stopped
 from capture_app.common.address import Address
+from capture_app.companions.monitor import DEFAULT_PORT
 from capture_app.console.terminal import json_option
 from capture_app.console.usage import examples
-from capture_app.monitor import DEFAULT_PORT
 
 
 @click.command(epilog=examples("capture-app monitor", "capture-app monitor --leader 192.168.1.20"))
@@ -28,7 +28,7 @@ def monitor(leader: Address, host: str, port: int | None, certificate: Path | No
 
 
 async def _run(leader: Address, host: str, port: int | None, certificate: Path | None, as_json: bool) -> None:
-    from capture_app.monitor.monitor_page import serving_monitor
+    from capture_app.companions.monitor.monitor_page import serving_monitor
     from capture_app.rig.process import attach
     from capture_app.rig.rig_link import RigLink, ask_status
     from capture_app.web.admission import Admission

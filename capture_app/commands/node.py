@@ -136,7 +136,7 @@ def _log_line_of(name: str, line: str) -> None:
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
-    from capture_app.rig.boot_service import BootService
+    from capture_app.machine.boot_service import BootService
 
     service = BootService(name, ("node", "--name", name, *_typed_options("name", "at_boot", "yes")))
     if not at_boot:

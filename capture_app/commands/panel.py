@@ -12,6 +12,7 @@ import click
 from capture_app.commands.shared_options import ANY_PATH, FOLDER, run_until_stopped
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import count, duration, pretty_json
+from capture_app.companions.panel.screen import DEFAULT_PORT
 from capture_app.console.terminal import (
     FiniteRange,
     answer,
@@ -21,11 +22,10 @@ from capture_app.console.terminal import (
     talk,
 )
 from capture_app.console.usage import examples
-from capture_app.panel.screen import DEFAULT_PORT
 
 if TYPE_CHECKING:
-    from capture_app.panel.pair_errors import Held, PairTable, RigErrors
-    from capture_app.panel.session_times import SessionTimes
+    from capture_app.companions.panel.pair_errors import Held, PairTable, RigErrors
+    from capture_app.companions.panel.session_times import SessionTimes
 
 RESULT = "panel.json"
 RATE_LIMIT_PPM = 3_000.0
@@ -42,8 +42,8 @@ def read(session: Path, out: Path | None, as_json: bool) -> None:
     The panel is detected by its markers, in imported sessions too. Total is the difference that the panel
     shows, phase the difference by the session's timestamps, and clock the rest, the clock errors.
     """
-    from capture_app.panel.pair_errors import rig_errors
-    from capture_app.panel.session_times import read_session
+    from capture_app.companions.panel.pair_errors import rig_errors
+    from capture_app.companions.panel.session_times import read_session
     from capture_app.session.files.output_folder import OutputFolder, replaces_only
     from capture_app.session.reading.reader import Session
 
@@ -239,7 +239,7 @@ def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
     of each refresh. With --host 0.0.0.0 a phone can show it: scan the QR code.
     """
     from capture_app.common.address import listen_tcp
-    from capture_app.panel.screen import page_html
+    from capture_app.companions.panel.screen import page_html
 
     if save is not None:
         _save(save, page_html(), as_json)
@@ -314,8 +314,8 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     size. The sketch was tested on a simulated board only; no such panel has been built yet.
     """
     from capture_app.common.errors import BadInputError
-    from capture_app.panel.led_build import write_sketch
-    from capture_app.panel.pattern import panel_named
+    from capture_app.companions.panel.led_build import write_sketch
+    from capture_app.companions.panel.pattern import panel_named
 
     panel = panel_named(name)
     if panel.is_screen:

@@ -74,8 +74,8 @@ async def _run(
     spool: Path,
     as_json: bool,
 ) -> None:
-    from capture_app.phones.gateway import PhoneGateway
-    from capture_app.phones.phone_camera import PhoneNodes
+    from capture_app.companions.phones.gateway import PhoneGateway
+    from capture_app.companions.phones.phone_camera import PhoneNodes
     from capture_app.web.admission import Admission
     from capture_app.web.paired_page import ListeningPage
 

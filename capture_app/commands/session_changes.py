@@ -36,7 +36,7 @@ from capture_app.session.library.changes import (
 from capture_app.session.reading.take_sheet import TakeSheet
 
 if TYPE_CHECKING:
-    from capture_app.rig.repair import RepairResult
+    from capture_app.machine.repair import RepairResult
 
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
@@ -150,8 +150,8 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     Saved images are never changed; damaged ones are moved to the session's folder set_aside. Leftovers of a
     killed import or rendering in ROOT are removed; an earlier session that it had set aside is restored.
     """
+    from capture_app.machine.repair import repair as repair_sessions
     from capture_app.protocol.log import Log
-    from capture_app.rig.repair import repair as repair_sessions
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))

@@ -21,7 +21,7 @@ from capture_app.console.output import wait_for_no_reader
 from capture_app.console.terminal import ParsedType
 
 if TYPE_CHECKING:
-    from capture_app.interop.rpicam import RpicamSync
+    from capture_app.companions.interop.rpicam import RpicamSync
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -190,7 +190,7 @@ rpicam_options = together(
 
 def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamSync]":
     """Make the followers of these options. Raises BadInputError for a host without an IPv4 address."""
-    from capture_app.interop.rpicam import RpicamSync
+    from capture_app.companions.interop.rpicam import RpicamSync
 
     try:
         found = [socket.gethostbyname(host) for host in hosts if host != "all"]

@@ -4,6 +4,7 @@ import re
 from collections.abc import Container
 from itertools import chain, count
 from typing import Annotated
+from unicodedata import combining, normalize
 
 from msgspec import Meta
 
@@ -33,8 +34,9 @@ def check_name(text: str, what: str) -> str:
 
 
 def name_like(text: str, otherwise: str) -> str:
-    """Return the valid name nearest to a text, or `otherwise` if no character is usable."""
-    return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MAX_LENGTH] or otherwise
+    """Return the valid name nearest to a text without accents, or `otherwise` if nothing is usable."""
+    plain = "".join(one for one in normalize("NFKD", text.replace("ß", "ss")) if not combining(one))
+    return _FORBIDDEN.sub("-", plain).lstrip("_.-")[:_MAX_LENGTH].rstrip("-") or otherwise
 
 
 def free_name(requested: str, taken: Container[str]) -> str:

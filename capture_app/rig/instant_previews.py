@@ -25,6 +25,13 @@ class InstantPreviews(Struct, frozen=True):
     previews: dict[str, Preview]
     leader_ahead_ns: int | None = None
     """Leader time minus this machine's monotonic clock; None if unknown."""
+    absent: dict[str, str] = {}
+    """States of the other cameras by name, as `syncing`; one that is `ready` gave its preview too late."""
+
+    def __repr__(self) -> str:
+        seen = [f"{name} {one.width}x{one.height}" for name, one in self.previews.items()]
+        without = [f"without {name}: {state}" for name, state in self.absent.items()]
+        return f"<{type(self).__name__} {', '.join(seen + without)}>"
 
     @property
     def spread_ns(self) -> int:
@@ -62,14 +69,17 @@ async def instant_previews(
     """
     await link.want_previews(cameras=cameras, width=width, fps=fps)
     newest: dict[str, Preview] = {}
+    states: dict[str, str] = {}
     ahead_ns: int | None = None
     async with aclosing(link.updates()) as updates:
         async for update in updates:
             if isinstance(update, LinkLost):
                 raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
             if isinstance(update, RigStatus):
+                states = {node.name: node.state.value for node in update.cameras}
                 now_ahead_ns = update.now_ns - time.monotonic_ns()
                 # The status that took least time is the newest one by this clock.
                 ahead_ns = now_ahead_ns if ahead_ns is None else max(ahead_ns, now_ahead_ns)
             if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
-                yield replace(found, leader_ahead_ns=ahead_ns)
+                absent = {name: state for name, state in states.items() if name not in found.previews}
+                yield replace(found, leader_ahead_ns=ahead_ns, absent=absent)

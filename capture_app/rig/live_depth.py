@@ -18,8 +18,8 @@ from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantI
 WIDTH_PX = 320
 MAX_FPS = 15.0
 """Instants of previews per second, of which the newest is matched."""
-NICENESS = 10
-"""Of the process that matches: a rig's own work goes first."""
+NICENESS = 1
+"""Of the process that matches until its first depth, which a person waits for; then it steps back."""
 MAX_LACKING = 20
 """Instants in a row without a picture of the chosen camera after which that is reported."""
 COMMAND = ("reconstruction.cli", "live", "--width", str(WIDTH_PX))

@@ -84,6 +84,9 @@ class AsyncRig:
         if self._pid is not None:
             await self._stop()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self._leader or 'outside of its with block'}>"
+
     @property
     def address(self) -> Address:
         """Address of the leader. Raises NotAvailableError outside of the `with` block."""
@@ -202,6 +205,9 @@ class Rig:
     ) -> None:
         """End the rig if it was started here."""
         _run(self._rig.__aexit__(kind, error, trace))
+
+    def __repr__(self) -> str:
+        return repr(self._rig).replace(type(self._rig).__name__, type(self).__name__)
 
     @property
     def address(self) -> Address:

@@ -95,6 +95,7 @@ class SimulshotApp(App[None]):
             Binding(str(number), f"switch_mode('{mode}')", title, id=f"app.{mode}", show=False)
             for number, (mode, title) in enumerate(MODES.items(), 1)
         ),
+        Binding("l", "start", "Restart leader", id="app.start", tooltip="if it is lost"),
         Binding("question_mark", "help", "Help", id="app.help", key_display="?"),
         Binding("q", "quit", "Quit", id="app.quit", tooltip="asks first if a job or a rig would end"),
     ]
@@ -177,7 +178,10 @@ class SimulshotApp(App[None]):
     @work(group="rig")
     async def _follow(self) -> None:
         async for update in self._source.updates():
+            was_lost = self._record.lost
             self._record.add(update)
+            if self._record.lost != was_lost:
+                self.refresh_bindings()
             if isinstance(update, RigStatus):
                 self.runs.hold(update.burst is not None and not update.burst.done)
             elif isinstance(update, LinkLost):
@@ -229,6 +233,15 @@ class SimulshotApp(App[None]):
         self.notify(line.text, severity=level, markup=False, timeout=10)
 
     # Actions
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer a lost leader of this machine to be restarted."""
+        return bool(self._record.lost) and self._local if action == "start" else True
+
+    async def action_start(self) -> None:
+        """Show the rig, and restart its leader."""
+        await self.switch_mode("rig")
+        self.screen.query_one(RigView).restart_leader()
 
     @work(group="help")
     async def action_help(self) -> None:

@@ -43,6 +43,8 @@ GRADES = {
 }
 """Grades of a take, in every mode; `GRADE_LIMITS` defines the words."""
 NO_LEADER = Sign("✖", "leader lost", "$error")
+UNKNOWN = Sign("?", "unknown", "$foreground-muted")
+"""State of a camera whose leader is lost."""
 WAITING = Sign("○", "connecting", "$foreground-muted")
 EMPTY = Sign("○", "no camera", "$foreground-muted")
 

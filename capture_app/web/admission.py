@@ -81,7 +81,9 @@ class Admission:
                 "Scan the code that the leader shows now."
             )
         if not secrets.compare_digest(offered, _digest(self.secret)):
-            raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
+            raise UnknownMachineError(
+                "This code was mistyped or has expired: scan the one that the leader shows now."
+            )
         if len(self._devices) >= MAX_DEVICES:
             remedies = {"phone": "remove one by capture-app cameras remove NAME"}
             remedy = remedies.get(self._kind, "end and restart capture-app monitor")

@@ -18,7 +18,7 @@ from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage, CoverageCount, coverage_table
 from capture_app.board.detector import BoardDetector, Corners
 from capture_app.board.printing import board_page, to_svg
-from capture_app.simulation.rendering.scene import load
+from capture_app.plugins.cameras.sim.rendering.scene import load
 
 OUT = Path(__file__).parent
 CAMERAS = ("cam00", "cam01", "cam04", "cam05")

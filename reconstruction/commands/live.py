@@ -1,5 +1,6 @@
 """`reconstruct live`: depth of a running rig's previews; `capture-app` starts it, so it is hidden."""
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,8 @@ from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantI
 
 LOOK_S = 2.0
 """Interval between two searches for the rig's calibration."""
+LATER_NICENESS = 9
+"""Added to the process's niceness after the first depth: a rig's own work goes first."""
 T = TypeVar("T")
 HINT = "docs/calibration.md shows how; with simulated cameras, take once"
 
@@ -35,7 +38,7 @@ def live(width: int) -> None:
     rig = _decode(next(messages, b""), LiveRig)
     modes = {name: CameraMode.of(facts) for name, facts in rig.cameras.items()}
     folder = Path(rig.sessions_folder) if rig.sessions_folder else None
-    engine, due_s = None, 0.0
+    engine, due_s, is_first = None, 0.0, True
     for data in messages:
         given = _decode(data, InstantImages)
         decoded = ((name, decode_preview(jpeg)) for name, jpeg in given.jpegs.items())
@@ -51,6 +54,9 @@ def live(width: int) -> None:
             found = engine.compute(images, given.camera)
             jpeg = encode_image(colour_depth(found.depth, *found.depth_range))
             answer = msgspec.structs.replace(answer, jpeg=jpeg, moving_confirmed=found.moving_confirmed)
+            if is_first:
+                os.nice(LATER_NICENESS)
+                is_first = False
         except SimulshotError as error:
             answer = msgspec.structs.replace(answer, problem=str(error))
         sys.stdout.buffer.write(pack(answer))

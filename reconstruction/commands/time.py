@@ -1,6 +1,6 @@
 """`reconstruct time`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,12 +11,17 @@ from capture_app.console.usage import examples
 from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
+    from reconstruction.time_offsets.camera_time import CameraTime
     from reconstruction.time_offsets.session_offsets import TimeResult
 
 
 @click.command(
     "time",
-    epilog=examples("reconstruct time sessions/burst-001", "reconstruct time sessions/videos --apply"),
+    epilog=examples(
+        "reconstruct time sessions/burst-001",
+        "reconstruct time sessions/videos --apply",
+        "reconstruct time sessions/videos --repair-drops",
+    ),
 )
 @session_argument
 @click.option(
@@ -30,10 +35,17 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Set the measured times of a recording without common times, and pair its images again.",
 )
+@click.option(
+    "--repair-drops",
+    is_flag=True,
+    help="Pair the images of an imported session again where a camera dropped or repeated frames.",
+)
 @memory_option
 @checksums_option
 @json_option
-def time_command(session: Path, reference: str | None, apply: bool, as_json: bool) -> None:
+def time_command(
+    session: Path, reference: str | None, apply: bool, repair_drops: bool, as_json: bool
+) -> None:
     """Measure the time offset of each camera of SESSION, by a blinking lamp or by motion in its pictures.
 
     Pass an offset to --time-shift-ms of other commands to correct it. In a recording without common times,
@@ -42,9 +54,26 @@ def time_command(session: Path, reference: str | None, apply: bool, as_json: boo
     """
     from reconstruction.time_offsets.session_offsets import measure_times
 
-    result = measure_times(session, reference, apply=apply)
+    result = measure_times(session, reference, apply=apply, repair_drops=repair_drops)
     aligned = f"{session}: aligned by motion" if result.applied else ""
-    answer(as_json, result, filter(None, (*_lines(result), aligned)))
+    repaired = f"{session}: images paired again" if result.repaired else _advice(result)
+    changes = change_lines(result.reference, result.cameras)
+    answer(as_json, result, filter(None, (*_lines(result), *changes, aligned, repaired)))
+
+
+def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
+    """Yield what changes over the take: dropped frames, other rates, and images that wander."""
+    for name, found in cameras.items():
+        others = "the others" if name == reference else reference
+        if found.change:
+            yield found.change.describe(name, others)
+        if found.jitter_ms is not None:
+            yield f"{name}'s frames wander by ± {2 * found.jitter_ms:.1f} ms (95 %) about this offset"
+
+
+def _advice(result: "TimeResult") -> str:
+    dropped = any(one.change and one.change.steps for one in result.cameras.values())
+    return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 
 def _lines(result: "TimeResult") -> Iterator[str]:
@@ -54,11 +83,11 @@ def _lines(result: "TimeResult") -> Iterator[str]:
         elif name == result.reference:
             yield f"{name}: the reference"
         else:
-            more = ""
+            more = " at first" if found.change and found.change.steps else ""
             if found.misfit_px is not None:
-                more = f", with the calibration corrected: its lines are {found.misfit_px:.1f} px off"
+                more += f", with the calibration corrected: its lines are {found.misfit_px:.1f} px off"
             if found.rate_ppm is not None and found.rate_sd_ppm is not None:
-                more = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
+                more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
-                more = f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
+                more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
             yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"

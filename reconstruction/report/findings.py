@@ -19,6 +19,7 @@ DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """Measures that judge depth: correct distances if the truth is known, else any distance."""
 CLEAR_FRACTION = 0.15
 """Lost fraction of the moving pixels from which the loss is reported as clear."""
+REPAIR = "reconstruct time --repair-drops pairs the pictures of an imported session again"
 MAX_NAMED = 4
 """Maximum number of cameras named in a sentence."""
 
@@ -42,6 +43,10 @@ def timing_sentences(timing: Timing) -> str:
 
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
+    if timing.change:
+        remedy = REPAIR if timing.change.steps else "Import it with its own times: --times or --timestamps"
+        when = "at first" if timing.change.steps else "on average"
+        return f"{found} {timing.reason}, and {offset_text(timing)} {when} ({by}; 95 %). {remedy}."
     paired = f"{timing.option} pairs the pictures that belong together" if timing.option else ""
     if timing.jitter_ms is not None:
         shift = f" {paired} on average." if paired else ""
@@ -70,7 +75,7 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
     if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
         return ""
-    shown = [f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
+    shown = [one.reason if one.change else f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
     more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
     # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
@@ -89,6 +94,8 @@ def rig_judgement(timing: Timing) -> str:
     """Return in a few words whether a camera shows the same instant as the reference."""
     if timing.synchronized:
         return "the same instant"
+    if timing.change:
+        return timing.reason
     if timing.offset:
         return timing.option or "not the same instant; no other pairing is closer in time"
     if timing.same_frame_ms is not None:

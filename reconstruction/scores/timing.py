@@ -10,7 +10,14 @@ from msgspec import Struct, structs
 from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.camera_time import ImageTimes
-from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit, steps_ratio
+from reconstruction.time_offsets.crossings import (
+    MIN_INSTANTS,
+    InstantOffset,
+    OffsetFit,
+    fit_slope,
+    scatter_ms,
+)
+from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 
@@ -22,11 +29,6 @@ ODD_INSTANT_SIGMAS = 4.0
 """Standard deviations from which one of some twenty instants disagrees with the take."""
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
-MIN_JITTER = 3.0
-"""Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
-MIN_JITTER_INSTANTS = 5
-INDEPENDENT = 1.2
-"""Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
 LOST_FRACTION = 0.5
 """Most of what moves is lost if less of it is found than this fraction of what stands still."""
 AGREED_FRACTION = 0.75
@@ -45,7 +47,10 @@ class Timing(Struct, frozen=True, kw_only=True):
     synchronized: bool = False
     """Whether zero is within the offset's error, over the whole take and at its instants."""
     late_ms: float | None = None
-    """Median over the instants; None if the images do not determine it."""
+    """Median over the instants; None if the images do not determine it.
+
+    If the offset changes, it is that before the first step, or at the middle of a drift.
+    """
     uncertainty_ms: float | None = None
     """95 % error of `late_ms`; one frame if `by_depth`."""
     by_depth: bool = False
@@ -57,6 +62,10 @@ class Timing(Struct, frozen=True, kw_only=True):
     """Whether the offset is certainly not zero, or single images certainly have offsets of their own."""
     jitter_ms: float | None = None
     """Standard deviation of the images' own offsets, if it is certainly not zero."""
+    change: Change = UNCHANGED
+    """How the offset changes over the take: dropped or repeated frames, or another frame rate."""
+    disagreeing: tuple[int, ...] = ()
+    """Instants that have clear offsets of their own, which nothing explains."""
     misfit_px: float | None = None
     """Median epipolar error of static points (of all if cameras move), if the calibration does not fit."""
     same_frame_ms: float | None = None
@@ -114,7 +123,9 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTimin
         measure_pair_timing(
             offsets,
             (first, name),
-            OffsetFit(one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px),
+            OffsetFit(
+                one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px, change=one.change or UNCHANGED
+            ),
         )
         for name, one in found.items()
         if name != first
@@ -144,26 +155,41 @@ def judge_timing(
         misfit_px=fit.misfit_px,
         instants=fit.instants,
         moving_cameras=moving_cameras or {},
+        change=fit.change,
+        disagreeing=fit.disagreeing,
     )
     if fit.offset_ms is None or fit.sd_ms is None:
         return unknown
     late, sd, instants = fit.offset_ms, fit.sd_ms, fit.instants
     limit_ms = SURE_FRAMES * spacing_ms
+    if fit.change:
+        return structs.replace(
+            unknown,
+            late_ms=late,
+            uncertainty_ms=SIGMAS * sd,
+            offset=True,
+            reason=fit.change.describe(other, reference),
+        )
     odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
-    jitter_ms, drifts = _scatter(instants, limit_ms)
+    jitter_ms, drifts = scatter_ms(instants, spacing_ms)
     if drifts:
         low, high = (end(one.late_ms for one in instants) for end in (min, max))
-        reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes"
-        return structs.replace(unknown, reason=f"{reason}: check it with a board")
+        reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
+        return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
+    end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     doubts = {
         f"{other}'s frames wander by ± {SIGMAS * (jitter_ms or 0.0):.1f} ms": jitter_ms is not None,
         f"the calibration does not fit the pictures: {points} are {fit.misfit_px or 0.0:.1f} pixels off "
         "their epipolar lines; check it with a board": fit.misfit_px is not None,
+        f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
+        f"some instants disagree with the others: {', '.join(map(str, fit.disagreeing))}": bool(
+            fit.disagreeing
+        ),
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,
@@ -174,7 +200,7 @@ def judge_timing(
         abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not odd or is_same_instant(possible_ms, spacing_ms)
+    same &= not fit.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,
@@ -187,6 +213,17 @@ def judge_timing(
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )
+
+
+def _largest_by_slope_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
+    """Return the largest offset of the measured instants if they certainly drift, else 0."""
+    if len(instants) < MIN_INSTANTS:
+        return 0.0
+    slope_ms, sd_ms, middle = fit_slope(instants)
+    if abs(slope_ms) < SIGMAS * sd_ms:
+        return 0.0
+    ends = (late_ms + slope_ms * (instants[k].instant - middle) for k in (0, -1))
+    return max(ends, key=abs)
 
 
 def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
@@ -205,19 +242,6 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     jitters = np.linspace(0, 3 * np.sqrt(scatter.max() + variances.max()), 200)
     possible = np.minimum(scatter / (variances + jitters[:, None] ** 2), 4).sum(1) >= least
     return float(jitters[possible].max(initial=0.0))
-
-
-def _scatter(instants: Sequence[InstantOffset], limit_ms: float) -> tuple[float | None, bool]:
-    """Return the jitter (standard deviation, ms) or None, and whether the offsets drift over the take."""
-    late_ms = np.array([one.late_ms for one in instants])
-    if len(late_ms) < MIN_JITTER_INSTANTS:
-        return None, False
-    error_ms = float(np.median([one.sd_ms for one in instants]))
-    scatter_ms = 1.4826 * float(np.median(np.abs(late_ms - np.median(late_ms))))
-    if scatter_ms < max(MIN_JITTER * error_ms, limit_ms / 2):
-        return None, False
-    drifts = steps_ratio(late_ms) < INDEPENDENT
-    return None if drifts else float(np.sqrt(scatter_ms**2 - error_ms**2)), drifts
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:
@@ -242,7 +266,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     """
     peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
     agreed = len(peaks_ms) >= MIN_INSTANTS and peaks_ms.count(peak_ms) >= AGREED_FRACTION * len(peaks_ms)
-    if timing.misfit_px is not None or not agreed:
+    if timing.misfit_px is not None or not agreed or timing.disagreeing:
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     max_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms

@@ -8,8 +8,16 @@ from msgspec import Struct, structs
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.instant_votes import Change
 
-DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": None, "misfit_px": 1}
+DIGITS = {
+    "offset_ms": 3,
+    "sd_ms": 3,
+    "row_time_ns": None,
+    "row_time_sd_ns": None,
+    "misfit_px": 1,
+    "jitter_ms": 1,
+}
 """Decimal places to which each field is rounded; None: a whole number."""
 
 
@@ -33,6 +41,10 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     misfit_px: float | None = None
     """Median epipolar error of static points, if the calibration does not fit them. The offset was then
     measured with a geometry corrected by these points."""
+    change: Change | None = None
+    """How the offset changes over the take: dropped or repeated frames, or another frame rate."""
+    jitter_ms: float | None = None
+    """Standard deviation of single images' own offsets, if it is certainly not zero."""
     rate_ppm: float | None = None
     """Rate correction that a recording without common times needs to match the reference's clock, ppm."""
     rate_sd_ppm: float | None = None

@@ -5,7 +5,7 @@ B's images show the point before and after. Its path in B crosses the line at th
 which A's image was taken. Motion along the line carries no information.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -14,6 +14,16 @@ from msgspec import Struct, structs
 
 from reconstruction.calibration.consistency import consistent_matches
 from reconstruction.common.geometry import Array, View
+from reconstruction.time_offsets.instant_votes import (
+    DISTINCT,
+    MATCH_PX,
+    MIN_VOTES,
+    UNCHANGED,
+    Change,
+    Votes,
+    count_votes,
+    find_change,
+)
 from reconstruction.time_offsets.pair_geometry import (
     TERMS,
     epipolar_errors_px,
@@ -21,13 +31,10 @@ from reconstruction.time_offsets.pair_geometry import (
     places,
 )
 
-MATCH_PX = 0.5
-"""Initial error of a match across its epipolar line; it is then estimated from the matches."""
 MIN_MATCH_PX = 0.1
 MIN_STILL_PX = 0.2
 MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
-BIN_MS = 0.25
 NEAR_PX = 4.0
 """Matches farther than this from the offset with the most votes are outliers."""
 MAX_STILL_RESIDUAL_PX = 6.0
@@ -39,10 +46,6 @@ MAX_IN_MOTION_PX = 1.0
 """The same for all matches of moving cameras at the offset found; a wrong calibration fits only some."""
 TYPICAL_AT_REST_PX = 0.6
 """Median epipolar error of static points with a calibration as good as the terms of its errors assume."""
-MIN_VOTES = 6.0
-"""Minimum number of crossings that must agree."""
-DISTINCT = 1.6
-"""Minimum ratio of agreeing crossings to those at any other offset; wrong matches vote for every offset."""
 MIN_POINTS = 3
 """Minimum points of an instant; fewer may all be wrong matches."""
 MIN_INSTANTS = 3
@@ -58,6 +61,12 @@ INSTANT_PX = 0.12
 ALIKE_INSTANTS = 3.0
 """Number of successive instants at which an object's outline has the same error."""
 ROUNDS = 20
+MIN_JITTER = 3.0
+"""Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
+MIN_JITTER_INSTANTS = 5
+MIN_JITTER_FRAMES = 0.05
+INDEPENDENT = 1.2
+"""Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
 
 
 @dataclass(frozen=True)
@@ -213,12 +222,20 @@ class OffsetFit:
 
     If the offset is known, it was measured with a geometry corrected by these points.
     """
+    change: Change = UNCHANGED
+    """How the offset changes over the take; `offset_ms` is then that of the first instant."""
+    disagreeing: tuple[int, ...] = ()
+    """Instants that have clear offsets of their own, which `change` does not explain."""
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
         moved = tuple(structs.replace(one, late_ms=one.late_ms + by_ms) for one in self.instants)
         found = replace(self, instants=moved)
         return found if self.offset_ms is None else replace(found, offset_ms=self.offset_ms + by_ms)
+
+    def jitter_ms(self, period_ms: float) -> float | None:
+        """Return the standard deviation of single images' own offsets, if it is certainly not zero."""
+        return None if self.change else scatter_ms(self.instants, period_ms)[0]
 
 
 def misfit(count: int, points: str, off_px: float) -> OffsetFit:
@@ -250,12 +267,15 @@ def fit_offset(
     # A calibration that is worse at rest has larger errors elsewhere too.
     prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
     at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
-    seen = found.by(at_rest.geometry)
-    peak, votes, rival = _best_offset(seen, period_ms)
-    if votes < MIN_VOTES or votes < DISTINCT * rival:
+    votes = _votes(found.by(at_rest.geometry))
+    if change := find_change(votes, period_ms):
+        found = found.later(-change.at_ms(found.instant, period_ms))
+        votes = _votes(found.by(at_rest.geometry))
+    peak, best, rival = _best_offset(votes, period_ms)
+    if best < MIN_VOTES or best < DISTINCT * rival:
         return OffsetFit(reason="the moving points do not agree on one offset")
-    late_ms = seen.offset_ms - peak
-    near = (np.abs(late_ms * seen.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
+    late_ms = found.by(at_rest.geometry).offset_ms - peak
+    near = (np.abs(late_ms * found.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
     at_rest.values[0] = peak
     fit = _Fit(found.only(near), still, prior_sd, at_rest)
     if len(instants := _by_instant(fit, period_ms)) < MIN_INSTANTS:
@@ -263,12 +283,52 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
+    if change.drift:
+        change = _refined(change, instants, period_ms)
+    offset_ms = float(fit.values[0])
     return OffsetFit(
-        offset_ms=float(fit.values[0]),
+        offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
-        instants=instants,
-        votes=votes,
+        instants=_changing(instants, change, period_ms),
+        votes=best,
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
+        change=change,
+        disagreeing=_votes(found.by(fit.geometry)).disagreeing(offset_ms, period_ms),
+    )
+
+
+def _votes(seen: Crossings) -> Votes:
+    return count_votes(seen.instant, seen.offset_ms, seen.across_px_per_ms, seen.counts)
+
+
+def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:
+    """Return a drift corrected by the slope of the instants' remaining offsets, with its error."""
+    slope_ms, sd_ms, _ = fit_slope(instants)
+    return structs.replace(change, drift=change.drift + slope_ms / period_ms, drift_sd=sd_ms / period_ms)
+
+
+def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:
+    """Return the growth of the offsets from instant to instant, its standard deviation (ms), and the middle.
+
+    Weighted least squares; the offsets' scatter widens their errors.
+    """
+    weights = np.array([one.sd_ms for one in instants]) ** -2.0
+    at, late_ms = (np.array([getattr(one, of) for one in instants], float) for of in ("instant", "late_ms"))
+    middle = float(np.average(at, weights=weights))
+    at, late_ms = at - middle, late_ms - np.average(late_ms, weights=weights)
+    normal = float(weights @ at**2)
+    slope_ms = float(weights @ (at * late_ms)) / normal
+    factor = max(1.0, float(weights @ (late_ms - slope_ms * at) ** 2) / max(1, len(at) - 2))
+    return slope_ms, float(np.sqrt(factor / normal)), middle
+
+
+def _changing(
+    instants: tuple[InstantOffset, ...], change: Change, period_ms: float
+) -> tuple[InstantOffset, ...]:
+    """Return the instants' offsets, measured without the change, with it."""
+    by_ms = change.at_ms(np.array([one.instant for one in instants]), period_ms)
+    return tuple(
+        structs.replace(one, late_ms=one.late_ms + float(ms)) for one, ms in zip(instants, by_ms, strict=True)
     )
 
 
@@ -293,17 +353,25 @@ def steps_ratio(values: Array) -> float:
     return float(np.mean(np.diff(values) ** 2)) / variance if variance > 0 else 2.0
 
 
-def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, float]:
+def scatter_ms(instants: Sequence[InstantOffset], period_ms: float) -> tuple[float | None, bool]:
+    """Return the jitter (standard deviation, ms) or None, and whether the offsets drift over the take."""
+    late_ms = np.array([one.late_ms for one in instants])
+    if len(late_ms) < MIN_JITTER_INSTANTS:
+        return None, False
+    error_ms = float(np.median([one.sd_ms for one in instants]))
+    found_ms = 1.4826 * float(np.median(np.abs(late_ms - np.median(late_ms))))
+    if found_ms < max(MIN_JITTER * error_ms, MIN_JITTER_FRAMES * period_ms):
+        return None, False
+    drifts = steps_ratio(late_ms) < INDEPENDENT
+    return None if drifts else float(np.sqrt(found_ms**2 - error_ms**2)), drifts
+
+
+def _best_offset(votes: Votes, period_ms: float) -> tuple[float, float, float]:
     """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
-    max_abs_ms = float(np.abs(found.offset_ms).max()) + 1
-    grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
-    widths = np.maximum(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS)
-    votes = np.zeros(len(grid))
-    for offset, width, count in zip(found.offset_ms, widths, found.counts, strict=True):
-        votes += count * np.exp(-0.5 * ((grid - offset) / width) ** 2)
-    best = int(votes.argmax())
+    grid, total = votes.offsets_ms, votes.total
+    best = int(total.argmax())
     elsewhere = np.abs(grid - grid[best]) >= period_ms
-    return float(grid[best]), float(votes[best]), float(votes[elsewhere].max(initial=0.0))
+    return float(grid[best]), float(total[best]), float(total[elsewhere].max(initial=0.0))
 
 
 class _Fit:

@@ -110,6 +110,8 @@ def align_cameras(rig: Rig, progress: Progress) -> dict[str, CameraTimes]:
             return CameraTimes(reason=rough)
         if (fit := offsets.measure(first, second, MAX_INSTANTS, rough=rough)).offset_ms is None:
             return CameraTimes(reason=fit.reason)
+        if fit.change.steps:
+            return CameraTimes(reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames")
         return _line(rig.dataset, first, second, fit)
 
     return chain_cameras(rig.dataset.cameras, against)

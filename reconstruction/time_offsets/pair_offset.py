@@ -1,6 +1,6 @@
 """Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -61,6 +61,8 @@ DISAGREEING = 3.0
 """Standard deviations between two fits of an offset from which they contradict each other."""
 LINEAR_STEPS = 4
 """Maximum number of times that points are moved along their paths to the offset found."""
+PLACINGS, BESIDE_STEP = 3, 6
+"""Maximum number of times that further instants around a step are measured, and how many each time."""
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
 
@@ -136,22 +138,27 @@ class PairOffsets:
             if all_moves or not asked
             else choose_moving_instants(self.rig.motion, cameras, asked, limit)
         )
-        apart_ms = {
-            (now, other): at_ms - times.at_ms(first, now) for now in chosen for other, at_ms in others.items()
-        }
+
+        def apart_ms(instants: Sequence[int]) -> dict[tuple[int, int], float]:
+            return {
+                (now, other): at_ms - times.at_ms(first, now)
+                for now in instants
+                for other, at_ms in others.items()
+            }
+
         paths = partial(self._paths, times, (first, second), all_moves)
         period_ms = self.dataset.period_ns / 1e6
 
-        def cross(pair: tuple[View, View]) -> Crossings:
+        def cross(pair: tuple[View, View], instants: Sequence[int] = chosen) -> Crossings:
             found = [
                 find_crossings(pair, images[0], *paths(images))
-                for images, ms in apart_ms.items()
+                for images, ms in apart_ms(instants).items()
                 if abs(ms) <= max_offset_ms
             ]
             return Crossings.join(found).later(-near_ms)
 
         def in_motion(offset_ms: float) -> MovingMatches:
-            same = [images for images, ms in apart_ms.items() if abs(ms + offset_ms) <= period_ms / 2]
+            same = [images for images, ms in apart_ms(chosen).items() if abs(ms + offset_ms) <= period_ms / 2]
             parts = [points_at_offset(*paths(images)[0], near_ms + offset_ms) for images in same]
             at_a, at_b, speeds = zip((np.zeros((0, 2)),) * 3, *parts, strict=True)
             return np.concatenate(at_a), np.concatenate(at_b), np.concatenate(speeds)
@@ -160,7 +167,17 @@ class PairOffsets:
         if all_moves:
             return fit_in_motion(pair, period_ms, cross, in_motion).later(near_ms)
         pair, still, recorded_px = _correct_at_rest(pair, *self._still_matches(first, second))
-        return fit_offset(cross(pair), still, period_ms, recorded_px).later(near_ms)
+        crossings = cross(pair)
+        fit = fit_offset(crossings, still, period_ms, recorded_px)
+        # A long take is measured at some instants only: those around a step place it.
+        for _ in range(PLACINGS):
+            around = [k for k in asked if any(step.earliest <= k < step.latest for step in fit.change.steps)]
+            if not (more := evenly_spaced([k for k in around if k not in chosen], BESIDE_STEP)):
+                break
+            chosen = [*chosen, *more]
+            crossings = Crossings.join((crossings, cross(pair, more)))
+            fit = fit_offset(crossings, still, period_ms, recorded_px)
+        return fit.later(near_ms)
 
     def _paths(
         self, times: ImageTimes, cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]

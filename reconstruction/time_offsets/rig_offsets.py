@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
+from msgspec import structs
 
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
@@ -12,6 +13,7 @@ from reconstruction.common.geometry import angle_deg
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
+from reconstruction.time_offsets.instant_votes import UNCHANGED
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 PARTNERS = 3
@@ -50,7 +52,8 @@ def measure_rig_offsets(
 
     with worker_pool() as pool:
         measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))
-    return adjust_offsets(rig.dataset.cameras, reference, measured, preferred)
+    found = adjust_offsets(rig.dataset.cameras, reference, measured, preferred)
+    return with_changes(found, measured, rig.dataset.period_ns / 1e6)
 
 
 def likely_pairs(rig: Rig) -> list[Pair]:
@@ -103,6 +106,47 @@ def adjust_offsets(
                 misfit_px=max((off for pair in its if (off := measured[pair].misfit_px)), default=None),
             )
     return {n: found[n] if n in found else CameraTime(reason=_why(n, measured, known)) for n in names}
+
+
+def with_changes(
+    found: Mapping[str, CameraTime], measured: Mapping[Pair, OffsetFit], period_ms: float
+) -> dict[str, CameraTime]:
+    """Return the offsets with their changes over the take, and with the jitter of single images.
+
+    A camera's images wander if they do against every other camera.
+    """
+    known = {pair: fit for pair, fit in measured.items() if fit.offset_ms is not None}
+    changes = {name: UNCHANGED for name, one in found.items() if one.source == REFERENCE}
+    while more := [pair for pair in known if (pair[0] in changes) != (pair[1] in changes)]:
+        first, second = more[0]
+        if first in changes:
+            changes[second] = changes[first].followed_by(known[first, second].change)
+        else:
+            changes[first] = changes[second].followed_by(known[first, second].change.reversed())
+    jitters = {
+        name: [fit.jitter_ms(period_ms) for pair, fit in known.items() if name in pair] for name in found
+    }
+    return {
+        name: structs.replace(
+            one,
+            change=changes.get(name) or None,
+            jitter_ms=min((ms or 0.0 for ms in jitters[name]), default=0.0) or None,
+        )
+        for name, one in found.items()
+    }
+
+
+def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]:
+    """Return each camera's own changes: one that all others have against the reference is the reference's."""
+    others = [one for one in cameras.values() if one.source != REFERENCE and one.offset_ms is not None]
+    if len(others) < 2 or (first := others[0].change) is None:
+        return dict(cameras)
+    own = {
+        name: (one.change or UNCHANGED).followed_by(first.reversed()) or None for name, one in cameras.items()
+    }
+    if sum(change is not None for change in own.values()) > 1:
+        return dict(cameras)
+    return {name: structs.replace(one, change=own[name]) for name, one in cameras.items()}
 
 
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:

@@ -12,13 +12,14 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
+from capture_app.session.importing.realigning import repair_drops as repair_drops_of
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
 from reconstruction.time_offsets.motion_alignment import align_cameras
-from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets
+from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets, with_own_changes
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -31,13 +32,18 @@ class TimeResult(Struct, frozen=True, kw_only=True):
     seconds: float
     applied: bool = False
     """Whether the measured times were written into the session."""
+    repaired: bool = False
+    """Whether the images after dropped or repeated frames were paired again in the session."""
 
 
-def measure_times(session: Path, reference: str | None = None, *, apply: bool = False) -> TimeResult:
+def measure_times(
+    session: Path, reference: str | None = None, *, apply: bool = False, repair_drops: bool = False
+) -> TimeResult:
     """Measure the time offsets of a session's cameras.
 
     Offsets of recordings without common times may be of any size. `apply` writes these times into the
-    session; otherwise nothing is written.
+    session. `repair_drops` pairs its images again where a camera dropped or repeated frames. Otherwise
+    nothing is written.
 
     Raises:
         SimulshotError: the session cannot be used, has no such camera, or its cameras cannot be calibrated.
@@ -54,6 +60,11 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
             f"the cameras of {dataset.name} already have common times",
             hint="leave out --apply to measure their offsets",
         )
+    if alone and repair_drops:
+        raise NotApplicableError(
+            f"the cameras of {dataset.name} have no common times yet",
+            hint="align them first: reconstruct time SESSION --apply",
+        )
     if alone and reference not in (None, dataset.cameras[0]):
         raise BadInputError(
             f"recordings without common times are measured against {dataset.cameras[0]}",
@@ -69,6 +80,16 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     progress.last("offsets")
     if apply:
         realign_session(dataset.session, aligned, MOTION)
+    if repair_drops:
+        steps = {name: one.change.steps for name, one in cameras.items() if one.change and one.change.steps}
+        if not steps:
+            raise NotApplicableError(
+                f"no dropped or repeated frame is found in {dataset.name}", hint="leave out --repair-drops"
+            )
+        repair_drops_of(
+            dataset.session,
+            {name: [(one.instant, one.frames) for one in of] for name, of in steps.items()},
+        )
     return TimeResult(
         session=str(session),
         reference=next(name for name, one in cameras.items() if one.source == REFERENCE),
@@ -76,6 +97,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
         calibration=calibration,
         seconds=time.monotonic() - began,
         applied=apply,
+        repaired=repair_drops,
     )
 
 
@@ -90,7 +112,7 @@ def _common_times(
     if len(unlit) < len(lit):
         reference = next(name for name, one in lit.items() if one.source == REFERENCE)
     with _calibrated(dataset, progress) as rig:
-        moved = measure_rig_offsets(rig, reference, progress)
+        moved = with_own_changes(measure_rig_offsets(rig, reference, progress))
     for name in unlit:
         why, by_light = moved[name].reason, lit[name].reason
         both = why and by_light != NO_LAMP

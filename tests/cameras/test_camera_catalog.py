@@ -7,8 +7,8 @@ import pytest
 from capture_app.cameras import specs
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError
-from capture_app.rig.cameras import list_cameras
-from capture_app.simulation.profiles import PROFILES
+from capture_app.machine.cameras import list_cameras
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from tests.cameras.fake_camera import FakeCamera, frame
 
 

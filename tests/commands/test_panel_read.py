@@ -12,9 +12,9 @@ import pytest
 from capture_app.cli import run
 from capture_app.commands.camera_measurements import times_by_panel
 from capture_app.common.errors import ExitCode
-from capture_app.panel import session_times
+from capture_app.companions.panel import session_times
+from capture_app.plugins.cameras.sim.rendering import panel_photograph
 from capture_app.session.reading.reader import Session
-from capture_app.simulation.rendering import panel_photograph
 
 BUNDLED = Path(__file__).parents[2] / "sample_sessions" / "led_panel"
 

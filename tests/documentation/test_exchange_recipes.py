@@ -15,7 +15,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.format.export_record import RECORD
 from capture_app.session.reading.reader import Session
 from tests.documentation.pages import ROOT
-from tests.exporters.conftest import Make, make  # noqa: F401 - a fixture
+from tests.plugins.programs.conftest import Make, make  # noqa: F401 - a fixture
 
 _RECIPE = re.compile(r"^## .*?(?=^## |\Z)", re.DOTALL | re.MULTILINE)
 _BLOCK = re.compile(r"```(python|toml)\n(.*?)```", re.DOTALL)

@@ -20,17 +20,17 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from capture_app.cameras.rtsp import rtsp_camera
 from capture_app.common.errors import CameraError
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.plugins.cameras.rtsp import rtsp_camera
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_preview
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
+from tests.companions.phones.places import serving
 from tests.facts import make_facts
 from tests.images import small_jpeg
 from tests.node.bursts import DISK, INSTANTS_NS, PERIOD_NS, report, upload
-from tests.phones.places import serving
 from tests.session.importing.test_bombs import png
 from tests.waiting import SLOW_PATIENCE_S, until
 

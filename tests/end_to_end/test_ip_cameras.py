@@ -10,8 +10,8 @@ import pytest
 from capture_app.cameras.frames import JpegPicture
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.cameras.rtsp.ip_camera import IpCamera, number_shown
 from tests.end_to_end.rig import burst, join_ready, lead, output
+from tests.plugins.cameras.rtsp.ip_camera import IpCamera, number_shown
 
 from .conftest import Start
 

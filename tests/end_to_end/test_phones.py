@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.phones.stand_in import JPEG, StandInPhone
+from tests.companions.phones.stand_in import JPEG, StandInPhone
 from tests.waiting import until
 
 from .conftest import Start

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.common.errors import SimulshotError
-from capture_app.session.alignment.gopro import parse_payload, read_gps_clock
+from capture_app.plugins.footage.gopro import parse_payload, read_gps_clock
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION

@@ -11,11 +11,11 @@ import msgspec
 from capture_app.common.address import Address
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.pairing_codes import Role
-from capture_app.interop.app_leader import AppLeader
-from capture_app.interop.app_protocol import TIME_PORT, Method, encode_call
+from capture_app.companions.interop.app_leader import AppLeader
+from capture_app.companions.interop.app_protocol import TIME_PORT, Method, encode_call
+from capture_app.companions.phones import wire
+from capture_app.companions.phones.phone import Phone
 from capture_app.net.channel import Channel
-from capture_app.phones import wire
-from capture_app.phones.phone import Phone
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import WireError, decode, encode

@@ -38,7 +38,7 @@ from msgspec import inspect
 from benchmarks.endurance.field_attacks import attacks, example
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE
-from capture_app.phones import wire as page
+from capture_app.companions.phones import wire as page
 from capture_app.protocol.messages import ToLeader
 from capture_app.protocol.orders import ToViewfinder
 from capture_app.sync.wire.codec import WireError, decode, encode

@@ -7,8 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from capture_app import AsyncRig
+from capture_app import AsyncRig, Rig
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NetworkError
 from capture_app.common.tasks import end
@@ -125,6 +126,7 @@ async def test_previews_are_of_one_instant(tmp_path: Path) -> None:
                 assert max(abs(level - number % 250) for level in levels) <= 1, "all show that instant"
                 assert number % 3 == 0, "at up to 30 a second, of 50"
                 assert one.spread_ns == 0
+                assert {*one.absent} == {*nodes} - {*one.previews}, "who is not in it is named"
             once = await rig.preview(width=40)
             assert once.instant_ns > found[-1].instant_ns
         running = False
@@ -154,6 +156,13 @@ async def test_one_preview_is_of_all_ready_cameras_or_of_most() -> None:
     rig = _Lagging("127.0.0.1:9")
     assert {*(await rig.preview()).previews} == {"cam00", "cam01"}
     assert {*(await rig.preview(wait_s=0.015)).previews} == {"cam00"}
+
+
+def test_previews_and_rigs_are_told_in_a_line() -> None:
+    one = InstantPreviews(6, {"a": replace(of("a", 6)[0], jpeg=b"pixels")}, absent={"b": "syncing"})
+    assert repr(one) == "<InstantPreviews a 1x1, without b: syncing>"
+    assert repr(AsyncRig("127.0.0.1:9")) == "<AsyncRig 127.0.0.1:9>"
+    assert repr(Rig(simulated=2)) == "<Rig outside of its with block>"
 
 
 async def test_a_rig_that_shows_no_instant_says_so(tmp_path: Path) -> None:

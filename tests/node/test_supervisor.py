@@ -10,13 +10,13 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.v4l2.v4l2_driver import V4L2Camera
 from capture_app.common.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.plugins.cameras.v4l2.v4l2_driver import V4L2Camera
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
-from tests.cameras.fake_device import MJPG, FakeDevice
+from tests.plugins.cameras.v4l2.fake_device import MJPG, FakeDevice
 
 
 class StoppedClock:

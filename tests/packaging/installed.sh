@@ -14,6 +14,7 @@ env/bin/python -m pip install --quiet --disable-pip-version-check "$built$extras
 PATH="$folder/env/bin:$PATH"
 capture-app --version
 reconstruct --version
+simulshot --version
 env/bin/python - <<'END'
 from capture_app import Rig, open_session
 

@@ -29,6 +29,12 @@ def test_the_version_stands_in_one_place() -> None:
     assert written == []
 
 
+def test_the_package_has_a_command_of_its_own_name() -> None:
+    """`uvx` and `pipx run` start the command that is called as the package is."""
+    scripts = PROJECT["project"]["scripts"]
+    assert scripts[PROJECT["project"]["name"]] == scripts["capture-app"]
+
+
 def test_the_sdist_has_what_its_own_tests_and_site_need() -> None:
     included = PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
     for name in included:

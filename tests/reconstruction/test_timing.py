@@ -121,7 +121,14 @@ def test_offsets_that_drift_over_the_take_are_the_geometrys() -> None:
     found = judge_timing(PAIR, OffsetFit(-8.1, 0.95, "", instants), 0.0, 16.7)
     assert not found.synchronized
     assert not found.offset
-    assert "drifts between -24.0 and -1.4 ms, which a wrong calibration causes" in timing_sentences(found)
+    assert "drifts between -24.0 and -1.4 ms, by clocks or a wrong calibration" in timing_sentences(found)
+
+
+def test_a_slow_drift_whose_ends_are_off_is_not_certified() -> None:
+    slow, slower = (judged(1.5, 0.9, *(1.5 + ms * (k - 10) for k in range(21))) for ms in (0.05, 0.2))
+    assert slow.synchronized
+    assert not slower.synchronized
+    assert slower.reason == "the offset changes over the take, to +3.5 ms"
 
 
 def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:

@@ -10,6 +10,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
 from capture_app.common.clock import SimulatedClock
 from capture_app.node.camera.device_profiles import DeviceProfiles, camera_key
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.rig.camera_times import (
     MeasuredTime,
     MeasuredTimes,
@@ -18,7 +19,6 @@ from capture_app.rig.camera_times import (
     measured_stamps,
 )
 from capture_app.session.format.manifest import CameraRecord, ClockRecord
-from capture_app.simulation.profiles import PROFILES
 from tests.facts import make_facts
 from tests.sync.rig.rigs import LAN, MS, ready_rig
 

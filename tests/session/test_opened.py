@@ -91,6 +91,8 @@ def test_times_are_arrays_that_hide_what_nobody_knows(session: Session) -> None:
     assert opened.times("residual_ns")[1].compressed().tolist() == [-9_000, -9_000]
     assert opened.times("exposure_start_ns").mask.all()
     assert opened.times("true_ns").compressed().tolist() == [77]
+    with pytest.raises(BadInputError, match="frames have no time 'foo'"):
+        opened.times("foo")  # type: ignore[arg-type]
 
 
 def test_a_recording_is_read_alike(tmp_path: Path) -> None:

@@ -207,6 +207,24 @@ def test_a_time_within_its_error_bar_is_no_lie(session: Session) -> None:
     assert len(verify(Session.open(session.folder))) == 1
 
 
+@pytest.mark.parametrize(("ppm", "is_a_lie"), [(480, False), (-480, False), (700, True)])
+def test_a_clock_may_be_slewed_during_a_recording(session: Session, ppm: int, is_a_lie: bool) -> None:
+    later_ns = 10 * 10**9
+
+    def slew(manifest: dict[str, Any]) -> None:
+        *_, last = range(len(manifest["burst"]["instants_ns"]))
+        manifest["burst"]["instants_ns"][last] += later_ns
+        for image in manifest["images"]:
+            if image["instant"] == last:
+                image["leader_ns"] += later_ns
+                image["local_ns"] += later_ns + ppm * later_ns // 10**6
+                image.pop("exposure_start_ns", None)
+
+    rewrite(session, slew)
+    problems = verify(Session.open(session.folder))
+    assert any("converted by the clock record" in str(problem) for problem in problems) is is_a_lie
+
+
 def test_the_published_schema_is_the_one_in_use() -> None:
     assert SCHEMA.read_text() == session_schema_text()
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.common.node_state import NodeState
+from capture_app.plugins.cameras.v4l2 import v4l2_driver
 from capture_app.protocol.status import LogLine, NodeDetail
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.screen_settings import Settings

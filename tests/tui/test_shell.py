@@ -8,6 +8,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
 from capture_app.tui.rig_record import ActionFailed
 from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.preview_grid import PreviewTile
 from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
 
@@ -30,6 +31,27 @@ async def test_the_header_says_which_rig_it_is_and_how_ready() -> None:
         rig.tell()
         await pilot.pause()
         assert "◑ 2 of 4 ready" in header(app)
+
+
+async def test_a_lost_leader_is_said_where_takes_are_made_and_restarted_from_there() -> None:
+    rig = FakeRig(3)
+    app = make_app(rig)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("2")
+        await pilot.pause()
+        titles = [tile.title for tile in app.screen.query(PreviewTile)]
+        assert any("● cam00 ready" in title for title in titles)
+        assert "Restart leader" not in text(app, "#footer")
+        rig.lose_link()
+        await pilot.pause()
+        titles = [tile.title for tile in app.screen.query(PreviewTile)]
+        assert all("? cam0" in title and "unknown" in title and "fps" not in title for title in titles)
+        assert "✖ leader lost: 192.168.1.5:47010 does not answer" in text(app, "#shoot-advice")
+        assert text(app, "#footer").startswith(" l Restart leader")
+        rig.tell()
+        await pilot.pause()
+        assert "● cam00 ready" in app.screen.query(PreviewTile).first().title
+        assert "Restart leader" not in text(app, "#footer")
 
 
 async def test_modes_are_a_key_and_a_click_away_and_hear_of_the_rig() -> None:

@@ -11,11 +11,11 @@ from capture_app.cameras.base import OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import EXACT_STAMPS, PhaseControl
 from capture_app.common.errors import CameraError
+from capture_app.plugins.cameras.sim.profiles import SensorProfile
+from capture_app.plugins.cameras.sim.rendering.picture_source import PictureSource
+from capture_app.plugins.cameras.sim.sensor import Sensor, SensorFrame
+from capture_app.plugins.cameras.sim.simulation_driver import SimulatedCamera
 from capture_app.session.reading.decoding import encode_image
-from capture_app.simulation.profiles import SensorProfile
-from capture_app.simulation.rendering.picture_source import PictureSource
-from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.simulation.simulation_driver import SimulatedCamera
 
 if TYPE_CHECKING:
     from tests.virtual.world import World

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
+from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -22,6 +22,8 @@ BEFORE_S, AFTER_S = 3.0, 6.0
 MIN_TIMES, MIN_COVERAGE = 20, 0.9
 """Fraction of the 95 % bars that hold the true time, of so many or more, where no clock is slewed."""
 MAX_LINES_PER_MINUTE = 120
+MAX_HELD_S = 0.1
+"""Processor time of one step of a leader's event loop, which hears nobody meanwhile."""
 
 
 def broken(rig: VirtualRig) -> Iterator[str]:
@@ -46,6 +48,9 @@ def broken(rig: VirtualRig) -> Iterator[str]:
     for machine in rig.works:
         for file in sorted({*rig.world.disks.of(machine).syncs_on_loop}):
             yield f"{machine} synced {file} on its event loop"
+        held_s = rig.world.longest_step_ns.get(machine, 0) / 1e9
+        if machine in ("lead", "lead2") and held_s > MAX_HELD_S:
+            yield f"{machine}'s event loop was held for {1000 * held_s:.0f} ms by one step"
 
 
 class Saved:

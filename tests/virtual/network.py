@@ -329,6 +329,10 @@ class Network:
         """Return a machine's address."""
         return self._hosts.setdefault(machine, f"10.0.0.{len(self._hosts) + 1}")
 
+    def machine_at(self, host: str) -> None:
+        """Let there be a machine whose name is its address."""
+        self._hosts[host] = host
+
     def _machine(self, host: str) -> str | None:
         return next((name for name, of in self._hosts.items() if of == host), None)
 

@@ -23,6 +23,8 @@ from unittest.mock import patch
 
 START_NS = 1_000_000_000_000
 WALL_NS = 1_790_000_000_000_000_000
+CPU_NS = time.thread_time_ns
+"""Processor time of this thread, which no other work on the machine lengthens."""
 FREEZE_STEPS = 200_000
 """Steps of the loop at one moment of virtual time after which it counts as stuck."""
 
@@ -102,6 +104,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         def work() -> None:
             if future.cancelled() or (owner is not None and not owner.is_alive):
                 return
+            begun_ns = CPU_NS()
             try:
                 self.world.in_thread = True
                 result = context.run(func, *args)
@@ -115,6 +118,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
                     future.set_result(result)
             finally:
                 self.world.in_thread = False
+                self.world.in_threads_ns += CPU_NS() - begun_ns
 
         delay_s = 0.0 if owner is None else self.world.disks.delay_s(owner.machine)
         if isinstance(executor, ThreadPoolExecutor) and getattr(executor, "_max_workers", 2) == 1:
@@ -209,6 +213,10 @@ class World:
         self.seed, self.now_ns = seed, START_NS
         self.in_thread = False
         """Whether the running code would run in a thread of its process, not on its event loop."""
+        self.in_threads_ns = 0
+        """Processor time of all that would have run in threads."""
+        self.longest_step_ns: dict[str, int] = {}
+        """Longest processor time for which each machine's loop was held by one step."""
         self.network, self.disks = Network(self), Disks(self)
         self.loop = VirtualLoop(self)
         self.trace: list[tuple[int, str, str]] = []
@@ -393,6 +401,12 @@ class World:
                         return
                     if owner.is_buried:
                         return
+                    begun_ns, in_threads_ns = CPU_NS(), self.in_threads_ns
+                    run_handle(handle)
+                    held_ns = CPU_NS() - begun_ns - (self.in_threads_ns - in_threads_ns)
+                    if held_ns > self.longest_step_ns.get(owner.machine, 0):
+                        self.longest_step_ns[owner.machine] = held_ns
+                    return
                 run_handle(handle)
 
             replaced(asyncio.Handle, _run=run)

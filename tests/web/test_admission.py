@@ -60,7 +60,7 @@ def test_a_secret_is_good_for_ten_minutes() -> None:
     secret = admission.secret
     assert admission.good_for_s == GOOD_FOR_S
     clock.now_s += GOOD_FOR_S
-    with pytest.raises(UnknownMachineError, match="has expired"):
+    with pytest.raises(UnknownMachineError, match="mistyped or has expired"):
         admission.admit(secret, key(), "late")
     assert admission.admit(admission.secret, key(), "in time").name == "in-time"
 

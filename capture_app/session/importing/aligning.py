@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import Talk
+from capture_app.plugins.footage.flashes import match_flashes, read_lights
+from capture_app.plugins.footage.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.clock_line import Against, chain_cameras
-from capture_app.session.alignment.flashes import match_flashes, read_lights
-from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times

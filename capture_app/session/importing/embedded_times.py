@@ -69,6 +69,13 @@ def video_times_ns(path: Path) -> list[int]:
         return [round(tick * stream.time_base * 1_000_000_000) for tick in sorted(ticks)]
 
 
+def count_video_streams(path: Path) -> int:
+    """Return how many videos a file holds, without cover pictures. Raises as `video_times_ns`."""
+    with _opened(path) as (av, container):
+        cover = av.stream.Disposition.attached_pic
+        return sum(not stream.disposition & cover for stream in container.streams.video)
+
+
 def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield the frames (BGR, H x W x 3, upright) at the requested presentation times in ns, with their times.
 

@@ -161,17 +161,21 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
     )
 
 
+def _archive(path: Path) -> BadInputError:
+    folder = path.with_suffix("")
+    return BadInputError(
+        f"{path} is an archive",
+        hint=f"unpack it into {folder}, then: capture-app sessions import {shlex.quote(str(folder))}",
+    )
+
+
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     if (importer := camera_importer(path)) is not None:
         return importer.open_camera(name, path, png=png, recording=recording)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return image_folder(name, path)
     if path.suffix.lower() in ARCHIVE_SUFFIXES:
-        folder = path.with_suffix("")
-        raise BadInputError(
-            f"{path} is an archive",
-            hint=f"unpack it into {folder}, then: capture-app sessions import {shlex.quote(str(folder))}",
-        )
+        raise _archive(path)
     return Video(name, path, png=png)
 
 
@@ -183,6 +187,8 @@ def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     if not videos and not folders:
         if images := images_in(folder):
             raise _flat_images(folder, images)
+        if archives := sorted(one for one in folder.iterdir() if one.suffix.lower() in ARCHIVE_SUFFIXES):
+            raise _archive(archives[0])
         raise BadInputError(
             f"no cameras in {folder}", hint="it needs a subfolder of images or a video file for each camera"
         )

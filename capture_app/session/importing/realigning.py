@@ -1,6 +1,7 @@
 """Realignment of an imported session: its images are matched again by newly measured common times."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import msgspec
 
@@ -8,6 +9,7 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
+from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.importing.aligning import with_common_times
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importing.recording import missing_images
@@ -27,29 +29,56 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
     Raises NotApplicableError if it was not imported or stores its frames in videos; BadInputError and
     TryAgainError as writing a session does.
     """
-    manifest, before = session.manifest, session.manifest.burst.common_times
+    before = session.manifest.burst.common_times
+    _require_images(session, "--apply")
     unknown = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
-    obstacles = (
-        (
-            manifest.origin != "imported",
-            f"{manifest.name} was not imported: its times are not each camera's own",
-            "leave out --apply: a captured session has measured times already",
-        ),
-        (manifest.videos, f"{manifest.name} stores its frames in videos", "import them again"),
-        (
-            unknown,
+    if unknown:
+        raise NotApplicableError(
             f"not every camera's offset is known: {'; '.join(unknown)}",
-            "import again with known offsets: --time-shift-ms CAMERA=MS",
-        ),
-    )
-    for what, remedy in ((what, remedy) for applies, what, remedy in obstacles if applies):
-        raise NotApplicableError(what, hint=remedy)
+            hint="import again with known offsets: --time-shift-ms CAMERA=MS",
+        )
     together = {
         name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
     }
     reference = next((name for name, of in cameras.items() if of.uncertainty_ns == 0), "")
     common = CommonTimes(state="aligned", reason=f"by {source}", reference=reference, cameras=together)
-    timeline = with_common_times(_timeline(session), common)
+    return _rewrite(session, with_common_times(_timeline(session), common), common)
+
+
+def repair_drops(session: Session, steps: Mapping[str, Sequence[tuple[int, int]]]) -> Session:
+    """Pair an imported session's images again where cameras dropped frames; return it, replaced.
+
+    `steps` has for each camera the instants from which its images are later, by how many frames: the frames
+    that it dropped before, or repeated if negative. Raises as `realign_session`.
+    """
+    _require_images(session, "--repair-drops")
+    manifest, period_ns = session.manifest, session.manifest.burst.period_ns
+    cameras: dict[str, list[TimedFrame]] = {}
+    for place, image in sorted(enumerate(manifest.images), key=lambda one: one[1].instant):
+        later_ns = period_ns * sum(n for at, n in steps.get(image.camera, ()) if at <= image.instant)
+        frames, at_ns = cameras.setdefault(image.camera, []), image.leader_ns + later_ns
+        # Of the images of a repeated frame, the first has its time.
+        if not frames or at_ns > frames[-1].leader_ns + period_ns // 2:
+            own_ns = None if image.local_ns is None else image.local_ns + later_ns
+            frames.append(TimedFrame(place, at_ns, own_ns, _preserved(image)))
+    return _rewrite(session, timeline_by_times(manifest.name, cameras), manifest.burst.common_times)
+
+
+def _require_images(session: Session, option: str) -> None:
+    """Raise NotApplicableError if the session's images cannot be paired by other times."""
+    manifest = session.manifest
+    if manifest.origin != "imported":
+        raise NotApplicableError(
+            f"{manifest.name} was not imported: its times are not each camera's own",
+            hint=f"leave out {option}: a captured session has measured times already",
+        )
+    if manifest.videos:
+        raise NotApplicableError(f"{manifest.name} stores its frames in videos", hint="import them again")
+
+
+def _rewrite(session: Session, timeline: Timeline, common: CommonTimes | None) -> Session:
+    """Replace a session by one with its images at the instants of a timeline."""
+    manifest = session.manifest
     with (
         OutputFolder(session.folder, lambda _: None) as output,
         SessionWriter(output.folder, manifest.name, manifest.created, manifest.software) as writer,
@@ -86,10 +115,13 @@ def _timeline(session: Session) -> Timeline:
     cameras: dict[str, list[TimedFrame]] = {}
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
-        frame = TimedFrame(place, own_ns, own_ns, {name: getattr(image, name) for name in _PRESERVED})
-        cameras.setdefault(image.camera, []).append(frame)
+        cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, _preserved(image)))
     in_order = {name: sorted(of, key=lambda frame: frame.leader_ns) for name, of in cameras.items()}
     return timeline_by_times(session.manifest.name, in_order)
+
+
+def _preserved(image: ImageRecord) -> dict[str, Any]:
+    return {name: getattr(image, name) for name in _PRESERVED}
 
 
 def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -> None:

@@ -13,7 +13,12 @@ from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.embedded_times import DAMAGED, video_pictures, video_times_ns
+from capture_app.session.importing.embedded_times import (
+    DAMAGED,
+    count_video_streams,
+    video_pictures,
+    video_times_ns,
+)
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
@@ -26,7 +31,7 @@ from capture_app.session.reading.decoding import (
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Suffixes of videos that do not state their number of frames."""
-VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SUFFIXES)
+VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv", *UNCOUNTED_SUFFIXES)
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
@@ -159,6 +164,12 @@ class Video(Source):
 
         See `video_times_ns`.
         """
+        if count_video_streams(self.path) > 1:
+            # As in an .insv of Insta360, which has a lens in each.
+            self.note = (
+                f"{self.path.name} has more than one video stream; the first is imported. For the second:"
+                f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
+            )
         found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
         if not all(found.values()):
             return ()

@@ -6,7 +6,7 @@ from functools import cached_property
 from itertools import product
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -264,7 +264,12 @@ class OpenSession(Session):
         return judge(self.manifest)
 
     def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
-        """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown."""
+        """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown.
+
+        Raises BadInputError for a name that is none of `TimeName`.
+        """
+        if name not in (names := get_args(TimeName)):
+            raise BadInputError(f"frames have no time {name!r}", hint=f"one of {', '.join(names)}")
         times_ns = [
             [
                 None if one.missing else getattr(one if name == "true_ns" else one.record, name)

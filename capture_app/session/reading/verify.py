@@ -29,8 +29,11 @@ from capture_app.session.reading.decoding import image_size, size_of
 from capture_app.session.reading.reader import Session
 
 _ROUNDING_NS = 1_000
-_ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6
-"""Frames of a burst longer than this use the newest clock map, whose rate may differ by up to `_WANDER`."""
+_ONE_MAP_NS, _WANDER = 2_000_000_000, 520e-6
+"""Frames of a burst longer than this use the newest clock map, whose rate may differ by up to `_WANDER`.
+
+Quartz wanders by up to 20 ppm, and adjtime and ntpd slew a clock by up to 500 ppm while a recording goes on.
+"""
 DECODED_EACH = 30
 """Interval, in instants, between fully decoded frames of a video; of the others only headers are read."""
 

@@ -29,9 +29,9 @@ ASYMMETRY = 0.1
 """Half the difference of the two minimum delays, as a fraction of half the minimum round-trip delay.
 
 No two-way message can show it. Recorded links: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
-(tests.simulation.link_spells prints both); 0.038 in the one fastest message of another (Ansari et al.
-2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets are
-slower in one direction in general (Mahmood, Exel and Sauter 2014).
+(tests.benchmarks.simulated.link_spells prints both); 0.038 in the one fastest message of another (Ansari et
+al. 2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets
+are slower in one direction in general (Mahmood, Exel and Sauter 2014).
 
 The first recording has no long tail: 95 % of its windows of 4 s are below 0.152, where this prior has 0.196.
 Of links drawn with 0.2, a 95 % bar of this width holds for 84 %; 90 % need 0.14, whose bar of 290 us at a

@@ -200,6 +200,8 @@ class Aligner:
         self._min_frames = SETTLED_FRAMES[0]
         self.problem = ""
         """Reason in plain words why this camera can never be aligned; empty if it can."""
+        self.other_rate = ""
+        """Status text of a stream whose rate is not the rig's, so that it passes by its grid; else empty."""
 
     @property
     def settled(self) -> bool:
@@ -334,9 +336,9 @@ class Aligner:
             else:
                 self.window.clear()
             return None
-        self.problem = self._find_problem(now, grid)
+        self.problem, self.other_rate = self.actuator.problem, self._find_other_rate(now, grid)
         self.window.update(self.phase, now.drift_ppm)
-        if self.problem:
+        if self.problem or self.other_rate:
             self.window.clear()
             return None
         self.window.judge(now)
@@ -410,11 +412,12 @@ class Aligner:
             frames >= SETTLED_FRAMES[1] or phase.sigma_at(phase.last_ns) < self.window.tolerance_ns / 4
         )
 
-    def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
+    def _find_other_rate(self, now: PhaseEstimate, grid: FrameGrid) -> str:
         three_sigma_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns
-        if abs(now.drift_ppm) - three_sigma_ppm > MAX_DRIFT_PPM:
-            return (
-                f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
-                f" {1e9 / grid.period_ns:.3f}, too different to align"
-            )
-        return self.actuator.problem
+        if abs(now.drift_ppm) - three_sigma_ppm <= MAX_DRIFT_PPM:
+            return ""
+        own, rig = 1e9 / now.period_ns, 1e9 / grid.period_ns
+        return (
+            f"this camera runs at {own:.2f} frames/s and the rig at {rig:.2f}: each instant gets its nearest"
+            f" frame, up to {duration(now.period_ns / 2)} off"
+        )

@@ -300,7 +300,7 @@ class Client(TimeClient, Generic[F]):
 
     @property
     def _can_move(self) -> bool:
-        return self.camera.phase_control != PhaseControl.NONE
+        return self.camera.phase_control != PhaseControl.NONE and not self.aligner.other_rate
 
     @property
     def _is_aligned(self) -> bool:

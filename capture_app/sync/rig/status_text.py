@@ -63,7 +63,7 @@ def of_state(
             longer_ns = 0.0 if by_relay else keeper.clock.longer_ns
             return degraded(error_ns, target_ns, time_map.round_trip_ns, longer_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:
-            return off_grid(phase, aligner.window.asked_ns)
+            return aligner.other_rate or off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
             return aligner.window.fleetingness
     return ""

@@ -24,8 +24,8 @@ from capture_app.common.address import (
 from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
-from capture_app.panel.screen import DEFAULT_PORT as PANEL_PORT
-from capture_app.panel.screen import page_html
+from capture_app.companions.panel.screen import DEFAULT_PORT as PANEL_PORT
+from capture_app.companions.panel.screen import page_html
 from capture_app.protocol.orders import (
     PhoneInvited,
 )

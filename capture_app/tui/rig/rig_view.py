@@ -18,7 +18,7 @@ from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
-from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
+from capture_app.companions.monitor import DEFAULT_PORT as MONITOR_PORT
 from capture_app.protocol.orders import AddSimulated, PhoneInvited, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
@@ -51,7 +51,6 @@ class RigView(ModeView):
     """View of all cameras, the rig's readiness, and its log."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("l", "start", "Restart leader", id="rig.start", tooltip="if it is lost"),
         Binding(
             "delete,backspace",
             "remove",
@@ -69,17 +68,8 @@ class RigView(ModeView):
             id="rig.panel",
             tooltip="check the timing by a clock on a screen",
         ),
-        Binding(
-            "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
-        ),
-        Binding(
-            "g",
-            "monitor",
-            "Monitor",
-            show=False,
-            id="rig.monitor",
-            tooltip="cameras and button on a phone",
-        ),
+        Binding("h", "phones", "Phones", id="rig.phones", tooltip="phones as cameras, by a QR code"),
+        Binding("g", "monitor", "Monitor", id="rig.monitor", tooltip="cameras and button on a phone"),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
@@ -218,7 +208,6 @@ class RigView(ModeView):
         return {
             **dict.fromkeys(("add", "log", "panel", "phones", "monitor", "invite"), self._cameras.display),
             "remove": self._cameras.rows.has_focus,
-            "start": bool(self._record.lost) and self._local,
             "back": self._adding is not None or self._event_log.has_focus,
         }.get(action, True)
 
@@ -236,7 +225,7 @@ class RigView(ModeView):
         self.focus_first()
 
     @work(exclusive=True, group="start")
-    async def action_start(self) -> None:
+    async def restart_leader(self) -> None:
         """Restart the local leader at its address, with its simulated cameras; running cameras reconnect."""
         leader, status = self._source.leader, self._record.status
         alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
@@ -286,7 +275,7 @@ class RigView(ModeView):
         return page
 
     async def _serve_monitor(self, page: "ListeningPage") -> None:
-        from capture_app.monitor.monitor_page import serving_monitor  # heavy: a web server
+        from capture_app.companions.monitor.monitor_page import serving_monitor  # heavy: a web server
 
         async with serving_monitor(self._source.another(), page, is_local=self._local):
             await asyncio.Event().wait()

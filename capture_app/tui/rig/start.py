@@ -17,6 +17,7 @@ from textual.widgets.option_list import Option
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
+from capture_app.machine.cameras import list_cameras
 from capture_app.protocol.orders import (
     VIEWS,
     AddCamera,
@@ -25,7 +26,6 @@ from capture_app.protocol.orders import (
     Order,
     PhoneInvited,
 )
-from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import (
     INVITE,
@@ -139,7 +139,7 @@ class StartPanel(Vertical):
                 id=one.name,
                 disabled=not one.is_usable,
             )
-            for one in sorted(self._choices(), key=lambda one: one.name != last)
+            for one in sorted(self._choices(), key=lambda one: one.name != (last or self._for_newcomers))
         ]
         self._list.set_options(options)
         self._list.highlighted = next((at for at, one in enumerate(options) if one.id == selected), 0)
@@ -171,7 +171,7 @@ class StartPanel(Vertical):
         yield _Choice(
             "simulated",
             "s",
-            f"Simulate {count(self._cameras, 'camera')}",
+            f"Try {count(self._cameras, 'simulated camera')}",
             f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
             "+ and - change their number, t the scene.",
             self.action_simulate,
@@ -192,6 +192,11 @@ class StartPanel(Vertical):
                 f"Takes of simulated cameras, in {self._samples}.",
                 self.action_samples,
             )
+
+    @property
+    def _for_newcomers(self) -> str:
+        """Choice that comes first where nothing was chosen yet: without a camera, what needs none."""
+        return "" if self._found or self._saved_count else "simulated"
 
     @property
     def _chosen(self) -> str:

@@ -14,7 +14,7 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
-from capture_app.tui.signs import SIGNS
+from capture_app.tui.signs import SIGNS, UNKNOWN
 from capture_app.tui.widgets.lines import Lines, fitting
 from capture_app.tui.widgets.picture import NOISE, Picture
 
@@ -41,7 +41,7 @@ class PreviewTile(Vertical):
     def __init__(self, node: NodeStatus) -> None:
         self._title = Lines()
         self.picture = Picture(words="no picture yet", noise=NOISE)
-        self._node = node
+        self._node, self._sign = node, SIGNS[node.state]
         super().__init__(self._title, self.picture)
 
     @property
@@ -51,7 +51,12 @@ class PreviewTile(Vertical):
 
     def show_node(self, node: NodeStatus) -> None:
         """Show the camera's state."""
-        self._node = node
+        self._node, self._sign = node, SIGNS[node.state]
+        self._show()
+
+    def show_lost(self) -> None:
+        """Show that nobody knows the camera's state."""
+        self._sign = UNKNOWN
         self._show()
 
     def mark(self, *, chosen: bool) -> None:
@@ -61,14 +66,13 @@ class PreviewTile(Vertical):
             self._show()
 
     def _show(self) -> None:
-        node = self._node
-        sign = SIGNS[node.state]
+        node, sign = self._node, self._sign
         title = Content.assemble(
             ("▸" if self.has_class("chosen") else " ", "bold $primary"),
             (f"{sign.glyph} ", sign.style),
             (printable(node.name), "bold"),
         )
-        rate = "" if node.fps is None else f" {node.fps:.1f} fps"
+        rate = "" if node.fps is None or sign is UNKNOWN else f" {node.fps:.1f} fps"
         parts = title, Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")
         # Parts that do not fit are omitted rather than cut.
         self._title.show([Content("").join(fitting(parts, "", self.size.width))])
@@ -129,6 +133,11 @@ class PreviewGrid(Container, can_focus=True):
             self._lay_out()
         for name, node in nodes.items():
             self._tiles[name].show_node(node)
+
+    def show_lost(self) -> None:
+        """Show that the leader is lost, which knows the cameras' states."""
+        for tile in self.tiles:
+            tile.show_lost()
 
     def chosen(self) -> str:
         """Return the camera under the cursor; empty without cameras."""

@@ -16,7 +16,7 @@ from capture_app.common.text import clock_offset, count, printable
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
 from capture_app.rig.live_depth import live_depth
-from capture_app.rig.rig_link import RigLink
+from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import (
     Begun,
     Countdown,
@@ -47,11 +47,14 @@ from capture_app.tui.shoot.takes import (
     progress_words,
     verdict_line,
 )
+from capture_app.tui.signs import NO_LEADER
 from capture_app.tui.widgets.lines import Lines
 
 MAX_ANSWERS = 9
 """Maximum bursts offered for cancellation, one per digit key."""
 MAX_TAKES = 100
+SOON_S = 5.0
+"""Time in which live depth usually starts."""
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
@@ -66,7 +69,14 @@ class ShootView(ModeView):
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
         Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
-        Binding("l", "live_depth", "Live depth", id="shoot.live-depth", tooltip="of the chosen preview"),
+        Binding(
+            "D",
+            "live_depth",
+            "Live depth",
+            id="shoot.live-depth",
+            key_display="D",
+            tooltip="of the chosen preview",
+        ),
         Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
         Binding("t", "edit('notes')", "Notes", id="shoot.note"),
@@ -141,6 +151,9 @@ class ShootView(ModeView):
             case Runs():
                 self._show_course()
                 self.refresh_bindings()
+            case LinkLost():
+                self.stage.grid.show_lost()
+                self._show_course()
             case RigStatus() as status:
                 self.plan_panel.show_period(status.period_ns)
                 self.stage.grid.show_status(status)
@@ -220,17 +233,29 @@ class ShootView(ModeView):
 
     @work(group="live-depth", exclusive=True)
     async def _show_depth(self, status: RigStatus) -> None:
-        # The process takes seconds to start.
-        self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem="depth is starting"))
+        begun_s = self._record.clock()
+
+        def say_starting() -> None:
+            """Say for how long: the process takes seconds to start, and more on a busy machine."""
+            for_s = self._record.clock() - begun_s
+            words = "depth is starting" + (
+                f", for {for_s:.0f} s: this machine is busy" if for_s > SOON_S else ""
+            )
+            self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem=words))
+
+        say_starting()
+        starting = self.set_interval(1.0, say_starting)
         try:
             with showing_errors(self):
                 async with aclosing(
                     live_depth(self._rig.another(), status, self.stage.grid.chosen)
                 ) as depths:
                     async for depth in depths:
+                        starting.stop()
                         self.stage.show_depth(depth)
             self._wants_depth = False  # it ended by an error
         finally:
+            starting.stop()
             self.stage.show_depth(None)
 
     def action_wiggle(self) -> None:
@@ -391,6 +416,8 @@ class ShootView(ModeView):
         newest = next(reversed(self.takes), None)
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
+        if self._record.lost:
+            return Content.styled(printable(f"{NO_LEADER}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
             words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s)}"
             return Content.styled(words, "bold $primary")

@@ -12,10 +12,10 @@ from typing import Any, cast
 import msgspec
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.v4l2.v4l2_driver import open_camera
 from capture_app.common.camera_facts import Control
 from capture_app.common.clock import HostClock
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper
+from capture_app.plugins.cameras.v4l2.v4l2_driver import open_camera
 
 DEVICES = {"left": "/dev/video0", "right": "/dev/video2"}
 FRAMES = 20

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from capture_app.cli import run
-from tests.cameras.libcamera.double import libcamera_double
-from tests.cameras.libcamera.double_camera import Frame, Sensor
+from tests.plugins.cameras.libcamera.double import libcamera_double
+from tests.plugins.cameras.libcamera.double_camera import Frame, Sensor
 
 
 class TrueStarts(list[Frame]):

@@ -19,8 +19,8 @@ from pathlib import Path
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.reader import Session
 from tests.browser import Browser
-from tests.cameras.aravis.gige_rig import PICTURES, FakeCamera, build_sensor
 from tests.net.machines import Machine, machines_on_cables
+from tests.plugins.cameras.aravis.gige_rig import PICTURES, FakeCamera, build_sensor
 
 ROOT = Path(__file__).resolve().parents[3]
 LEADER = "127.0.0.1:47010"

@@ -37,7 +37,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
     here = ("--host", "127.0.0.1", "--sessions", "takes", "--frames", "4")
     async with Terminal(*here, environment=home, folder=tmp_path) as terminal:
         await terminal.shows("Starting the screen")
-        await terminal.shows("Add cameras", "Simulate 5 cameras")
+        await terminal.shows("Add cameras", "Try 5 simulated cameras")
         terminal.press("-", "-", "-")
         await terminal.shows("Simulate 2 cameras")
         terminal.press("s")

@@ -8,10 +8,10 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS
+from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import read_plan
 from capture_app.session.format.manifest import MissingImage, SkippedFrame, SkippedInstant
 from capture_app.session.reading.reader import Session

@@ -21,12 +21,12 @@ from capture_app.common.timeouts import (
     FORGET_LOST_NS,
     MIN_UPLOAD_BYTES_PER_S,
 )
+from capture_app.machine.repair import repair
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.manifest import AbsentCamera
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session

@@ -26,6 +26,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
 TIMEOUT_S = 60.0
 
 

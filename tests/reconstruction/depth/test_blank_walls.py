@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.reconstruction import blank_scenes
-from capture_app.simulation.rendering.scene import Scene
+from capture_app.plugins.cameras.sim.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.blank_walls import (
     ScenePlane,

@@ -6,12 +6,14 @@ from pathlib import Path
 import pytest
 
 from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.commands.time import change_lines
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.crossings import OffsetFit
+from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
+from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_offset import PairOffsets
-from reconstruction.time_offsets.rig_offsets import adjust_offsets
+from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes, with_own_changes
 from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 
 NOTHING = OffsetFit(reason="too little moves")
@@ -48,6 +50,28 @@ def test_pairs_that_contradict_each_other_widen_the_error() -> None:
     assert agreed.sd_ms is not None
     assert contradicted.sd_ms is not None
     assert contradicted.sd_ms > 5 * agreed.sd_ms
+
+
+def test_changes_and_wandering_images_are_told_of_the_camera_that_has_them() -> None:
+    late = Change(steps=(Step(20, 1, 19, 21),))
+    wander = tuple(InstantOffset(k, ms, 0.5, 20) for k, ms in enumerate((9, -8, 7, -9, 8, -7.0)))
+    measured = {
+        ("a", "b"): OffsetFit(0.0, 0.5, change=late.reversed()),
+        ("a", "c"): OffsetFit(0.0, 0.5, change=late.reversed()),
+        ("b", "c"): OffsetFit(0.0, 0.5),
+        ("b", "d"): OffsetFit(0.0, 0.5, instants=wander),
+    }
+    found = with_changes(adjust_offsets("abcd", "b", measured), measured, 33.3)
+    assert found["a"].change == late
+    assert {name for name, one in found.items() if one.change} == {"a"}
+    assert found["d"].jitter_ms == pytest.approx(11.4, abs=1)
+    assert [one.jitter_ms for one in found.values()][:3] == [None] * 3
+    told = with_own_changes(with_changes(adjust_offsets("abc", "a", measured), measured, 33.3))
+    assert told["a"].change == late
+    assert told["b"].change is None
+    lines = [*change_lines("a", told | {"d": found["d"]})]
+    assert lines[0] == "a is one frame later than the others from instant 20 on"
+    assert lines[1].startswith("d's frames wander by ± 2")
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
+from capture_app.plugins.footage.gopro import GpsClock, match_gps_clocks, read_gps_clock
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.reading.reader import Session
 from tests.session.alignment.cut_apart import Phone, Take

@@ -14,7 +14,7 @@ import av
 import numpy as np
 
 from capture_app.common.names import name_like
-from tests.importers.test_layouts import CAMERA
+from tests.plugins.programs.test_layouts import CAMERA
 from tests.session.alignment.cut_apart import SOUND_HZ, Phone, Take
 from tests.session.conftest import jpeg
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from capture_app.cameras.rtsp.connection import AccessUnits
 from capture_app.cli import run
 from capture_app.common.errors import CameraError, ExitCode
+from capture_app.plugins.cameras.rtsp.connection import AccessUnits
 from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
 
 MEASURED = """

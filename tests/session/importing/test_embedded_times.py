@@ -2,8 +2,10 @@
 
 import struct
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -36,6 +38,29 @@ def test_irregular_videos_keep_their_own_times(tmp_path: Path) -> None:
     assert [(gone.camera, gone.instant) for gone in session.manifest.missing] == [("cam1", 2)]
     assert session.manifest.sync is not None
     assert session.manifest.sync.spread_ns == (700 * US, 700 * US, 0, 700 * US, 700 * US, 700 * US)
+
+
+def test_a_second_video_stream_is_said_not_dropped_in_silence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As Insta360's files have one for each lens."""
+    path = tmp_path / "VID_1.insv"
+    with av.open(str(path), "w", format="mp4") as container:
+        streams = [container.add_stream("libx264", rate=30) for _ in range(2)]
+        for stream in streams:
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(4):
+            for level, stream in zip((40, 200), streams, strict=True):
+                image = np.full((48, 64, 3), level, np.uint8)
+                frame = av.VideoFrame.from_ndarray(image, format="bgr24")
+                frame.pts, frame.time_base = number, Fraction(1, 30)
+                container.mux(stream.encode(frame))
+        for stream in streams:
+            container.mux(stream.encode(None))
+    assert run(["sessions", "import", str(path), "--out", str(tmp_path / "s")]) == ExitCode.OK
+    talk = capsys.readouterr().err
+    assert "VID_1.insv has more than one video stream; the first is imported" in talk
+    assert "ffmpeg -i VID_1.insv -map 0:v:1 -c copy VID_1-2.mp4" in talk
 
 
 def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:

@@ -85,6 +85,9 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
     talk = refused(tmp_path / "shoot.zip", capsys)
     assert "is an archive" in talk
     assert f"capture-app sessions import {tmp_path}/shoot" in talk
+    (tmp_path / "packed").mkdir()
+    (tmp_path / "shoot.zip").rename(tmp_path / "packed" / "shoot.zip")
+    assert "packed/shoot.zip is an archive" in refused(tmp_path / "packed", capsys)
     flat = tmp_path / "flat"
     flat.mkdir()
     for number in range(3):
@@ -105,4 +108,4 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
 def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:
     write_video(tmp_path / "in" / "My clip (1).mp4", (0, 33_000, 66_000))
     session = imported(tmp_path / "in" / "My clip (1).mp4")
-    assert [camera.name for camera in session.manifest.cameras] == ["My-clip-1-"]
+    assert [camera.name for camera in session.manifest.cameras] == ["My-clip-1"]

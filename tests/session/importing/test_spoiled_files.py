@@ -18,9 +18,9 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.cli import run as reconstruct
-from tests.importers.test_calibrations import QCA, D, K, R, T
-from tests.importers.test_phones import recsync, shot
-from tests.importers.test_rig_calibrations import opencap
+from tests.plugins.programs.test_calibrations import QCA, D, K, R, T
+from tests.plugins.programs.test_phones import recsync, shot
+from tests.plugins.programs.test_rig_calibrations import opencap
 from tests.session.conftest import INSTANTS, camera_record, jpeg
 from tests.slow_cases import slow_or_long
 

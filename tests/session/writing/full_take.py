@@ -5,8 +5,8 @@ from pathlib import Path
 
 from capture_app.common.address import Address
 from capture_app.common.errors import DiskFullError
+from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session

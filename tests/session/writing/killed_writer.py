@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.address import Address
+from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import (
     MANIFEST,

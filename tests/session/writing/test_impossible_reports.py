@@ -10,8 +10,8 @@ from msgspec import structs
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError
+from capture_app.machine.repair import repair
 from capture_app.protocol.log import Log
-from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.session.reading.verify import verify

@@ -7,7 +7,7 @@ from msgspec.structs import replace as replace_facts
 
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import PhaseControl
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
 from capture_app.sync.phase.injection import FrameDurationActuator
 from capture_app.sync.wire.datagrams import CLOCK

@@ -5,7 +5,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 
 S = 1_000_000_000
 CABLE = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))

@@ -8,7 +8,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.node.leader.readiness import review_rates, rig_advice
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockRateUnusual
 from capture_app.sync.timekeeping.rates import RateVote
 from tests.sync.rig.rigs import LAN, S, checked_error_ns, ready_rig

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.node_state import NodeState
-from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
+from capture_app.companions.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode

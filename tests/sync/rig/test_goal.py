@@ -7,8 +7,8 @@ from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.sensor import SensorFrame
+from capture_app.plugins.cameras.sim.profiles import PROFILES
+from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.sync.rig.events import PhaseCorrected
 from capture_app.sync.rig.frame_selection import SelectedFrame
 from capture_app.sync.wire.camera_commands import RestartStream

@@ -13,7 +13,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report
 from tests.sync.rig.rigs import LAN, MS, S

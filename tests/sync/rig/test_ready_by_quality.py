@@ -10,7 +10,7 @@ from benchmarks.simulated.wireless import TroubleSpells, WirelessLink
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES, MIN_EXCHANGES
 from capture_app.sync.wire.datagrams import Report

@@ -14,7 +14,7 @@ from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode
@@ -91,6 +91,30 @@ def test_webcams_align_by_restarts() -> None:
     errors = errors_of_burst(rig, frames=3)
     assert len(errors) == 6
     assert max(map(abs, errors)) < 2_500_000
+
+
+@pytest.mark.parametrize("rate", [37.658, 29.5])
+def test_a_camera_of_another_rate_is_taken_at_its_nearest_frames(rate: float) -> None:
+    """As some browsers' cameras: no move brings such a stream onto the rig's grid for long."""
+    *phones, webcam = specs(3, "phone-a", "phone-a", "webcam", seed=2)
+    rows = round(1e9 / rate / webcam.profile.row_time_ns)
+    profile = replace(webcam.profile, frame_length_rows=rows, period_error_ppm=0.0)
+    other = replace(webcam, profile=profile, tolerance_ns=2_000_000)
+    rig = ready_rig([*phones, other], seed=4, limit_s=20)
+    burst = rig.trigger(frames=3)
+    rig.run_for(3 * S)
+    assert rig.nodes[other.name].client.aligner.corrections == 0
+    for name, node in rig.nodes.items():
+        allowed_ns = 1e9 / rate / 2 + 1_000_000 if name == other.name else 150_000
+        off_ns = [
+            one.frame.start_true_ns - burst.instants_ns[one.instant]
+            for one in node.bursts[burst.number].frames
+        ]
+        assert len(off_ns) == 3
+        assert max(map(abs, off_ns)) < allowed_ns
+    report = rig.nodes[other.name].client.report(other.clock.local_from_true(rig.now_true_ns))
+    assert f"this camera runs at {1e9 / other.profile.period_ns:.2f} frames/s" in report.message
+    assert report.message.endswith(f"up to {500 / rate:.0f} ms off")
 
 
 def test_a_trigger_may_lie_in_the_past() -> None:

@@ -9,10 +9,10 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.node.burst.plans import choose_instants
 from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.protocol.messages import CameraReport
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.events import BurstCancelled
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig

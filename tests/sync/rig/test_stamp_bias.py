@@ -6,8 +6,8 @@ import pytest
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.sensor import SensorFrame
+from capture_app.plugins.cameras.sim.profiles import PROFILES
+from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.sync.rig.frame_selection import SelectedFrame
 from tests.sync.rig.rigs import LAN, MS, ready_rig
 

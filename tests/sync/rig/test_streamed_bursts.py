@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig
 

@@ -10,7 +10,7 @@ from benchmarks.simulated.links import Channel, Direction, Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.profiles import PROFILES
+from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_INTERVAL_NS, POLL_INTERVAL_NS, SteadySchedule

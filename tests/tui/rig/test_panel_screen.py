@@ -4,7 +4,7 @@ import asyncio
 from functools import partial
 from urllib.request import urlopen
 
-from capture_app.panel.screen import page_html
+from capture_app.companions.panel.screen import page_html
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.guide_screens import GuideScreen
 from tests.tui.driving import lines, make_app, screen_of, settle, text, until

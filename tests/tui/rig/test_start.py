@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import CameraError, UnknownMachineError
+from capture_app.plugins.cameras.v4l2 import v4l2_driver
 from capture_app.protocol.orders import AddCamera, AddSimulated
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.app import SimulshotApp
@@ -52,12 +52,19 @@ async def test_what_is_there_is_offered_and_told(cameras: list[CameraListing], t
             "e  Other video2",
             "i  Invite other machines",
             "h  Phones by a QR code",
-            "s  Simulate 5 cameras",
+            "s  Try 5 simulated cameras",
             "o  Open 1 session",
             "b  Browse the samples",
         ]
         assert "MJPG 1280x720" in text(app, "#start-meaning")
         assert joining_line("192.168.1.5:47010") in text(app, "#start-line")
+
+
+async def test_what_needs_no_camera_comes_first_where_there_is_none() -> None:
+    app = make_app(FakeRig(0))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        assert offered(app)[0] == "s  Try 5 simulated cameras"
 
 
 async def test_a_camera_is_one_key_away_and_is_the_first_choice_next_time(
@@ -76,7 +83,7 @@ async def test_a_camera_is_one_key_away_and_is_the_first_choice_next_time(
     app = make_app(FakeRig(0), settings=Settings.load(tmp_path))
     async with app.run_test(size=(80, 24)) as pilot:
         await rest(app, pilot)
-        assert offered(app)[0] == "s  Simulate 5 cameras  last time"
+        assert offered(app)[0] == "s  Try 5 simulated cameras  last time"
 
 
 async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> None:
@@ -86,7 +93,7 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
         await rest(app, pilot)
         await pilot.press("+", "+", "+", "-", "t")
         assert "pinwheel" in text(app, "#start-meaning")
-        assert "s  Simulate 5 cameras" in offered(app)  # that scene has no more views
+        assert "s  Try 5 simulated cameras" in offered(app)  # that scene has no more views
         await pilot.press("-", "s")
         await settle(pilot)
         assert rig.asked == [("order", AddSimulated(cameras=4, scene="pinwheel"))]

@@ -25,7 +25,7 @@ async def test_l_shows_depth_of_the_chosen_camera(tmp_path: Path, monkeypatch: p
             return words in str(stage.border_title)
 
         assert shows("Live")
-        await pilot.press("l")
+        await pilot.press("D")
         await until(pilot, lambda: shows("Live · depth is starting"))
         await until(pilot, lambda: shows("Live · the rig is not calibrated"), SLOW_PATIENCE_S)
         shutil.copytree(JUMPER, tmp_path / "sessions" / "jumper")
@@ -36,9 +36,9 @@ async def test_l_shows_depth_of_the_chosen_camera(tmp_path: Path, monkeypatch: p
         assert reds[0] < 0.8 * min(reds[1:]), "its depth is blue and green, the others' previews are brown"
         await pilot.press("1", "2")
         await until(pilot, lambda: shows(" a second, "), SLOW_PATIENCE_S)
-        await pilot.press("l")
+        await pilot.press("D")
         await until(pilot, lambda: shows("Live · 5 pictures of one instant"))
-        await pilot.press("l")
+        await pilot.press("D")
         await until(pilot, lambda: shows(" a second, "), SLOW_PATIENCE_S)
         rig.lose_link("it is gone")
         await until(pilot, lambda: shows("Live · 5 pictures of one instant"))

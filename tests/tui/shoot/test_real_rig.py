@@ -9,10 +9,10 @@ import pytest
 
 from capture_app.common.clock import HostClock
 from capture_app.common.node_state import NodeState
+from capture_app.plugins.cameras.sim import simulation_driver
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.simulation import simulation_driver
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.shoot_view import ShootView

@@ -1,0 +1,1 @@
+"""Other devices and programs beside a rig: phones, monitor, panels, foreign protocols."""

@@ -1,0 +1,386 @@
+"""Director's monitor: the feed of a rig, and the server of the page that shows it to each monitor.
+
+The feed keeps only the newest of each message and picture, so a monitor on a slow link skips some.
+"""
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+from aiohttp import WSMsgType
+from msgspec import Struct
+
+from capture_app.common.child import LOWEST_PRIORITY, ask_reconstruct
+from capture_app.common.errors import IncompleteError, SimulshotError
+from capture_app.common.names import natural_order
+from capture_app.common.tasks import Background, end
+from capture_app.common.text import UNREADABLE
+from capture_app.protocol.orders import EndBurst
+from capture_app.protocol.status import Preview, RigStatus
+from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
+from capture_app.session.library.changes import results_folder
+from capture_app.session.reading.decoding import encode_image
+from capture_app.session.reading.take_sheet import (
+    TakeSheet,
+    contact_sheet,
+    depth_picture,
+    encode_animation,
+    wiggle_frames,
+)
+from capture_app.web.admission import Admission
+from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
+
+WIDTH_PX, FPS = 384, 5.0
+"""Width and maximum rate of the live pictures of all cameras."""
+CLOSE_WIDTH_PX, CLOSE_FPS = 1280, 10.0
+"""The same of a camera that is looked at closely."""
+SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
+WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125
+DEPTH_RUNS = ("moment", "multiview")
+"""Results of a session with depth, the quickest first."""
+
+
+class MonitorFeed:
+    """Newest messages and pictures of one rig, and the take that a monitor has ordered."""
+
+    def __init__(self, link: RigLink, *, is_local: bool) -> None:
+        """Create a feed; `is_local`: the rig saves its sessions on this machine."""
+        self.texts: dict[str, str] = {}
+        """Newest message of each type, as JSON."""
+        self.pictures: dict[str, bytes] = {}
+        """Newest images: `live/CAMERA`, and `take/NAME/KIND` once a monitor has asked for it."""
+        self._link, self._is_local = link, is_local
+        self._readers: set[asyncio.Event] = set()
+        self._background = Background()
+        self._rig: RigStatus | None = None
+        self._taking: Taking | None = None
+        self._course = ""
+        """State of the take ordered here that has not begun: ordered, countdown, waiting, idle or failed."""
+        self._sheet: TakeSheet | None = None
+        self._session = ""
+        """Path of the last session."""
+        self._making: set[str] = set()
+        self._is_computing = False
+        self._say_course("idle")
+
+    async def run(self) -> None:
+        """Follow the rig and update messages and pictures, until cancelled."""
+        try:
+            async for update in self._link.updates():
+                match update:
+                    case Preview():
+                        self._show(f"live/{update.camera}", update.jpeg)
+                    case LinkLost():
+                        self._say("lost", reason=update.reason)
+                    case RigStatus():
+                        self._say("lost", reason="")
+                        self._show_status(update)
+        finally:
+            await self._background.end()
+
+    @contextlib.asynccontextmanager
+    async def reader(self) -> AsyncIterator[asyncio.Event]:
+        """Return an event that is set by each change; live pictures are requested while anyone reads."""
+        changed = asyncio.Event()
+        changed.set()
+        self._readers.add(changed)
+        try:
+            await self._want_previews()
+            yield changed
+        finally:
+            self._readers.discard(changed)
+            await self._want_previews()
+
+    async def look_closely(self, camera: str) -> None:
+        """Request larger pictures of a camera, until cancelled."""
+        link = self._link.another()
+        await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=CLOSE_FPS)
+        async with contextlib.aclosing(link.updates()) as updates:
+            async for update in updates:
+                if isinstance(update, Preview):
+                    self._show(f"live/{camera}", update.jpeg)
+
+    def take(self, plan: TakePlan) -> None:
+        """Take pictures; if an earlier order waits until cameras are ready, take at once."""
+        if self._taking is not None and self._taking.is_waiting:
+            self._taking.take_now()
+        elif self._course in ("idle", "failed"):
+            self._taking = Taking(self._link, plan.when_ready(self._rig))
+            self._say_course("ordered")
+            self._background.start(self._follow(self._taking))
+
+    async def stop(self) -> None:
+        """Stop the take that has not begun, else end the recording. Raises SimulshotError."""
+        burst = None if self._rig is None else self._rig.burst
+        if self._taking is not None and self._taking.is_open:
+            self._taking.stop()
+            self._say_course("idle")
+        elif burst is not None and burst.recording and not burst.done:
+            await self._link.order(EndBurst(burst=burst.burst))
+
+    def request_picture(self, key: str) -> None:
+        """Make a picture of the last take, unless it is there or being made."""
+        if key not in self.pictures and key not in self._making:
+            self._background.start(self._make_picture(key))
+
+    async def _want_previews(self) -> None:
+        await self._link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS if self._readers else 0)
+
+    async def _follow(self, taking: Taking) -> None:
+        """Show the course of a take until it is saved."""
+        try:
+            async for event in taking:
+                if taking is self._taking:
+                    self._show_event(event, taking)
+        finally:
+            if taking is self._taking and self._course != "failed":
+                self._say_course("idle")
+
+    def _show_event(self, event: TakeEvent, taking: Taking) -> None:
+        match event:
+            case Countdown(seconds=seconds):
+                self._say_course("countdown", seconds=seconds)
+            case Waiting(reason=reason):
+                self._say_course("waiting", words=reason, can_hurry=taking.is_waiting)
+            case Moved(camera=camera):
+                self._say_course("ordered", words=f"something moves in front of {camera}")
+            case Begun():
+                self._say_course("waiting" if taking.is_open else "idle")
+            case Failed(error=error):
+                self._say_course("failed", words=str(error))
+
+    def _show_status(self, rig: RigStatus) -> None:
+        self._rig = rig
+        cameras = {node.name: node for node in rig.cameras}
+        self._say(
+            "rig",
+            leader=rig.leader,
+            advice=rig.advice,
+            cameras=[
+                {"name": name, "state": cameras[name].state, "message": cameras[name].message}
+                for name in sorted(cameras, key=natural_order)
+            ],
+        )
+        self._forget_pictures("live/", *(f"live/{name}" for name in cameras))
+        if (burst := rig.burst) is not None:
+            self._say(
+                "burst",
+                name=burst.name,
+                received=burst.received,
+                expected=burst.expected,
+                is_recording=burst.recording and not burst.done,
+                seconds=round(burst.instants * (rig.period_ns or 0) / 1e9),
+                is_done=burst.done,
+            )
+        if rig.sessions and rig.sessions[-1] != self._session:
+            self._session = rig.sessions[-1]
+            self._background.start(self._open_session(Path(rig.sessions_folder, Path(self._session).name)))
+
+    async def _open_session(self, folder: Path) -> None:
+        grade, words = "unknown", "Its pictures are on the leader's machine."
+        self._sheet = None
+        if self._is_local:
+            try:
+                self._sheet = await asyncio.to_thread(TakeSheet.open, folder)
+                grade, words = self._sheet.verdict.grade, self._sheet.verdict.headline
+            except SimulshotError as error:
+                words = str(error)
+        self._forget_pictures("take/")
+        self._say("take", name=folder.name, grade=grade, words=words, has_pictures=self._sheet is not None)
+
+    async def _make_picture(self, key: str) -> None:
+        sheet, kind = self._sheet, key.rpartition("/")[2]
+        if sheet is None or key != f"take/{sheet.session.manifest.name}/{kind}" or kind not in _PICTURES:
+            return
+        self._making.add(key)
+        try:
+            self._show(key, await asyncio.to_thread(_PICTURES[kind], sheet))
+        except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError) as error:
+            is_uncomputed = isinstance(error, IncompleteError) and kind == "depth"
+            self._say("absent", picture=key, words=str(error), can_compute=is_uncomputed)
+        finally:
+            self._making.discard(key)
+
+    def compute_depth(self) -> None:
+        """Compute the depth of the last take's middle instant, unless it is being computed."""
+        if self._sheet is not None and not self._is_computing:
+            self._background.start(self._compute_depth(self._sheet))
+
+    async def _compute_depth(self, sheet: TakeSheet) -> None:
+        session, self._is_computing = sheet.session.folder, True
+        key = f"take/{sheet.session.manifest.name}/depth"
+        self._say("absent", picture=key, words="Computing the depth …", can_compute=False)
+        asked = ("multiview", str(session), "--out", str(results_folder(session) / DEPTH_RUNS[0]))
+        how = ("--instant", str(sheet.instants // 2), "--quick", "--page", "--calibrated")
+        try:
+            await ask_reconstruct((*asked, *how), dict[str, Any], niceness=LOWEST_PRIORITY)
+            await self._make_picture(key)
+        except SimulshotError as error:
+            self._say("absent", picture=key, words=str(error), can_compute=False)
+        finally:
+            self._is_computing = False
+
+    def _say_course(self, state: str, **fields: object) -> None:
+        self._course = state
+        self._say("course", state=state, **fields)
+
+    def _say(self, kind: str, **fields: object) -> None:
+        text = msgspec.json.encode({"type": kind, **fields}).decode()
+        if self.texts.get(kind) != text:
+            self.texts[kind] = text
+            self._notify()
+
+    def _show(self, key: str, picture: bytes) -> None:
+        self.pictures[key] = picture
+        self._notify()
+
+    def _forget_pictures(self, beginning: str, *but: str) -> None:
+        for key in [key for key in self.pictures if key.startswith(beginning) and key not in but]:
+            del self.pictures[key]
+
+    def _notify(self) -> None:
+        for changed in self._readers:
+            changed.set()
+
+
+def _contact_sheet(sheet: TakeSheet) -> bytes:
+    instants = range(0, sheet.instants, max(1, math.ceil(sheet.instants / SHEET_ROWS)))
+    return encode_image(contact_sheet(sheet, SHEET_WIDTH_PX, instants=instants))
+
+
+def _wiggle(sheet: TakeSheet) -> bytes:
+    return encode_animation(
+        wiggle_frames(sheet, sheet.instants // 2, WIGGLE_WIDTH_PX), ".webp", WIGGLE_STEP_MS, WIGGLE_STEP_MS
+    )
+
+
+def _depth(sheet: TakeSheet) -> bytes:
+    results = results_folder(sheet.session.folder)
+    for run in DEPTH_RUNS:
+        if (found := results / run / "multiview.json").is_file():
+            return depth_picture(found)
+    raise IncompleteError("No depth of this take has been computed")
+
+
+_PICTURES = {"sheet": _contact_sheet, "wiggle": _wiggle, "depth": _depth}
+
+
+class PageOrder(Struct, frozen=True):
+    """Order of a monitor's page.
+
+    seen    acknowledges a picture: the next one of the same key may be sent
+    look    requests larger pictures of one camera; an empty name ends them
+    open    shows a picture of the last take, by its key; empty: none
+    take    takes pictures by a plan
+    stop    stops the take that has not begun, or the recording
+    depth   computes the depth of the last take
+    """
+
+    type: Literal["seen", "look", "open", "take", "stop", "depth"]
+    picture: str = ""
+    camera: str = ""
+    plan: TakePlan = TakePlan()
+
+
+_DECODER = msgspec.json.Decoder(PageOrder)
+
+
+class MonitorPage(PairedPage):
+    """Serves the page; any number of monitors share one feed."""
+
+    def __init__(self, admission: Admission, feed: MonitorFeed) -> None:
+        super().__init__(admission, Path(__file__).parent / "page")
+        self._feed = feed
+
+    async def serve_link(self, link: PageLink) -> None:
+        """Send the feed to a monitor and obey its orders until its page closes the link."""
+        async with self._feed.reader() as changed:
+            monitor = _Monitor(link, self._feed, changed)
+            sending = asyncio.create_task(monitor.send())
+            try:
+                async for message in link.socket:
+                    if message.type is not WSMsgType.TEXT:
+                        raise ValueError("a monitor sends text only")
+                    try:
+                        await monitor.obey(_DECODER.decode(message.data))
+                    except SimulshotError as error:
+                        await link.send(
+                            msgspec.json.encode({"type": "refused", "words": str(error)}).decode()
+                        )
+            finally:
+                await end(sending, *monitor.looking)
+
+
+class _Monitor:
+    """One open monitor page: what was sent to it, and the pictures that it has not acknowledged."""
+
+    def __init__(self, link: PageLink, feed: MonitorFeed, changed: asyncio.Event) -> None:
+        self._link, self._feed, self._changed = link, feed, changed
+        self._sent: dict[str, str | bytes] = {}
+        """Newest message of each type, and newest picture by key, that the page has got."""
+        self._unacknowledged: set[str] = set()
+        self._open = ""
+        self.looking: set[asyncio.Task[None]] = set()
+        """Task that requests larger pictures of one camera, if any."""
+
+    async def send(self) -> None:
+        """Send what changes, forever: of each camera the newest picture, once the last was acknowledged."""
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            for kind, text in tuple(self._feed.texts.items()):
+                if self._sent.get(kind) != text:
+                    self._sent[kind] = text
+                    await self._link.send(text)
+            for key in tuple(self._feed.pictures):
+                await self._send_picture(key)
+
+    async def _send_picture(self, key: str) -> None:
+        picture = self._feed.pictures.get(key)
+        if picture is None or picture is self._sent.get(key) or key in self._unacknowledged:
+            return
+        if key.startswith("live/") or key == self._open:
+            self._sent[key] = picture
+            self._unacknowledged.add(key)
+            name = key.encode()
+            await self._link.send(bytes([len(name)]) + name + picture)
+
+    async def obey(self, order: PageOrder) -> None:
+        """Carry out an order of the monitor's page. Raises SimulshotError."""
+        match order.type:
+            case "seen":
+                self._unacknowledged.discard(order.picture)
+                self._changed.set()
+            case "look":
+                await end(*self.looking)
+                self.looking.clear()
+                if order.camera:
+                    self.looking.add(asyncio.create_task(self._feed.look_closely(order.camera)))
+            case "open":
+                self._open = order.picture
+                self._sent.pop(order.picture, None)
+                self._feed.request_picture(order.picture)
+                self._changed.set()
+            case "take":
+                self._feed.take(order.plan)
+            case "stop":
+                await self._feed.stop()
+            case "depth":
+                self._feed.compute_depth()
+
+
+@contextlib.asynccontextmanager
+async def serving_monitor(link: RigLink, page: ListeningPage, *, is_local: bool) -> AsyncIterator[None]:
+    """Serve the monitors of a rig while the block runs; `is_local`: it saves sessions on this machine."""
+    feed = MonitorFeed(link, is_local=is_local)
+    following = asyncio.create_task(feed.run())
+    try:
+        async with MonitorPage(page.admission, feed).serving(page.socket, page.tls, page.names):
+            yield
+    finally:
+        await end(following)

@@ -1,1 +1,0 @@
-"""Plugins that export a session: a module for each format."""

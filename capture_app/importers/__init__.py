@@ -1,1 +1,0 @@
-"""Plugins that import recordings and calibrations: a module for each program."""

@@ -1,0 +1,1 @@
+"""This computer: its cameras, clock, disk and network; doctor, boot service, measurements, repair."""

@@ -1,0 +1,327 @@
+"""Diagnosis of this machine: its clock, disks and cameras, the paths to leaders, and remedies."""
+
+import asyncio
+import os
+import platform
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+from msgspec import Struct
+
+from capture_app import __version__
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import CameraListing
+from capture_app.common.clock import EVERY_NS, HostRate
+from capture_app.common.errors import DiskError, SimulshotError
+from capture_app.common.text import count, megabytes
+from capture_app.machine.cameras import list_cameras
+from capture_app.net.discovery import LeaderBrowser, announced_hosts
+from capture_app.net.local_network import (
+    MDNS_PORT,
+    Firewall,
+    active_firewalls,
+    power_saving,
+    saves_power,
+    wifi_interfaces,
+)
+from capture_app.net.reachability import find_obstacle
+from capture_app.node.camera.burst_upload import REPORT
+from capture_app.protocol.pairing_messages import FoundLeader
+from capture_app.rig.rig_link import ask_status
+from capture_app.session.files.disk import disk_error, free_bytes
+from capture_app.sync.rig.status_text import slewing
+from capture_app.sync.wire.codec import VERSION
+from capture_app.trust.trust import Trust
+
+Grade = Literal["good", "note", "warning", "problem"]
+"""A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
+SAMPLE_BYTES = 16 << 20
+USB_2_MBIT_S = 480
+MAX_SHOWN = 5
+"""Maximum number of a spool's bursts that are listed."""
+SLOW_MB_S = 20.0
+"""A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
+
+
+def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[tuple[str, int, int]]:
+    """Return device node, USB bus and speed (Mbit/s) of each USB camera here, in the order of the nodes."""
+    found: dict[Path, tuple[str, int, int]] = {}
+    for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
+        interface = (entry / "device").resolve()
+        # A camera has several device nodes; the first one delivers the images.
+        device = next((path for path in (interface, *interface.parents) if (path / "busnum").is_file()), None)
+        if device is not None and device not in found:
+            with suppress(OSError, ValueError):
+                bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
+                found[device] = f"/dev/{entry.name}", bus, round(speed)
+    return list(found.values())
+
+
+class Finding(Struct, frozen=True):
+    """Result of one check; `remedy` is the command that fixes it, or says what to do."""
+
+    check: str
+    grade: Grade
+    text: str
+    remedy: str = ""
+
+
+def version() -> Finding:
+    """Report the software, protocol and platform versions."""
+    return Finding(
+        "version",
+        "good",
+        f"simulshot {__version__}, version {VERSION} of the protocol,"
+        f" Python {platform.python_version()}, {platform.system()} on {platform.machine()}",
+    )
+
+
+async def clock(rate: HostRate, watched_s: float = 2.2) -> Finding:
+    """Watch this host's clock for `watched_s`, as an NTP daemon may be slewing it."""
+    rate.slewing_ppm(0)
+    await asyncio.sleep(watched_s)
+    ppm = rate.slewing_ppm(EVERY_NS)
+    if ppm is None:
+        return Finding("clock", "note", "this host does not report whether its clock is being corrected")
+    if ppm:
+        what, _, remedy = slewing("this host", ppm).partition("; ")
+        return Finding("clock", "warning", what, remedy)
+    return Finding("clock", "good", "this host's clock runs steadily")
+
+
+def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
+    """Test a folder by writing to it; `holds` names its contents, `option` selects another folder."""
+    other = f"choose another folder with {option}"
+    try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        mb_s, free = _write_speed(folder, sample_bytes), free_bytes(folder)
+    except (OSError, DiskError) as error:
+        failure = error if isinstance(error, DiskError) else disk_error(error, folder)
+        return Finding("disk", "problem", f"{holds}: {failure.what}", other)
+    remedy = f"free some space, or {other}" if free < (1 << 30) else ""
+    if mb_s < SLOW_MB_S:
+        remedy = remedy or f"{other} on a faster disk"
+    what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
+    return Finding("disk", "warning" if remedy else "good", what, remedy)
+
+
+def spooled(spool: Path) -> Iterator[Finding]:
+    """Report the bursts that nodes of this machine keep until a leader takes them."""
+    with suppress(OSError):
+        folders = sorted(report.parent for report in spool.glob(f"*/*/{REPORT}"))
+        size = sum(file.stat().st_size for folder in folders for file in folder.iterdir())
+        if folders:
+            shown = [*map(str, folders[:MAX_SHOWN]), *(["..."] if len(folders) > MAX_SHOWN else [])]
+            yield Finding(
+                "spool",
+                "note",
+                f"{count(len(folders), 'burst')}, {megabytes(size)}, not taken by a leader yet:"
+                f" {', '.join(shown)}",
+                "run their cameras' nodes and their leader, or delete these folders to drop the images",
+            )
+
+
+def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
+    """Report which cameras are here, and why unusable ones are unusable."""
+    real = [listing for listing in found if not listing.spec.startswith("sim:")]
+    if not real:
+        yield Finding(
+            "cameras", "note", "no camera is connected to this machine", "list them with: capture-app cameras"
+        )
+    for listing in real:
+        if listing.usable:
+            yield Finding("cameras", "good", f"{listing.spec}: {listing.model or 'a camera'}")
+        else:
+            what, _, hint = listing.detail.partition(" (")
+            yield Finding("cameras", "problem", what, hint.removesuffix(")"))
+
+
+def usb(found: list[tuple[str, int, int]]) -> Iterator[Finding]:
+    """Report cameras that share a USB 2 bus, which is too slow for their uncompressed images.
+
+    `found`: device node, bus and speed (Mbit/s) of each camera, as `usb_cameras` returns them.
+    """
+    slow = defaultdict[int, list[tuple[str, int]]](list)
+    for node, bus, speed_mbit_s in found:
+        if speed_mbit_s <= USB_2_MBIT_S:
+            slow[bus].append((node, speed_mbit_s))
+    crowded = [sharing for _, sharing in sorted(slow.items()) if len(sharing) > 1]
+    for sharing in crowded:
+        yield Finding(
+            "usb",
+            "warning",
+            f"{' and '.join(node for node, _ in sharing)} share one USB 2 bus of {sharing[0][1]} Mbit/s",
+            "add format=MJPG to their specs, or plug one into another controller's port",
+        )
+    if found and not crowded:
+        yield Finding("usb", "good", f"{count(len(found), 'camera')}, none on a USB 2 bus with another")
+
+
+def _write_speed(folder: Path, size: int) -> float:
+    """Return the write speed of a folder's disk, including the sync, in MB/s."""
+    data = os.urandom(1 << 20)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        began_s = time.monotonic()
+        for _ in range(size // len(data)):
+            file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+        return size / 1e6 / max(time.monotonic() - began_s, 1e-9)
+
+
+async def leader(address: Address) -> Finding:
+    """Test the connection to a leader."""
+    began_s = time.monotonic()
+    if (found := await find_obstacle(address)) is not None:
+        return Finding("leader", "problem", found.what, found.remedy)
+    return Finding(
+        "leader",
+        "good",
+        f"the leader at {address} answers within {(time.monotonic() - began_s) * 1e3:.0f} ms",
+    )
+
+
+async def own_rig(address: Address) -> Finding:
+    """Report the addresses at which other machines reach a rig of this machine."""
+    try:
+        status = await ask_status(address)
+    except SimulshotError as error:
+        return Finding("rig", "problem", error.what, error.hint)
+    nodes = count(len(status.nodes), "node")
+    if status.leader.startswith(("127.", "localhost", "[::1]")):
+        return Finding(
+            "rig",
+            "warning",
+            f"a rig with {nodes} runs here; only this machine can reach it, at {status.leader}",
+            "start it without --host 127.0.0.1 for cameras of other machines",
+        )
+    where = " or ".join(
+        str(Address(host, address.port)) for host in announced_hosts("") or [status.leader.rpartition(":")[0]]
+    )
+    return Finding("rig", "good", f"a rig with {nodes} runs here; others join it at {where}")
+
+
+async def announced_leaders(listen_s: float = 1.5) -> list[Finding]:
+    """Report the leaders announced on this network, whether they answer, and their version."""
+    async with LeaderBrowser() as browser:
+        await browser.refresh()
+        await asyncio.sleep(listen_s)
+        found = browser.found
+    if not found:
+        return [
+            Finding(
+                "discovery",
+                "note",
+                "no leader is announced on this network",
+                "start one with: capture-app; for one beyond multicast give --leader HOST:PORT",
+            )
+        ]
+    return list(await asyncio.gather(*map(_announced_leader, found)))
+
+
+async def _announced_leader(found: FoundLeader) -> Finding:
+    kind = "relay" if found.is_relay else "leader"
+    obstacles = await asyncio.gather(*map(find_obstacle, found.addresses))
+    reached = [address for address, obstacle in zip(found.addresses, obstacles, strict=True) if not obstacle]
+    if not reached:
+        what, remedy = next(((one.what, one.remedy) for one in obstacles if one), ("it has no address", ""))
+        text = f"{kind} {found.name} is announced but not reachable: {what}"
+        return Finding("discovery", "warning", text, remedy)
+    text = f"{kind} {found.name} is announced and answers at {reached[0]}"
+    if found.version != __version__:
+        what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
+        return Finding("discovery", "warning", what, "install the same version on both")
+    return Finding("discovery", "good", text)
+
+
+def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[str]:
+    """Return warnings about this machine as a leader's: what would block or degrade other machines' cameras.
+
+    Nothing for a leader that only this machine can reach. `root` is the root of the machine's files.
+    """
+    if not announced_hosts(host):
+        return []
+    found = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
+    return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
+
+
+def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:
+    """Report firewalls of this machine that may block connections; cameras connect to `ports`."""
+    for firewall in active:
+        for port in ports:
+            if not (opened := firewall.opens(port)):
+                text = f"{firewall.name} is active here, and must allow incoming cameras on port {port}"
+                unseen = " (only root can see whether it does)" if opened is None else ""
+                yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
+        if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
+            # By default, ufw admits mDNS.
+            text = f"{firewall.name} is active here: leaders are discovered only if it allows mDNS"
+            yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
+    if not active:
+        yield Finding("firewall", "good", "no firewall is enabled here, according to its files")
+
+
+def trust(own: Trust) -> Finding:
+    """Report this machine's identity, and the number of machines that it knows."""
+    if own.is_open:
+        return Finding("trust", "note", "pairing is skipped: any machine is accepted")
+    try:
+        text = f"this machine's pin is {own.identity.pin}; it knows {count(len(own.known.all()), 'machine')}"
+    except SimulshotError as error:
+        return Finding("trust", "problem", error.what, error.hint)
+    return Finding("trust", "good", text)
+
+
+def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
+    """Report WiFi interfaces that save power."""
+    for interface in interfaces:
+        match saves_power(interface):
+            case True:
+                yield Finding("wifi", "warning", *power_saving(interface))
+            case False:
+                yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
+            case None:
+                yield Finding(
+                    "wifi", "note", f"the driver of {interface} does not report whether it saves power"
+                )
+
+
+async def examine(
+    leaders: Sequence[Address], own_rigs: Sequence[tuple[Address, Path]], spool: Path
+) -> list[Finding]:
+    """Run all checks on this machine, within seconds.
+
+    `leaders` are those to reach, `own_rigs` run here and save to their folders; `spool` is where its nodes
+    store their images.
+    """
+    sessions = dict.fromkeys((folder, "sessions", "--sessions") for _, folder in own_rigs)
+    clock_finding, announced, rigs, paths = await asyncio.gather(
+        clock(HostRate()),
+        announced_leaders(),
+        asyncio.gather(*(own_rig(address) for address, _ in own_rigs)),
+        asyncio.gather(*map(leader, leaders)),
+    )
+    # After the clock check, whose readings a busy disk would delay.
+    written = await asyncio.gather(
+        *(asyncio.to_thread(disk, *one) for one in ((spool, "the spool", "--spool"), *sessions))
+    )
+    return [
+        version(),
+        trust(Trust.of_user()),
+        *rigs,
+        *paths,
+        *announced,
+        *firewalls(active_firewalls(), sorted({address.port for address, _ in own_rigs})),
+        *wifi(wifi_interfaces()),
+        clock_finding,
+        *written,
+        *await asyncio.to_thread(lambda: [*spooled(spool)]),
+        *cameras(await asyncio.to_thread(list_cameras)),
+        *usb(usb_cameras()),
+    ]

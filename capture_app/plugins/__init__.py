@@ -1,0 +1,1 @@
+"""Plugins, which nothing imports: cameras, programs and footage, found by their entry points."""

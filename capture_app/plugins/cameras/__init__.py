@@ -1,0 +1,1 @@
+"""Camera drivers, a folder or module each."""

@@ -1,0 +1,1 @@
+"""Methods that align recordings without common times."""

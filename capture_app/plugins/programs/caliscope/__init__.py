@@ -1,0 +1,1 @@
+"""Caliscope: its recordings and calibrations, read and written."""

@@ -1,0 +1,1 @@
+"""COLMAP: its cameras and models, read and written."""

@@ -1,0 +1,1 @@
+"""EasyMocap: its recordings and calibrations, read and written."""

@@ -1,0 +1,1 @@
+"""FreeMoCap: its recordings, read and written."""

@@ -1,0 +1,1 @@
+"""nerfstudio: its transforms.json, read and written."""

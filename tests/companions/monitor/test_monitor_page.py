@@ -1,0 +1,157 @@
+"""The monitor's server without a browser: who is admitted, what is sent, and what orders do."""
+
+import asyncio
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import aiohttp
+import pytest
+
+from capture_app.common.tasks import end
+from capture_app.companions.monitor.monitor_page import MonitorFeed
+from capture_app.web.paired_page import MAX_LINKS_PER_DEVICE
+from tests.companions.monitor.served import ServedMonitor, StandInMonitor, monitored
+from tests.tui.fake_rig import FakeRig
+from tests.waiting import SLOW_PATIENCE_S, time_limit, until
+
+JUMPER = Path(__file__).resolve().parents[3] / "sample_sessions" / "jumper"
+JPEG_START = b"\xff\xd8"
+
+
+@pytest.fixture
+async def served(tmp_path: Path) -> AsyncIterator[ServedMonitor]:
+    async with monitored(tmp_path, 2) as served:
+        yield served
+
+
+async def test_a_stranger_without_the_code_is_refused(served: ServedMonitor) -> None:
+    async with StandInMonitor(served.page) as stranger:
+        status, body = await stranger.join(secret="")
+        assert status == 403
+        assert body["words"] == "This monitor is not known here yet: scan the code that the leader shows."
+        status, _ = await stranger.join(secret="guessed")
+        assert status == 403
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+            await stranger.session.ws_connect(f"{served.base}link/guessed")
+
+
+async def test_a_foreign_origin_or_host_is_refused(served: ServedMonitor) -> None:
+    async with StandInMonitor(served.page) as monitor:
+        status, _ = await monitor.join(Origin="https://evil.example")
+        assert status == 403
+        status, _ = await monitor.join(Host="rebound.example")
+        assert status == 403
+        status, _ = await monitor.join(Origin=served.base.rstrip("/"))
+        assert status == 200
+
+
+async def test_a_camera_that_is_not_acknowledged_sends_no_further_picture(served: ServedMonitor) -> None:
+    async with StandInMonitor(served.page) as slow, StandInMonitor(served.page, "1" * 32) as quick:
+        await slow.open()
+        await quick.open()
+        while len(slow.pictures) < 2:
+            await slow.hear()
+        while min(map(len, quick.pictures.values()), default=0) < 4 or len(quick.pictures) < 2:
+            key = await quick.hear()
+            if "/" in key:
+                await quick.say(type="seen", picture=key)
+        assert {key: len(pictures) for key, pictures in slow.pictures.items()} == {
+            "live/cam00": 1,
+            "live/cam01": 1,
+        }
+        await slow.say(type="seen", picture="live/cam01")
+        while len(slow.pictures["live/cam01"]) < 2:
+            await slow.hear()
+        assert len(slow.pictures["live/cam00"]) == 1
+        assert all(picture.startswith(JPEG_START) for picture in slow.pictures["live/cam01"])
+
+
+async def test_an_order_that_cannot_be_is_answered_and_nonsense_ends_the_link(served: ServedMonitor) -> None:
+    async with StandInMonitor(served.page) as monitor:
+        await monitor.open()
+        await monitor.say(type="take", plan={"frames": 0})
+        while await monitor.hear() != "refused":
+            pass
+        assert "frames of a take is 0" in monitor.said["refused"]["words"]
+        await monitor.say(type="take", plan={"frames": 1, "countdown_s": 60})
+        while monitor.said.get("course", {}).get("state") != "countdown":
+            await monitor.hear()
+        await monitor.say(type="stop")
+        while monitor.said["course"]["state"] != "idle":
+            await monitor.hear()
+        await monitor.say(type="dance")
+        async with time_limit("the end of the link"):
+            while (await monitor.link.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                pass
+        assert monitor.link.close_code == 1003
+
+
+async def test_a_device_has_few_links_however_many_it_opens(served: ServedMonitor) -> None:
+    """One admitted monitor opened as many as it liked, each of which follows the rig."""
+    async with StandInMonitor(served.page) as monitor, StandInMonitor(served.page, "1" * 32) as other:
+        await other.open()
+        links = []
+        for _ in range(MAX_LINKS_PER_DEVICE + 2):
+            await monitor.open()
+            links.append(monitor.link)
+        for link in links[:2]:
+            async with time_limit("the end of the oldest links"):
+                while (closed := await link.receive()).type is not aiohttp.WSMsgType.CLOSE:
+                    pass
+            assert (closed.data, closed.extra) == (
+                1003,
+                "Too many pages of this device are open: close some.",
+            )
+        for link in (*links[2:], other.link):
+            monitor.link = link
+            await monitor.hear()
+
+
+@pytest.mark.slow
+async def test_a_take_is_seen_by_all_monitors_and_its_pictures_come_on_request(
+    served: ServedMonitor,
+) -> None:
+    async with StandInMonitor(served.page) as director, StandInMonitor(served.page, "1" * 32) as other:
+        await director.open()
+        await other.open()
+        async with time_limit("a take", SLOW_PATIENCE_S):
+            while director.said.get("rig", {}).get("cameras", []) == []:
+                await director.hear()
+            await director.say(type="take", plan={"frames": 2})
+            while not other.said.get("take", {}).get("has_pictures"):
+                await other.hear()
+            name = other.said["take"]["name"]
+            assert name == "burst-001"
+            for kind, start in (("sheet", JPEG_START), ("wiggle", b"RIFF")):
+                key = f"take/{name}/{kind}"
+                await other.say(type="open", picture=key)
+                while key not in other.pictures:
+                    await other.hear()
+                assert other.pictures[key][0].startswith(start)
+            await other.say(type="open", picture=f"take/{name}/depth")
+            while await other.hear() != "absent":
+                pass
+            assert "No depth" in other.said["absent"]["words"]
+            assert other.said["absent"]["can_compute"]
+            await other.say(type="depth")
+            while other.said["absent"]["can_compute"] or "Computing" in other.said["absent"]["words"]:
+                await other.hear()
+            assert "no valid calibration" in other.said["absent"]["words"]
+        assert not any(key.startswith("take/") for key in director.pictures)
+
+
+@pytest.mark.slow
+async def test_depth_is_computed_when_a_monitor_asks(tmp_path: Path) -> None:
+    shutil.copytree(JUMPER, tmp_path / "jumper")
+    rig = FakeRig(1)
+    rig.different = {"sessions": ("jumper",), "sessions_folder": str(tmp_path)}
+    feed = MonitorFeed(rig, is_local=True)
+    following = asyncio.create_task(feed.run())
+    rig.tell()
+    await until(lambda: "take" in feed.texts)
+    feed.compute_depth()
+    await until(lambda: "Computing" in feed.texts.get("absent", ""))
+    await until(lambda: "take/jumper/depth" in feed.pictures, seconds=SLOW_PATIENCE_S)
+    assert feed.pictures["take/jumper/depth"].startswith(b"\x89PNG")
+    await end(following)

@@ -1,0 +1,136 @@
+"""What is wrong with a machine is found, with the line that repairs it."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.camera_facts import CameraListing
+from capture_app.common.clock import HostRate
+from capture_app.machine import doctor
+from capture_app.machine.doctor import usb_cameras
+from capture_app.plugins.cameras.v4l2.kernel import driver_error
+
+SAMPLE_BYTES = 1 << 20
+
+
+def slewing_by(ppm: float) -> HostRate:
+    """A host that slews its clock; it is read at once and four seconds later."""
+    readings = iter([(0, 0), (round(4e9 * (1 + ppm * 1e-6)), 4_000_000_000)])
+
+    class Slewing(HostRate):
+        @staticmethod
+        def read_clocks() -> tuple[int, int]:
+            return next(readings)
+
+        @staticmethod
+        def steady_correction_ppm() -> float:
+            return 0.0
+
+    return Slewing()
+
+
+class Silent(HostRate):
+    """A host whose clocks cannot be read."""
+
+    @staticmethod
+    def read_clocks() -> None:
+        return None
+
+
+@pytest.mark.parametrize(("ppm", "grade", "remedy"), [(0.0, "good", ""), (300.0, "warning", "wait until")])
+async def test_a_clock_that_is_being_slewed_is_a_warning(ppm: float, grade: str, remedy: str) -> None:
+    found = await doctor.clock(slewing_by(ppm), watched_s=0.0)
+    assert found.grade == grade
+    assert found.remedy.startswith(remedy)
+
+
+async def test_a_host_that_does_not_tell_is_noted() -> None:
+    found = await doctor.clock(Silent(), watched_s=0.0)
+    assert found.grade == "note"
+
+
+def test_a_folder_that_is_not_there_yet_is_measured_where_it_will_be(tmp_path: Path) -> None:
+    found = doctor.disk(tmp_path / "spool" / "new", "the spool", "--spool", SAMPLE_BYTES)
+    assert found.grade in ("good", "warning")
+    assert f"MB/s to {tmp_path}" in found.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_cannot_be_written_is_a_problem() -> None:
+    found = doctor.disk(Path("/dev/full/spool"), "the spool", "--spool", SAMPLE_BYTES)
+    assert found.grade == "problem"
+    assert "choose another folder with --spool" in found.remedy
+
+
+def test_cameras_that_may_not_be_used_say_how_they_may(tmp_path: Path) -> None:
+    refused = driver_error("/dev/video0", PermissionError(13, "Permission denied"))
+    listings = [
+        CameraListing("v4l2:/dev/video0", "v4l2", "Webcam", str(refused), usable=False),
+        CameraListing("v4l2:/dev/video2", "v4l2", "Other", "640x480"),
+        CameraListing("sim:webcam", "sim", "", ""),
+    ]
+    problem, good = doctor.cameras(listings)
+    assert (problem.grade, problem.text) == ("problem", "no permission to use /dev/video0")
+    assert "sudo usermod -aG video $USER" in problem.remedy
+    assert good.text == "v4l2:/dev/video2: Other"
+
+
+def test_a_machine_without_cameras_is_noted_only() -> None:
+    (found,) = doctor.cameras([CameraListing("sim:webcam", "sim", "", "")])
+    assert found.grade == "note"
+
+
+def plug(root: Path, port: str, bus: int, speed: str, *nodes: str) -> None:
+    """Plug a USB camera in, as /sys shows it."""
+    device = root / "devices" / f"usb{bus}" / port
+    interface = device / f"{port}:1.0"
+    interface.mkdir(parents=True)
+    (device / "busnum").write_text(f"{bus}\n")
+    (device / "speed").write_text(f"{speed}\n")
+    for node in nodes:
+        entry = root / "class" / node
+        entry.mkdir(parents=True)
+        (entry / "device").symlink_to(interface)
+
+
+def test_cameras_that_share_a_slow_bus_are_a_warning(tmp_path: Path) -> None:
+    plug(tmp_path, "1-2", 1, "480", "video0", "video1")
+    plug(tmp_path, "1-3", 1, "480", "video2", "video3")
+    plug(tmp_path, "2-1", 2, "5000", "video4")
+    plug(tmp_path, "2-2", 2, "5000", "video10")
+    found = usb_cameras(tmp_path / "class")
+    assert [node for node, *_ in found] == ["/dev/video0", "/dev/video2", "/dev/video4", "/dev/video10"]
+    (warning,) = doctor.usb(found)
+    assert warning.grade == "warning"
+    assert warning.text.startswith("/dev/video0 and /dev/video2 share one USB 2 bus of 480 Mbit/s")
+    assert "format=MJPG" in warning.remedy
+
+
+def test_cameras_apart_are_no_warning(tmp_path: Path) -> None:
+    (good,) = doctor.usb([("/dev/video0", 1, 480), ("/dev/video2", 2, 480)])
+    assert good.grade == "good"
+    assert list(doctor.usb([])) == []
+
+
+def test_what_is_no_usb_camera_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "video0").mkdir()
+    assert usb_cameras(tmp_path) == []
+    assert usb_cameras(tmp_path / os.devnull) == []
+
+
+def test_bursts_that_no_leader_takes_are_named_and_how_to_drop_them(tmp_path: Path) -> None:
+    """The frames of a session whose folder was removed stayed in the spool, and nothing said so."""
+    assert [*doctor.spooled(tmp_path / "none")] == []
+    (tmp_path / "cam0").mkdir()
+    for number in range(7):
+        folder = tmp_path / "cam0" / f"0000004d-{number:06d}"
+        folder.mkdir()
+        (folder / "000000.jpg").write_bytes(bytes(1_000_000))
+        assert len([*doctor.spooled(tmp_path)]) == min(1, number), "not without a report"
+        (folder / "report.json").write_bytes(b"{}")
+    (found,) = doctor.spooled(tmp_path)
+    assert (found.check, found.grade) == ("spool", "note")
+    assert found.text.startswith("7 bursts, 7.0 MB, not taken by a leader yet: ")
+    assert f"{tmp_path}/cam0/0000004d-000004, ..." in found.text
+    assert "delete these folders" in found.remedy

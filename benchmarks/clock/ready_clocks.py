@@ -231,6 +231,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=12.0, help="minutes of a link at rest, a seed (12)")
     parser.add_argument("--link", action="append", help="only this link; may be repeated")
     parser.add_argument("--no-rig", action="store_true", help="only clocks")
+    parser.add_argument("--at-rest", action="store_true", help="no slews")
     options = parser.parse_args()
     laws: dict[str, DrawLink] = {"wire": cable, "loopback": loopback, "paper": wifi, **LAWS}
     names = options.link or ([*QUICK_LINKS] if options.quick else [*laws])
@@ -239,11 +240,12 @@ def main() -> None:
         names += [] if options.link else [name for name in laws if name.startswith("recording, ")]
     if options.quick:
         options.seeds, options.minutes = 2, 2.0
+    slews = QUICK_SLEWS if options.quick else SLEWS
     seeds = range(options.seed, options.seed + options.seeds)
     calls: list[Callable[[], Figures]] = [
         partial(run_slew, name, laws[name], slew, seeds, options.minutes * 60.0)
         for name in names
-        for slew in (QUICK_SLEWS if options.quick else SLEWS)
+        for slew in (slews[:1] if options.at_rest else slews)
     ]
     clocks = call_all(calls, few=2)
     rigs = (

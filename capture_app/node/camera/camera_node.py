@@ -171,8 +171,9 @@ class CameraNode:
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
-            message = self._engine.report(self._clock.now_ns()).message
-            self._log.say(f"{state}: {message}" if message else str(state))
+            report = self._engine.report(self._clock.now_ns())
+            words = state.with_error(report.uncertainty_ns)
+            self._log.say(f"{words}: {report.message}" if report.message else words)
             if state is NodeState.READY:
                 # What brought the camera into phase is proven now.
                 aligner = self._engine.aligner

@@ -28,14 +28,14 @@ DRIFT = 0.025e-6 / 1e9
 ASYMMETRY = 0.1
 """Half the difference of the two minimum delays, as a fraction of half the minimum round-trip delay.
 
-No two-way message can show it. Recorded links: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
+No exchange can show a lasting asymmetry, and no recording here does: the first one's two least delays were
+set equal. What changes within it: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
 (tests.benchmarks.simulated.link_spells prints both); 0.038 in the one fastest message of another (Ansari et
 al. 2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets
 are slower in one direction in general (Mahmood, Exel and Sauter 2014).
 
 The first recording has no long tail: 95 % of its windows of 4 s are below 0.152, where this prior has 0.196.
-Of links drawn with 0.2, a 95 % bar of this width holds for 84 %; 90 % need 0.14, whose bar of 290 us at a
-round trip of 2.1 ms keeps the default of 300 us from WiFi.
+That covers 67 % of links drawn with 0.2 (a normal distribution), and half of those that have exactly that.
 """
 STAMP_NS = 1_000.0
 """Asymmetry of two programs: one that was just woken up takes its timestamps late (real; on loopback and

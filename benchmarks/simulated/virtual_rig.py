@@ -159,7 +159,7 @@ class VirtualRig:
             rng.getrandbits(32),
             facts_of(spec.profile, width=spec.profile.image_width, height=spec.profile.image_rows),
             spec.tolerance_ns,
-            spec.clock_tolerance_ns,
+            clock_tolerance_ns=spec.clock_tolerance_ns,
             ring_ns=60 * spec.profile.period_ns,
             injection_profile=spec.injection_profile,
         )

@@ -113,18 +113,28 @@ class LikelyLine:
 
 
 def lower_hull(points: Iterable[Point]) -> list[Point]:
-    """Return the points (t, value) of the lower convex hull, by t (Andrew's monotone chain)."""
-    hull: list[Point] = []
-    for t, v in sorted(points):
-        if hull and t == hull[-1][0]:
-            continue
-        while len(hull) >= 2:
-            (t1, v1), (t2, v2) = hull[-2], hull[-1]
-            if (v2 - v1) * (t - t1) < (v - v1) * (t2 - t1):
-                break
-            hull.pop()
-        hull.append((t, v))
-    return hull
+    """Return the points (t, value) of the lower convex hull, by t (quickhull, Barber et al. 1996)."""
+    points = list(points)
+    if not points:
+        return []
+    first, last = min(points), min(points, key=lambda point: (-point[0], point[1]))
+    return [first, *_hull_between(first, last, points), last] if first != last else [first]
+
+
+def _hull_between(one: Point, other: Point, points: Sequence[Point]) -> list[Point]:
+    """Return the points of the lower hull between two of them, by t."""
+    (t1, v1), (t2, v2) = one, other
+    span, rise = t2 - t1, v2 - v1
+    level = v1 * span - t1 * rise
+    below = [(height, (t, v)) for t, v in points if (height := v * span - t * rise) < level]
+    if not below:
+        return []
+    lowest, left = min(below)[1], [point for _, point in below]
+    return [
+        *_hull_between(one, lowest, [point for point in left if point[0] < lowest[0]]),
+        lowest,
+        *_hull_between(lowest, other, [point for point in left if point[0] > lowest[0]]),
+    ]
 
 
 def fit_line(
@@ -247,7 +257,7 @@ def _vote(odd: float, *gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]
 
 def _first_dense(levels: Sequence[float]) -> float:
     """Return the lowest level above the lone ones; the lowest of all if none is lone."""
-    tightest = nsmallest(MAX_LONE + TIGHTEST, levels)
+    tightest = sorted(levels)[: MAX_LONE + TIGHTEST]
     for i in range(len(tightest) - TIGHTEST, 0, -1):
         if tightest[i] - tightest[i - 1] > LONE_RATIO * (tightest[i + TIGHTEST - 1] - tightest[i]):
             return tightest[i]

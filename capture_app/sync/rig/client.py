@@ -62,8 +62,6 @@ class ClientConfig:
     camera: CameraFacts
     tolerance_ns: int | None = None
     """Requested tolerance of the phase; None for the default of the camera's kind."""
-    clock_tolerance_ns: int | None = None
-    """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
     ring_ns: int = RING_NS
     """Time for which frames stay in the ring buffer, where a burst in the past can select them."""
     ring_bytes: int = RING_BYTES
@@ -72,6 +70,8 @@ class ClientConfig:
     """Known effect of a long frame on this camera, from earlier runs."""
     start_latencies_ns: tuple[int, ...] = ()
     """Measured delays from start command to first frame of this camera, newest last."""
+    clock_tolerance_ns: int | None = None
+    """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
 
     @property
     def phase_tolerance_ns(self) -> int:

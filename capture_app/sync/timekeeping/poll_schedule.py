@@ -3,7 +3,7 @@
 Also the accuracy target of its clock, and whether further quick requests would improve the estimate.
 """
 
-from math import inf
+from math import hypot, inf
 from typing import NamedTuple
 
 from capture_app.sync.clock.likely_line import ASYMMETRY
@@ -198,8 +198,11 @@ class AccuracyTarget:
         """Whether the clock is good enough."""
         self._least_ns, self._began_ns = inf, NEVER_NS
 
-    def judge(self, time_map: TimeMap, now_ns: int) -> bool:
-        """Update from the newest estimate; return whether it is good enough or will hardly improve."""
+    def judge(self, time_map: TimeMap, now_ns: int, above_ns: float = 0.0) -> bool:
+        """Update from the newest estimate; return whether it is good enough or will hardly improve.
+
+        `above_ns` is the 95 % error of the relay that is followed, which its link bears as well.
+        """
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
         if self.target_ns is None:
             return True
@@ -208,7 +211,7 @@ class AccuracyTarget:
             self._least_ns, self._gained_ns = error_ns, now_ns
         stays_ns = now_ns - self._gained_ns
         if self._min_ns is not None:
-            link_ns = LINK_MARGIN * SIGMAS_95 * ASYMMETRY * time_map.round_trip_ns / 2.0
+            link_ns = LINK_MARGIN * hypot(SIGMAS_95 * ASYMMETRY * time_map.round_trip_ns / 2.0, above_ns)
             self.target_ns = max(self._min_ns, min(link_ns, MAX_LINK_TARGET_NS))
         if self.met:
             self.met = error_ns <= LEAVE_AT * self.target_ns

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import MutableSequence
+from math import sqrt
 
 from msgspec.structs import replace
 
@@ -221,6 +222,7 @@ class Timekeeper:
         time_map = asked.root_map(own)
         if max(abs(own.offset_ns), abs(time_map.offset_ns)) > FURTHEST_NS:
             return
+        above_ns = sqrt(max(0.0, time_map.uncertainty_ns**2 - own.uncertainty_ns**2))
         until_ns = self.schedule.estimate_due_ns
         held = self.time_map if self.time_is_known and self.path[-1] != asked.leader else None
         if held is not None and held.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns):
@@ -230,7 +232,7 @@ class Timekeeper:
             self.time_map, self.path, self.time_is_known = time_map, asked.path, True
             if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
                 self.events.append(event)
-        if self.target.judge(time_map, now_ns) and not self.synced:
+        if self.target.judge(time_map, now_ns, above_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))
 

@@ -253,11 +253,13 @@ def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:
         shift = round(offset)
         sample = ClockSample(t_ns, t_ns + there + shift, t_ns + there + shift, t_ns + there + back)
         assert clock.add(sample)
+        if i % 4 == 0:
+            clock.time_map(t_ns)
         t_ns += 25 * MS
     time_map = clock.time_map(t_ns)
     assert time_map is not None
-    assert abs(time_map.leader_from_local(t_ns) - t_ns - offset) < 70_000
-    assert time_map.skew * 1e6 == pytest.approx(60, abs=20)
+    assert abs(time_map.leader_from_local(t_ns) - t_ns - offset) < 60_000
+    assert time_map.skew * 1e6 == pytest.approx(60, abs=15)
     assert clock.rate_changed_ns is None, "it is no host that is slewed"
 
 

@@ -99,6 +99,19 @@ def test_a_degraded_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
     assert rig.nodes["far"].bursts[burst.number].frames[0].uncertainty_ns > 100_000
 
 
+def test_the_suggested_clock_tolerance_makes_a_node_ready_and_moves_no_frame() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 100_000)], seed=2)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.DEGRADED), limit_ns=30 * S)
+    assert rig.run_until(lambda: "clock-tolerance" in report(rig, "far").message, limit_ns=5 * S)
+    suggested_ns = 1000 * int(report(rig, "far").message.rpartition(" ")[2])
+    after = VirtualRig([replace(spec("far", BURSTY, 100_000), clock_tolerance_ns=suggested_ns)], seed=2)
+    assert after.run_until(after.all_ready, limit_ns=30 * S)
+    told = report(after, "far")
+    assert told.tolerance_ns == report(rig, "far").tolerance_ns == 100_000
+    assert told.phase_error_ns is not None
+    assert abs(told.phase_error_ns) <= 100_000
+
+
 def test_the_same_link_is_good_enough_for_who_asks_for_less() -> None:
     rig = VirtualRig([spec("far", BURSTY, 2 * MS)], seed=2)
     assert rig.run_until(lambda: in_state(rig, "far", NodeState.READY), limit_ns=10 * S)

@@ -210,7 +210,7 @@ format: $(VENV)/.installed-dev
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 
-$(VENV)/.installed: pyproject.toml constraints.txt reconstruction/depth/kernels.c | system
+$(VENV)/.installed: pyproject.toml constraints.txt $(wildcard reconstruction/depth/*.c) | system
 	@echo "installing into $(VENV) (once, some minutes) ..." >&2
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[reconstruction]'

@@ -27,7 +27,8 @@ class CompileKernels(BuildHookInterface):  # type: ignore[misc]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and put the library into the wheel: one for each architecture, for all Pythons."""
-        if self.target_name == "wheel" and self.compiling["compile_kernels"]():
-            build_data["artifacts"].append(f"{DEPTH}/kernels.*.library")
+        sources = self.compiling["SOURCES"]
+        if self.target_name == "wheel" and all(map(self.compiling["compile_kernels"], sources)):
+            build_data["artifacts"].append(f"{DEPTH}/*.library")
             build_data["pure_python"] = False
             build_data["tag"] = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"

@@ -1,12 +1,14 @@
-"""Command line `capture-app`; each subcommand's module is imported only when it runs, for a fast start."""
+"""Command line `capture-app`; each subcommand's module is imported only when it runs, for a fast start.
+
+Entry points of the group `simulshot.commands` are further click commands: companions', and other packages'.
+"""
 
 import asyncio
 import importlib
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from click.core import ParameterSource
@@ -22,6 +24,8 @@ from capture_app.commands.shared_options import (
 from capture_app.common.address import Address
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.passwords import hide_password
+from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
+from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
 
@@ -29,8 +33,6 @@ COMMANDS = {
     "rig": "Start, list and stop rigs that run in the background of this machine.",
     "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
     "node": "Run one camera and join a leader.",
-    "phones": "Use phones as cameras: they scan a QR code.",
-    "monitor": "Show live pictures and the take button on phones and tablets.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
     "doctor": "Check this machine for problems, and show remedies.",
     "trust": "List, pair and remove trusted machines.",
@@ -40,7 +42,6 @@ COMMANDS = {
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "preview": "Save a small live picture of a camera.",
     "coverage": "Show live which views of a calibration board are missing.",
-    "panel": "Show a time code to all cameras, and measure their time differences.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "link": "Measure clock synchronization over a real or recorded link.",
@@ -51,43 +52,36 @@ MODULES = {"burst": "take", "record": "take"}
 
 
 class LazyGroup(click.Group):
-    """Click group with a table of names and help texts; imports a command when it runs or completes."""
-
-    def __init__(
-        self, *, table: Mapping[str, str], load: Callable[[str], click.Command], **options: Any
-    ) -> None:
-        """`table`: help text by command name, in display order; `load` imports the command of a name."""
-        super().__init__(**options)
-        # Click's suggestions for a mistyped name come from this attribute.
-        self.commands = {name: click.Command(name, help=text) for name, text in table.items()}
-        self._load = load
+    """Group of the commands, which imports one when it runs or completes."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of the table."""
-        return list(self.commands)
+        """Return the names in the order of the table, then those of plugins."""
+        return [*COMMANDS, *(name for name in plugin_names(PLUGIN_COMMANDS) if name not in COMMANDS)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; return None if the name is unknown."""
-        return add_verbosity(self._load(cmd_name)) if cmd_name in self.commands else None
+        if cmd_name in COMMANDS:
+            module = importlib.import_module(f"capture_app.commands.{MODULES.get(cmd_name, cmd_name)}")
+            command = getattr(module, cmd_name)
+        elif cmd_name in (names := self.list_commands(ctx)):
+            command = load_plugin(PLUGIN_COMMANDS, cmd_name, "get_short_help_str")
+        else:
+            # Click's suggestions for a mistyped name come from this attribute.
+            self.commands = {name: click.Command(name) for name in names}
+            return None
+        assert isinstance(command, click.Command)
+        return add_verbosity(command)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the command table without importing any command."""
+        """Write the table, and import plugins' commands only."""
+        plugins = load_plugins(PLUGIN_COMMANDS, "get_short_help_str")
+        shown = {name: command.get_short_help_str(limit=70) for name, command in plugins.items()} | COMMANDS
         with formatter.section("Commands"):
-            formatter.write_dl([(name, command.help or "") for name, command in self.commands.items()])
-
-
-def load(name: str) -> click.Command:
-    """Import a command's module and return the command."""
-    module = importlib.import_module(f"capture_app.commands.{MODULES.get(name, name)}")
-    command = getattr(module, name)
-    assert isinstance(command, click.Command)
-    return command
+            formatter.write_dl([(name, shown[name]) for name in self.list_commands(ctx) if name in shown])
 
 
 @click.group(
     cls=LazyGroup,
-    table=COMMANDS,
-    load=load,
     invoke_without_command=True,
     epilog=examples(
         "capture-app",

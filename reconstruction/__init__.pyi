@@ -1,5 +1,6 @@
 from os import PathLike
 
+from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
 from reconstruction.calibration.calibration_run import CalibrationSource as CalibrationSource
@@ -9,8 +10,12 @@ from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import MultiviewOptions as MultiviewOptions
 from reconstruction.methods.panorama.panorama_method import PanoramaOptions as PanoramaOptions
 from reconstruction.methods.panorama.panorama_run import PanoramaResult
+from reconstruction.methods.splat.splat_method import SplatOptions as SplatOptions
+from reconstruction.methods.splat.splat_run import MadeSplat
 from reconstruction.methods.stereo.stereo_method import StereoOptions as StereoOptions
 from reconstruction.methods.stereo.stereo_run import MadeStereo
+from reconstruction.methods.view.view_method import ViewOptions as ViewOptions
+from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.session.conditions import Condition as Condition
 
@@ -43,5 +48,30 @@ class _OurMethods(ReconstructedSession):
         instant: int = 0,
         offset_ms: float | None = None,
     ) -> Made[PanoramaResult]: ...
+    def splat(
+        self,
+        options: SplatOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instant: int = 0,
+        instants: tuple[int, ...] | None = None,
+        iterations: int = 50,
+        width: int = 960,
+        quick: bool = False,
+    ) -> MadeSplat: ...
+    def view(
+        self,
+        options: ViewOptions | None = None,
+        *,
+        condition: Condition = ...,
+        out: str | PathLike[str] | None = None,
+        instant: int = 0,
+        instants: tuple[int, ...] | None = None,
+        path: str | tuple[CameraCalibration, ...] = "swing",
+        frames: int = 90,
+        fps: float = 30.0,
+        quick: bool = False,
+    ) -> MadeView: ...
 
 def open_session(session: str | PathLike[str] | Session) -> _OurMethods: ...

@@ -15,8 +15,8 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.result import error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_5, TABLE_2
+from capture_app.companions.panel.panel_photograph import Image
 from capture_app.console.terminal import talk
-from capture_app.plugins.cameras.sim.rendering.panel_photograph import Image
 from capture_app.sync.rig.client import PHASE_TOLERANCE_NS
 
 

@@ -13,8 +13,8 @@ from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
+from capture_app.companions.panel.panel_photograph import Image, render
 from capture_app.plugins.cameras.sim.profiles import PROFILES, SensorProfile
-from capture_app.plugins.cameras.sim.rendering.panel_photograph import Image, render
 from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, Progress, SteadySchedule
 

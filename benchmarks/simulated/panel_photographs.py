@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.companions.panel.finder import Floats
+from capture_app.companions.panel.panel_photograph import CYCLE_NS, Image, Photograph
 from capture_app.companions.panel.pattern import nearest_ns
 from capture_app.companions.panel.time_reading import read_panel
-from capture_app.plugins.cameras.sim.rendering.panel_photograph import CYCLE_NS, Image, Photograph
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.commands.shared_options import leader_option
+from capture_app.commands.shared_options import F, leader_option, together
 from capture_app.commands.take import ready_options, require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
+from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.text import count, duration
 from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
 from capture_app.console.usage import examples
@@ -20,15 +21,22 @@ if TYPE_CHECKING:
     from capture_app.machine.characterize import Character, Moves
     from capture_app.protocol.orders import SaveStamp
     from capture_app.rig.camera_times import MeasuredTimes
-    from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
 MOTION_S, LIGHT_S = 2.0, 8.0
-TODO = {
-    "motion": "move in front of all cameras",
-    "light": "switch a torch on and off repeatedly in front of all cameras",
-    "panel": "all cameras must see the panel",
-}
+MEASURES = "simulshot.delay_measures"
+"""Group of entry points: modules with `HELP`, `TODO` and `measure`; each becomes an option of its name."""
+MOVE = "move in front of all cameras"
+BLINK = "switch a torch on and off repeatedly in front of all cameras"
+
+
+def _by_plugins(command: F) -> F:
+    """Add an option for each plugin that measures delays."""
+    options = (
+        click.option(f"--{name}", "by", flag_value=name, help=plugin.HELP)
+        for name, plugin in load_plugins(MEASURES, "HELP", "TODO", "measure").items()
+    )
+    return together(*options)(command)
 
 
 @click.command(
@@ -36,7 +44,7 @@ TODO = {
     epilog=examples(
         "capture-app cameras calibrate-time",
         "capture-app cameras calibrate-time --light",
-        "capture-app cameras calibrate-time --panel",
+        *(f"capture-app cameras calibrate-time --{name}" for name in plugin_names(MEASURES)),
         "capture-app cameras calibrate-time --session sessions/calibrate-time-001",
     ),
 )
@@ -44,11 +52,7 @@ TODO = {
 @click.option(
     "--light", is_flag=True, help="Measure with a torch that blinks about eight times, instead of motion."
 )
-@click.option(
-    "--panel",
-    is_flag=True,
-    help="Measure with a panel that all cameras see (capture-app panel), instead of motion.",
-)
+@_by_plugins
 @click.option(
     "--seconds",
     type=FiniteRange(0.5, 60.0),
@@ -68,10 +72,10 @@ TODO = {
 def calibrate_time(
     leader: Address,
     light: bool,
-    panel: bool,
     seconds: float | None,
     folder: Path | None,
     as_json: bool,
+    by: str | None = None,
     **ready: Any,
 ) -> None:
     """Measure the timestamp delay of each camera, and correct for it from now on.
@@ -79,17 +83,19 @@ def calibrate_time(
     All cameras must see a person who moves for two seconds, up and down as well as across. With --light, all
     must see a torch switched on and off eight times, at least half a second each. The delay is stored for
     each camera and mode on its machine. For cameras with known timestamps, the remaining difference is stored
-    as the asymmetry of the path to the leader. Requires reconstruct on this machine, except with --panel.
+    as the asymmetry of the path to the leader. Motion and light require reconstruct on this machine.
     """
     from capture_app.rig.camera_times import calibrate
     from capture_app.session.reading.reader import Session
 
+    plugin = None if by is None else load_plugin(MEASURES, by)
     if folder is None:
         seconds = seconds or (LIGHT_S if light else MOTION_S)
-        folder = _take(leader, seconds, TODO["panel" if panel else "light" if light else "motion"], ready)
+        todo = plugin.TODO if plugin is not None else BLINK if light else MOVE
+        folder = _take(leader, seconds, todo, ready)
     session = Session.open(folder)
     talk("measuring")
-    found, orders, saved = asyncio.run(calibrate(leader, session, times_by_panel(session) if panel else None))
+    found, orders, saved = asyncio.run(calibrate(leader, session, plugin and plugin.measure(session)))
     cameras = {
         name: {
             "measured": time,
@@ -129,39 +135,6 @@ def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) 
             hint="run capture-app cameras calibrate-time there",
         )
     return Path(where)
-
-
-def times_by_panel(session: "Session", reference: str | None = None) -> "MeasuredTimes":
-    """Measure each camera's delay against a reference camera by a panel. Raises NotApplicableError."""
-    from capture_app.common.camera_facts import StampSource
-    from capture_app.companions.panel.pair_errors import rig_errors
-    from capture_app.companions.panel.session_times import read_session
-    from capture_app.companions.panel.time_reading import SIGMAS_95
-    from capture_app.rig.camera_times import MeasuredTime, MeasuredTimes, choose_reference
-
-    records = {record.name: record for record in session.manifest.cameras}
-    reference = reference or choose_reference(records) or next(iter(records))
-    times = read_session(session)
-    if not times.exposures_known:
-        raise NotApplicableError(
-            f"{session.folder} lacks exposures or row times", hint="measure by motion: leave out --panel"
-        )
-    unseen = MeasuredTime(
-        reason=f"it and {reference} never see the panel at once, or the panel repeats too soon"
-    )
-    found = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
-    errors = rig_errors(times)
-    for pair in errors.pairs:
-        of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
-        unsure_ns = max(one.session_uncertainty_ns or 0.0 for one in of_pair)
-        if reference in pair.cameras and unsure_ns <= times.panel.cycle_ns / 2.0:
-            sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
-            found[name] = MeasuredTime(
-                offset_ms=sign * pair.clock.bias_ns / 1e6,
-                sd_ms=pair.reading_uncertainty_ns / SIGMAS_95 / 1e6,
-                source=StampSource.LIGHT,
-            )
-    return MeasuredTimes(reference=reference, cameras=found)
 
 
 def _rows_of(

@@ -13,6 +13,7 @@ import msgspec
 from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
+from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.text import UNREADABLE, count, pretty_json
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     "--panel",
     type=ANY_PATH,
     metavar="SESSION",
+    hidden="panel" not in plugin_names(COMMANDS),
     help="With --report: add the measurements of `panel read` of SESSION.",
 )
 @spool_option

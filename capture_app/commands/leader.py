@@ -6,7 +6,7 @@ import functools
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,17 +14,19 @@ from capture_app.commands.leader_choice import inviting_phones, joining_command
 from capture_app.commands.shared_options import (
     ADDRESS,
     ANY_PATH,
+    FOLLOWERS,
+    PHONES,
     host_option,
     open_option,
+    plugin_options,
     port_option,
-    rpicam_followers,
-    rpicam_options,
     run_until_stopped,
     sessions_option,
     spool_option,
 )
 from capture_app.common.address import LOOPBACK_HOSTS, Address
 from capture_app.common.pairing_codes import Role, show_code
+from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.console.usage import examples
 
@@ -82,17 +84,12 @@ if TYPE_CHECKING:
     default=0.0,
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
-@click.option(
-    "--android-app",
-    is_flag=True,
-    help="Also lead phones with the app libsoftwaresync or RecSync, whose protocol has no security. Without"
-    " --fps all cameras use the app's rate and phase.",
-)
-@rpicam_options
+@plugin_options(FOLLOWERS, at="leader")
 @click.option(
     "--phones",
     "with_phones",
     is_flag=True,
+    hidden=PHONES not in plugin_names(COMMANDS),
     help="Also accept phones as cameras: shows a QR code for each in turn.",
 )
 @spool_option
@@ -110,9 +107,6 @@ def leader(
     align: str,
     align_row: float,
     max_delay_ms: float,
-    android_app: bool,
-    rpicam_hosts: tuple[str, ...],
-    rpicam_shutter_us: float,
     with_phones: bool,
     cameras: tuple[str, ...],
     spool: Path,
@@ -120,34 +114,32 @@ def leader(
     until_eof: bool,
     log: Path | None,
     as_json: bool,
+    **of_followers: Any,
 ) -> None:
     """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` takes bursts with it.
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
-    from capture_app.companions.interop.app_phones import AppPhones
-    from capture_app.companions.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
+    from capture_app.node.leader.followers import make_followers
     from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
 
-    is_apps_grid = android_app and fps is None
     news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
+        followers = make_followers("leader", host, of_followers, leads=fps is None)
+        required = next((follower.grid for follower in followers if follower.grid is not None), (None, None))
         return LeaderOptions(
             host=host,
             port=port,
             or_free_port=or_free_port,
             sessions=sessions,
-            period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
-            grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
+            period_ns=required[0] if fps is None else round(1e9 / fps),
+            grid_phase_ns=required[1],
             align_row=align_row if align == "mid-exposure" else None,
             max_delay_ns=round(max_delay_ms * 1e6),
-            followers=(
-                *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
-                *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
-            ),
+            followers=followers,
             log=news,
             spool=spool,
         )
@@ -155,11 +147,6 @@ def leader(
     if leaders and cameras:
         raise click.UsageError(
             "--camera cannot be used with --leader: run the camera with capture-app node and all --leader"
-        )
-    if android_app:
-        talk(
-            "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose"
-            " hotspot is this machine. There is no pairing: anyone in that WiFi can control those phones"
         )
     run = functools.partial(
         _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json

@@ -1,20 +1,20 @@
 """`capture-app relay`: connect nodes that cannot reach the leader themselves."""
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from capture_app.commands.leader_choice import make_known, pairing_options
 from capture_app.commands.shared_options import (
     ADDRESS,
+    FOLLOWERS,
     clock_option,
     host_option,
     name_option,
     open_option,
+    plugin_options,
     port_option,
-    rpicam_followers,
-    rpicam_options,
     run_until_stopped,
 )
 from capture_app.common.address import Address
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @host_option
 @port_option
 @clock_option
-@rpicam_options
+@plugin_options(FOLLOWERS, at="relay")
 @pairing_options
 @open_option
 @json_option
@@ -42,11 +42,10 @@ def relay(
     host: str,
     port: int,
     clock_text: str,
-    rpicam_hosts: tuple[str, ...],
-    rpicam_shutter_us: float,
     pin: str | None,
     code: str | None,
     as_json: bool,
+    **of_followers: Any,
 ) -> None:
     """Run a relay until Ctrl-C; nodes join it like a leader.
 
@@ -55,6 +54,7 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
+    from capture_app.node.leader.followers import make_followers
     from capture_app.node.relay_node import RelayOptions
     from capture_app.protocol.log import Log
 
@@ -65,7 +65,7 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
+        followers=make_followers("relay", host, of_followers),
         log=Log(lambda line: log_line(f"{name}: {line}")),
     )
     run_until_stopped(_run_relay(options, as_json))

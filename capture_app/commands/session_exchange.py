@@ -17,6 +17,7 @@ from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
+from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
 from capture_app.session.exporting.exporter import (
     GROUP,
     Exporter,
@@ -90,9 +91,9 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--align",
-    type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
+    type=click.Choice(["auto", "none", *plugin_names(ALIGNMENTS)]),
     default="auto",
-    help="Method that aligns videos without common times. auto tries all in this order.",
+    help="Method that aligns videos without common times. auto tries all.",
 )
 @click.option(
     "--sound-distance-m",
@@ -278,7 +279,7 @@ class _ExportCommand(click.Command):
                 [f"--{name.replace('_', '-')}"],
                 metavar=option.metavar or None,
                 help=f"For {', '.join(formats[name])}: {option.help}.",
-                **_KINDS.get(kind, {}),
+                **({"type": click.Choice(option.choices)} if option.choices else _KINDS.get(kind, {})),
             )
             for name, (kind, option) in stated.items()
         ]
@@ -321,11 +322,18 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
 
     restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
-    burst = export_session(Session.open(session), name, out, show_count("images"), **given)
+    told: list[str] = []
+
+    def warn(note: str) -> None:
+        told.append(note)
+        talk(note)
+
+    burst = export_session(Session.open(session), name, out, show_count("images"), warn, **given)
     answer(
         as_json,
         {"folder": str(out), "format": name, "images": len(burst.images), "notes": burst.notes},
         [str(out)],
     )
     for note in burst.notes:
-        talk(note)
+        if note not in told:
+            talk(note)

@@ -9,24 +9,26 @@ import socket
 import sys
 from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 from platformdirs import user_state_path
 
 from capture_app.common.address import DEFAULT_PORT, Address, parse_address
-from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import NotAvailableError
 from capture_app.common.names import check_name, name_like
+from capture_app.common.plugins import load_plugins
 from capture_app.console.output import wait_for_no_reader
 from capture_app.console.terminal import ParsedType
-
-if TYPE_CHECKING:
-    from capture_app.companions.interop.rpicam import RpicamSync
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 ANY_PATH = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
+PHONES = "phones"
+"""Command that a leader runs to accept phones as cameras."""
+FOLLOWERS = "simulshot.followers"
+"""Group of entry points: other programs that follow a rig, see `capture_app.node.leader.followers`."""
 
 
 ADDRESS = ParsedType("host:port", parse_address)
@@ -169,35 +171,10 @@ def page_options(default_port: int) -> Callable[[F], F]:
     )
 
 
-rpicam_options = together(
-    click.option(
-        "--rpicam-sync",
-        "rpicam_hosts",
-        multiple=True,
-        metavar="HOST|all",
-        help="Let rpicam-apps with --sync client follow the rig: on HOST, or on all hosts here. They use"
-        " this machine's wall clock and trust any sender. Repeatable.",
-    ),
-    click.option(
-        "--rpicam-shutter-us",
-        type=click.FloatRange(0.0, 1e6),
-        default=0.0,
-        metavar="US",
-        help="With --rpicam-sync: --shutter of those Pis, which stamp frames at its end.",
-    ),
-)
-
-
-def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamSync]":
-    """Make the followers of these options. Raises BadInputError for a host without an IPv4 address."""
-    from capture_app.companions.interop.rpicam import RpicamSync
-
-    try:
-        found = [socket.gethostbyname(host) for host in hosts if host != "all"]
-    except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="give a host, or all") from None
-    sync = RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))
-    return [sync] if hosts else []
+def plugin_options(group: str, at: str) -> Callable[[F], F]:
+    """Combine the `OPTIONS` of those plugins of a group that have them for the command `at`."""
+    plugins = load_plugins(group, "OPTIONS", "AT").values()
+    return together(*(option for plugin in plugins if at in plugin.AT for option in plugin.OPTIONS))
 
 
 def confirm(question: str, refusal: str) -> None:

@@ -14,6 +14,8 @@ from capture_app.common.optional_packages import DISTRIBUTION
 from capture_app.common.text import first_line
 from capture_app.common.timeouts import NAMED_PLUGIN_TIMEOUT_S, PLUGIN_TIMEOUT_S
 
+COMMANDS = f"{DISTRIBUTION}.commands"
+"""Group of the commands of `capture-app` that are plugins."""
 _GROUPS = f"{DISTRIBUTION}."
 """Prefix of the names of all groups."""
 _log = logging.getLogger(__name__)

@@ -1,6 +1,6 @@
-"""Compilation of `kernels.c` when simulshot is installed (`hatch_build.py`); imports no other module of it.
+"""Compilation of `SOURCES` when simulshot is installed (`hatch_build.py`); imports no other module of it.
 
-`python reconstruction/depth/compiling.py` compiles it in a checkout.
+`python reconstruction/depth/compiling.py` compiles them in a checkout.
 """
 
 import os
@@ -13,6 +13,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
+VIEWS = Path(__file__).with_name("views.c")
+GAUSSIANS = Path(__file__).with_name("gaussians.c")
+SOURCES = (SOURCE, VIEWS, GAUSSIANS)
 # Without fused multiply-add all machines give the same depth; the other flags change no result.
 FLAGS = (
     "-std=gnu11",
@@ -42,7 +45,7 @@ def find_compiler() -> list[str]:
 
 
 def compile_kernels(source: Path = SOURCE) -> bool:
-    """Compile the hot loops of depth into a library; False if no C compiler can."""
+    """Compile hot loops into a library; False if no C compiler can."""
     if not (compiler := find_compiler()):
         return False
     library = library_of(source)
@@ -59,4 +62,4 @@ def compile_kernels(source: Path = SOURCE) -> bool:
 
 
 if __name__ == "__main__":
-    sys.exit(not compile_kernels())
+    sys.exit(not all(map(compile_kernels, SOURCES)))

@@ -1,4 +1,4 @@
-"""The compiled functions of `kernels.c`, loaded at first use and called without the GIL."""
+"""The compiled functions of this folder's C files, loaded at first use and called without the GIL."""
 
 import ctypes
 from contextlib import suppress
@@ -31,10 +31,10 @@ def load_kernels(source: Path = SOURCE) -> ctypes.CDLL:
     )
 
 
-def call_kernel(name: str, *args: object) -> None:
-    """Call a kernel; arrays are passed by pointer and must be contiguous."""
+def call_kernel(name: str, *args: object, source: Path = SOURCE) -> None:
+    """Call a kernel of a source file; arrays are passed by pointer and must be contiguous."""
     given = [ctypes.c_void_p(arg.ctypes.data) if isinstance(arg, np.ndarray) else arg for arg in args]
-    if load_kernels()[name](*given):
+    if load_kernels(source)[name](*given):
         raise MemoryError(f"no memory left for the matching ({name})")
 
 

@@ -117,5 +117,5 @@ def test_an_option_of_another_format_is_named(make: Make, package: Path, tmp_pat
     arguments = ("export", str(make().folder), "--to", "image-index", "--out", str(tmp_path / "out"))
     done, mistyped = run(package, (*arguments, "--points", "cloud.ply"), (*arguments, "--pionts=3"))
     assert done.returncode == ExitCode.BAD_INPUT
-    assert "image-index takes no --points (it is for colmap, n3dv, nerfstudio)" in done.stderr
+    assert "image-index takes no --points (it is for colmap, n3dv, nerfstudio, splats)" in done.stderr
     assert mistyped.returncode == ExitCode.USAGE

@@ -14,7 +14,7 @@ from benchmarks.samples.render import render, same_files
 from benchmarks.simulated import panel_photographs
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.plugins.cameras.sim.rendering import panel_photograph
+from capture_app.companions.panel import panel_photograph
 from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session
 from tests.slow_cases import slow_or_long

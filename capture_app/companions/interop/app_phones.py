@@ -33,6 +33,7 @@ class AppPhones(RigFollower):
         The rig must then use the app's grid, too.
         """
         self._host = host
+        self.grid = (PERIOD_NS, GOAL_PHASE_NS) if aligns else None
         self._engine = AppLeader(aligns=aligns)
         self._pumps: list[Pump] = []
         self._recordings = Background()

@@ -1,11 +1,14 @@
-"""Interface for other programs that follow a rig's frame grid.
+"""Interface for other programs that follow a rig's frame grid: entry points of `simulshot.followers`.
 
-A leader or a relay starts and closes its followers, and knows nothing else of them.
+Each names a module with `OPTIONS` (click's, for the commands `AT`: leader, relay) and `make_followers`. A
+leader or a relay starts and closes its followers, and knows nothing else of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from capture_app.common.clock import NodeClock
+from capture_app.common.plugins import load_plugins
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
@@ -13,12 +16,16 @@ from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 
+GROUP = "simulshot.followers"
 SharedGrid = tuple[FrameGrid, TimeMap | None]
 """A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
 
 
 class RigFollower:
     """Other programs of one kind that follow a started rig; this base class takes no pictures."""
+
+    grid: tuple[int, int] | None = None
+    """Period and phase (ns) of the grid that the rig must use; None: they follow any grid."""
 
     def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Lead the programs and log their events; `grid` returns the current grid, None before there is one.
@@ -47,3 +54,15 @@ class RigFollower:
     def statuses(self) -> tuple[FollowerStatus, ...]:
         """Return the devices that are or recently were connected."""
         return ()
+
+
+def make_followers(
+    at: str, host: str, values: Mapping[str, Any], *, leads: bool = False
+) -> Sequence[RigFollower]:
+    """Make the followers that the options' `values` of the command `at` ask for.
+
+    `host` is the address that the rig listens on; with `leads`, a follower may require its own grid.
+    """
+    plugins = load_plugins(GROUP, "OPTIONS", "AT", "make_followers").values()
+    made = [plugin.make_followers(host, values, leads=leads) for plugin in plugins if at in plugin.AT]
+    return [follower for followers in made for follower in followers]

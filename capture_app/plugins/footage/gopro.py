@@ -29,10 +29,11 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.alignment.clock_line import compose, fit_clock_line
-from capture_app.session.alignment.tracks import open_container
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
+from capture_app.session.importing.video_tracks import open_container
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Epoch of GPS9's days, and of all UTC seconds in this module."""
@@ -259,3 +260,11 @@ def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsCl
     if scatter_s > JUMP_S or near.sum() < MIN_FIXES:
         return "its GPS time does not go with the video's (a time lapse?)"
     return GpsClock(key, video_s[near], utc_s[near], max(begin_s + long_s for begin_s, long_s, _ in timed))
+
+
+METHOD: AlignmentMethod[GpsClock] = AlignmentMethod(
+    priority=2,
+    of_video_times=True,
+    read=lambda path, first_s: read_gps_clock(path),
+    match=lambda reference, camera, error_s: match_gps_clocks(reference, camera),
+)

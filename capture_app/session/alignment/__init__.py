@@ -1,1 +1,1 @@
-"""Alignment of unsynchronized recordings: offsets and rates from sound, flashes and camera metadata."""
+"""Alignment of unsynchronized recordings: the interface of its methods, and a camera's line of times."""

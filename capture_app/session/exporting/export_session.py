@@ -3,6 +3,7 @@
 Only this module checks an export's requirements, which its `Exporter` declares.
 """
 
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -34,11 +35,13 @@ def export_session(
     name: str,
     out: Path,
     progress: Progress = lambda done, total: None,
+    on_warning: Callable[[str], None] = lambda note: None,
     **options: Any,
 ) -> ExportedBurst:
     """Export a session to the folder `out`, which must be empty or not exist, and return what was exported.
 
-    `options` are the fields of `ExportOptions` and of the format. Raises BadInputError for an unknown format
+    `options` are the fields of `ExportOptions` and of the format. `on_warning` gets notes on what the program
+    cannot use well before they are written. Raises BadInputError for an unknown format
     or option, a folder with content, or a session that the format cannot hold; IncompleteError for a missing
     image; NotAvailableError for a missing package.
     """
@@ -50,6 +53,7 @@ def export_session(
     output = OutputFolder(out, replaces_nothing)
     chosen = _make_options(name, exporter, options)
     burst = ExportedBurst(session, chosen, progress, options.get("instant"))
+    burst.on_warning = on_warning
     _check_needs(exporter, burst, options)
     try:
         with output:
@@ -77,6 +81,10 @@ def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> Expor
             other for other, one in load_exporters().items() if unknown[0] in own_options(one)
         )
         raise BadInputError(f"{name} takes no --{unknown[0]}", hint=formats and f"it is for {formats}")
+    for option, (_, stated) in own_options(exporter).items():
+        if stated.choices and given.get(option) not in (None, *stated.choices):
+            named = ", ".join(stated.choices)
+            raise BadInputError(f"{given[option]!r} is not a {option} of {name}", hint=f"choose of {named}")
     return exporter.options(**given)
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Callable
 from itertools import groupby, pairwise
 from pathlib import Path
 
@@ -47,6 +48,7 @@ class ExportedBurst:
         """
         self.drawn: dict[str, CameraCalibration] = {}
         """Cameras whose images are redrawn for another lens, with that lens."""
+        self.on_warning: Callable[[str], None] = lambda note: None
         if instant is not None:
             self.images = {place: image for place, image in self.images.items() if place[1] == instant}
             if not self.images:
@@ -68,6 +70,11 @@ class ExportedBurst:
         self.origin_ns = min(image.leader_ns for image in self.images.values())
         """Leader time of the earliest image, which is zero in exports with relative times."""
         self._progress, self._done = progress, 0
+
+    def warn(self, note: str) -> None:
+        """Add a note that the user should read before anything is written."""
+        self.notes.append(note)
+        self.on_warning(note)
 
     def put(self, image: ImageRecord, file: str, frame: int = 0) -> None:
         """Record the place of an image in the export."""

@@ -30,11 +30,13 @@ class ExportOptions:
 class Option:
     """Command-line option of some formats only; annotates a field of their `ExportOptions`.
 
-    The field is a `bool`, a non-negative `int`, or a positive `float` or a `Path` that may be None.
+    The field is a `bool`, a non-negative `int`, or, perhaps None, a positive `float`, a `Path` or one of
+    `choices`.
     """
 
     help: str
     metavar: str = ""
+    choices: tuple[str, ...] = ()
     packages: Mapping[str, str] = field(default_factory=dict)
     """Packages that the option requires, in place of `Exporter.packages`."""
 

@@ -1,37 +1,26 @@
-"""Alignment of videos without common times, by sound, flashes, timecode or GPS."""
+"""Alignment of videos without common times, by methods that are plugins: sound, flashes, timecode, GPS."""
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache, partial
-from typing import Any, Literal
+from typing import Any
 
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import Talk
-from capture_app.plugins.footage.flashes import match_flashes, read_lights
-from capture_app.plugins.footage.gopro import match_gps_clocks, read_gps_clock
+from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras
-from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importing.recording_sources import Source, Video
-
-AlignBy = Literal["auto", "none", "flash", "gopro", "sound", "timecode"]
-"""Method that aligns a recording without common times.
-
-auto: for each pair of cameras, the method with the smallest uncertainty.
-"""
-
-
-_OF_VIDEO_TIMES = ("sound", "flash", "gopro")
 
 
 def align_recording(
     sources: Sequence[Source],
     timeline: Timeline,
     unknown: CommonTimes,
-    by: AlignBy,
+    by: str,
     *,
     sound_error_s: float,
     rate_given: bool = False,
@@ -39,6 +28,7 @@ def align_recording(
 ) -> CommonTimes:
     """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
 
+    `by`: a method's name, none, or auto, which takes the smallest uncertainty for each pair of cameras.
     Cameras that cannot be aligned are not in the result, if at least two others can.
 
     `talk` receives what each method found for the cameras, unless the state's reason has it. `sound_error_s`
@@ -51,14 +41,16 @@ def align_recording(
         if by not in ("auto", "none"):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
-    if by in _OF_VIDEO_TIMES and rate_given:
+    methods = alignment_methods(by)
+    timed = {name for name, method in methods.items() if method.of_video_times}
+    if by in timed and rate_given:
         raise BadInputError(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
         )
     measured = {
         method: against
-        for method, against in _measurements(videos, timeline, sound_error_s).items()
-        if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
+        for method, against in _measurements(methods, videos, timeline, sound_error_s).items()
+        if not (method in timed and rate_given)
     }
     cameras = _largest_chain(
         [source.name for source in videos],
@@ -81,35 +73,29 @@ def align_recording(
 
 
 def _measurements(
-    videos: Sequence[Video], timeline: Timeline, sound_error_s: float
-) -> dict[AlignBy, Against]:
-    """Return each method's measurement of two videos, by their cameras' names; the most trustworthy first.
-
-    A GoPro's timecode follows its own clock, which is rarely set to the second.
-    """
+    methods: Mapping[str, AlignmentMethod[object]],
+    videos: Sequence[Video],
+    timeline: Timeline,
+    sound_error_s: float,
+) -> dict[str, Against]:
+    """Return each method's measurement of two videos, by their cameras' names; the most trustworthy first."""
     by_name = {source.name: source for source in videos}
     starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
-    methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
-        "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
-        "flash": (lambda of: read_lights(of.path), match_flashes),
-        "gopro": (lambda of: read_gps_clock(of.path), match_gps_clocks),
-        "timecode": (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
-    }
 
     @cache
-    def found(method: AlignBy, name: str) -> Any:
+    def found(method: str, name: str) -> Any:
         """Return what a method reads from a camera's video, or the reason why it reads nothing."""
         try:
-            return methods[method][0](by_name[name])
+            return methods[method].read(by_name[name].path, starts_s[name])
         except BadInputError as error:
             return error.what
 
     @cache
-    def against(method: AlignBy, first: str, second: str) -> CameraTimes:
+    def against(method: str, first: str, second: str) -> CameraTimes:
         for name, where in ((first, f"{first}: "), (second, "")):
             if isinstance(found(method, name), str):
                 return CameraTimes(reason=where + found(method, name))
-        return methods[method][1](found(method, first), found(method, second))
+        return methods[method].match(found(method, first), found(method, second), sound_error_s)
 
     return {method: partial(against, method) for method in methods}
 

@@ -16,10 +16,10 @@ from statistics import median
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import count
-from capture_app.session.alignment.tracks import open_container
 from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.recording_sources import images_in, videos_in
+from capture_app.session.importing.video_tracks import open_container
 
 _DEPTH = 4
 """Maximum folder depth on a camera's card, such as CAMERA/DCIM/100GOPRO."""

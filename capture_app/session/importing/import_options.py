@@ -6,7 +6,6 @@ from pathlib import Path
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.common_times import CommonTimes, TimesState
-from capture_app.session.importing.aligning import AlignBy
 from capture_app.session.importing.calibrations import Fit
 from capture_app.session.importing.embedded_times import (
     TimeSource,
@@ -21,6 +20,7 @@ from capture_app.session.importing.recording_sources import FOLDER, Images, Sour
 ASSUMED_FPS = 30.0
 """Assumed rate of images that are matched by their numbers, frames/s."""
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
+SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
 """Assumed: there is no measurement of the cameras' sound delay."""
@@ -47,8 +47,8 @@ class ImportOptions:
     every: int = 1
     png: bool = False
     """Store a video's frames as PNG instead of JPEG (quality 95)."""
-    align: AlignBy = "auto"
-    """Method that aligns a recording without common times."""
+    align: str = "auto"
+    """Method that aligns a recording without common times: see `align_recording`."""
     sound_distance_m: float = SOUND_DISTANCE_M
     """Maximum difference between the cameras' distances to a sound, m."""
     sound_delay_ms: float = SOUND_DELAY_MS

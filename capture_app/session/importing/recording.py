@@ -13,7 +13,6 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl, Timestamp
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name
 from capture_app.common.text import Progress, Talk, count
-from capture_app.session.alignment.tracks import SOUND_M_PER_S
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.common_times import CommonTimes
@@ -23,7 +22,12 @@ from capture_app.session.importing.aligning import align_recording, with_common_
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
 from capture_app.session.importing.frame_matching import Instant, Timeline
-from capture_app.session.importing.import_options import ImportOptions, clock_state, make_timeline
+from capture_app.session.importing.import_options import (
+    SOUND_M_PER_S,
+    ImportOptions,
+    clock_state,
+    make_timeline,
+)
 from capture_app.session.importing.importer import (
     camera_importer,
     open_sources,

@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 from textual.content import Content
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.plugins import COMMANDS as PLUGIN_COMMANDS
 from capture_app.common.plugins import plugin_names
 from capture_app.common.text import ProgressStep, printable, rough_time
 from capture_app.session.exporting.exporter import GROUP
@@ -23,6 +24,7 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """Report in a run's folder, for commands that write one."""
+METHODS = "simulshot.methods"
 OWN = f"{gethostname()}:{os.getpid()}"
 """Owner of the runs of this process."""
 MEASURED_FRACTION = 1 / 3
@@ -64,7 +66,7 @@ class Command:
         return shlex.join((_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)))
 
 
-STUDIES = (
+_STUDIES = (
     Command(
         "compare",
         "Compare",
@@ -119,7 +121,14 @@ STUDIES = (
         result="panel.json",
     ),
 )
-"""Commands offered for their results."""
+_OF_PLUGINS = {"multiview": METHODS, "panorama": METHODS, "panel": PLUGIN_COMMANDS}
+"""Groups of the plugins that these commands are."""
+STUDIES = tuple(
+    one
+    for one in _STUDIES
+    if (group := _OF_PLUGINS.get(one.words[0])) is None or one.words[0] in plugin_names(group)
+)
+"""Commands offered for their results, if what they run is installed."""
 MOMENT = Command(
     "moment",
     "Depth of one instant",

@@ -1,11 +1,13 @@
-"""Dialogs with instructions and a QR code: for other machines, phones, monitors and a panel."""
+"""Dialogs with instructions and a QR code: for other machines and phones, and those of companions.
+
+Companions' are entry points of the group `simulshot.guides`, each named like its action: classes as `Guide`.
+"""
 
 import asyncio
 import textwrap
 from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
-from contextlib import AsyncExitStack
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import segno
 from textual.binding import Binding, BindingType
@@ -13,19 +15,10 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
-from capture_app.common.address import (
-    ANY_HOST,
-    LOOPBACK_HOSTS,
-    Address,
-    listen_tcp,
-    parse_address,
-    reachable_host,
-)
+from capture_app.common.address import LOOPBACK_HOSTS, parse_address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
-from capture_app.companions.panel.screen import DEFAULT_PORT as PANEL_PORT
-from capture_app.companions.panel.screen import page_html
 from capture_app.protocol.orders import (
     PhoneInvited,
 )
@@ -44,15 +37,11 @@ LOOK_EVERY_S = 1.0
 MAX_LOG_LINES = 2
 INVITE = "invite"
 """Name of the dialog that can show another code."""
+BROWSER_STEP = "2  The browser warns once that it does not know this machine: choose Advanced, then continue."
 PHONE_STEPS = (
     "1  Scan the code with the phone, and open the page.",
-    "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
+    BROWSER_STEP,
     "3  Start the camera and allow access. Place the phone and plug it in.",
-)
-MONITOR_STEPS = (
-    "1  Scan the code with a phone or tablet, and open the page.",
-    PHONE_STEPS[1],
-    "3  It shows all cameras, and takes. It works until this screen ends.",
 )
 _USED = ("The last code was used or has expired. For the next device:", "$success")
 
@@ -88,6 +77,25 @@ def qr_lines(text: str) -> list[Content]:
         Content.styled("".join(_HALF[pair] for pair in zip(upper, lower, strict=True)), "#ffffff on #000000")
         for upper, lower in zip(light[::2], light[1::2], strict=True)
     ]
+
+
+GUIDES = "simulshot.guides"
+
+
+class Guide(Protocol):
+    """A companion's dialog; one is made for a rig, and it may be shown again."""
+
+    TITLE: str
+    WIDTH: int
+    """Width of the text in cells."""
+
+    def __init__(
+        self, source: RigLink, *, is_local: bool, run: Callable[[Coroutine[None, None, None]], object]
+    ) -> None:
+        """`source`: the rig, whose leader may be on this machine; `run` runs work until the screen ends."""
+
+    async def show(self, screen: "GuideScreen") -> None:
+        """Show the instructions, until the dialog is closed."""
 
 
 class GuideScreen(BoxDialog[None]):
@@ -196,35 +204,3 @@ async def show_codes(
             shown = ""
             screen.show("", (str(error), "$warning"))
         await asyncio.sleep(LOOK_EVERY_S)
-
-
-async def guide_to_panel(screen: GuideScreen) -> None:
-    """Serve the panel's page, and show how to use it; a loaded page keeps running after the dialog."""
-    from capture_app.web.own_page import served_page  # heavy: a web server
-
-    where = "Open this page full-screen on ONE screen that all cameras see; a phone scans the code:"
-    url = ""
-    async with AsyncExitStack() as serving:
-        try:
-            listening = serving.enter_context(listen_tcp(ANY_HOST[1], PANEL_PORT, 0))
-        except SimulshotError as error:
-            where = f"{error}. Type in a terminal: capture-app panel show"
-        else:
-            await serving.enter_async_context(served_page(listening, await asyncio.to_thread(page_html)))
-            port = listening.getsockname()[1]
-            url = f"http://{Address(reachable_host(ANY_HOST[1], listening.family), port)}/"
-        screen.show(
-            url,
-            (f"1  {where}", ""),
-            (f"   {url}", "bold $secondary"),
-            ("2  Take a burst of it: key 2, then Space.", ""),
-            ("3  Read it: key 3, then a, and choose Panel.", ""),
-            ("", ""),
-            (
-                "An open page keeps running when this is closed. A screen resolves part of its refresh "
-                "interval (16.7 ms at 60 Hz). For microseconds build the LED panel:",
-                "$foreground-muted",
-            ),
-            ("capture-app panel sketch --out panel", "$foreground-muted"),
-        )
-        await asyncio.Event().wait()

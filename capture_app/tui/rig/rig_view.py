@@ -1,12 +1,10 @@
 """Mode Rig: the rig's readiness with advice, its cameras, and its log."""
 
-import asyncio
 import re
 import textwrap
-import time
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from textual import work
 from textual.binding import Binding, BindingType
@@ -17,24 +15,21 @@ from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
 from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
+from capture_app.common.plugins import COMMANDS, load_plugin, plugin_names
 from capture_app.common.text import printable
-from capture_app.companions.monitor import DEFAULT_PORT as MONITOR_PORT
-from capture_app.protocol.orders import AddSimulated, PhoneInvited, RemoveCamera
+from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.guide_screens import MONITOR_STEPS, GuideScreen, guide_to_panel, show_codes
+from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
 from capture_app.tui.widgets.lines import Lines, log_lines
-
-if TYPE_CHECKING:
-    from capture_app.web.paired_page import ListeningPage
 
 SCROLLBAR = 1
 ADVICE_LINES = 2
@@ -45,6 +40,10 @@ CALM_S, MAX_CALM_S = 0.8, 10.0
 """Redraw interval of a synchronized rig in seconds: per camera, and maximum."""
 REDRAW_S = 0.5
 """Redraw interval of changing numbers in seconds; a change of state is drawn at once."""
+
+
+_OF_COMPANIONS = {"panel": GUIDES, "monitor": GUIDES, "phones": COMMANDS}
+"""Groups of the plugins that actions need; each is named like its action."""
 
 
 class RigView(ModeView):
@@ -87,6 +86,7 @@ class RigView(ModeView):
         """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
         self._source, self._sessions, self._local = source, sessions, local
         self._record = record
+        self._guides: dict[str, Guide] = {}
         self._advice = Lines(id="advice")
         self._cameras = CameraList(source, record)
         self._log_lines = Lines()
@@ -204,7 +204,9 @@ class RigView(ModeView):
     # Actions
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Return whether an action is available, given the visible panel and the focus."""
+        """Return whether an action is available, given the companions, the visible panel and the focus."""
+        if (group := _OF_COMPANIONS.get(action)) and action not in plugin_names(group):
+            return False
         return {
             **dict.fromkeys(("add", "log", "panel", "phones", "monitor", "invite"), self._cameras.display),
             "remove": self._cameras.rows.has_focus,
@@ -248,37 +250,20 @@ class RigView(ModeView):
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
-        self.app.push_screen(GuideScreen("panel", "Check the rig with a panel", 40, guide_to_panel))
+        self._show_guide("panel")
 
     def action_monitor(self) -> None:
         """Show how a phone or tablet becomes a monitor."""
-        self.app.push_screen(
-            GuideScreen(
-                "monitor",
-                "A monitor in your hand",
-                36,
-                partial(show_codes, self._invite_monitor, MONITOR_STEPS),
-            )
-        )
+        self._show_guide("monitor")
 
-    async def _invite_monitor(self) -> PhoneInvited:
-        return await self._monitor_page.invitation()
-
-    @cached_property
-    def _monitor_page(self) -> "ListeningPage":
-        """Page of the monitors of this rig, served since its code was first shown. Raises SimulshotError."""
-        from capture_app.web.admission import Admission
-        from capture_app.web.paired_page import ListeningPage
-
-        page = ListeningPage(Admission(time.monotonic, "monitor"), ANY_HOST[1], None, MONITOR_PORT)
-        self.app.run_worker(self._serve_monitor(page), group="monitor", exit_on_error=False)
-        return page
-
-    async def _serve_monitor(self, page: "ListeningPage") -> None:
-        from capture_app.companions.monitor.monitor_page import serving_monitor  # heavy: a web server
-
-        async with serving_monitor(self._source.another(), page, is_local=self._local):
-            await asyncio.Event().wait()
+    def _show_guide(self, name: str) -> None:
+        with showing_errors(self):
+            guide = self._guides.get(name)
+            if guide is None:
+                run = partial(self.app.run_worker, group=name, exit_on_error=False)
+                plugin: type[Guide] = load_plugin(GUIDES, name, "TITLE", "WIDTH", "show")
+                guide = self._guides[name] = plugin(self._source, is_local=self._local, run=run)
+            self.app.push_screen(GuideScreen(name, guide.TITLE, guide.WIDTH, guide.show))
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""

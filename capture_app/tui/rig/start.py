@@ -16,6 +16,7 @@ from textual.widgets.option_list import Option
 
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
+from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.text import count, printable
 from capture_app.machine.cameras import list_cameras
 from capture_app.protocol.orders import (
@@ -161,13 +162,14 @@ class StartPanel(Vertical):
             "Shows a pairing code. Run the command below on the other machine and enter the code.",
             self.action_invite,
         )
-        yield _Choice(
-            "phones",
-            "h",
-            "Phones by a QR code",
-            "A phone scans a QR code and becomes a camera while the page is open in its browser.",
-            self.action_phones,
-        )
+        if "phones" in plugin_names(COMMANDS):
+            yield _Choice(
+                "phones",
+                "h",
+                "Phones by a QR code",
+                "A phone scans a QR code and becomes a camera while the page is open in its browser.",
+                self.action_phones,
+            )
         yield _Choice(
             "simulated",
             "s",
@@ -233,6 +235,10 @@ class StartPanel(Vertical):
     on_resize = _explain
 
     # Actions
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer phones only where their companion is installed."""
+        return action != "phones" or action in plugin_names(COMMANDS)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Run the selected entry's action."""

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations, pairwise
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
+from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.comparison_results import CompareResult
@@ -250,53 +250,6 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
     return np.asarray(
         cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=empty)
     )
-
-
-def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
-    """Return the shortest path along all cameras, from left to right as they see it.
-
-    The distance of two cameras combines their positions, relative to the rig's size, with their viewing
-    directions. The path thus follows a row or an arc, a ring from its largest gap, and the directions of
-    cameras at one spot.
-    """
-    names = sorted(views)
-    if len(names) < 2:
-        return tuple(names)
-    centres = np.array([views[name].centre for name in names])
-    size = float(np.linalg.norm(centres[:, None] - centres[None], axis=2).max())
-    axes = np.array([views[name].axis for name in names])
-    places = np.hstack([centres / size, axes]) if size > 1e-9 else axes
-    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
-    paths = [_uncrossed(_nearest_neighbour_path(distance, start), distance) for start in range(len(names))]
-    path = min(paths, key=lambda steps: (round(_path_length(steps, distance), 9), steps))
-    first, last = views[names[path[0]]], views[names[path[-1]]]
-    right = np.mean([view.rotation[0] for view in views.values()], axis=0)
-    # If all cameras are at one spot, the one that looks farthest left is the first.
-    across = (last.centre - first.centre) / size if size > 1e-9 else last.axis - first.axis
-    return tuple(names[i] for i in (reversed(path) if float(across @ right) < 0 else path))
-
-
-def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
-    path = [start]
-    while left := set(range(len(distance))) - set(path):
-        path.append(min(left, key=lambda there: (distance[path[-1], there], there)))
-    return path
-
-
-def _uncrossed(path: list[int], distance: Array) -> list[int]:
-    """Shorten the path by reversing sections until none helps (2-opt)."""
-    shorter = True
-    while shorter:
-        shorter = False
-        for i, j in combinations(range(len(path)), 2):
-            turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
-            if _path_length(turned, distance) < _path_length(path, distance) - 1e-9:
-                path, shorter = turned, True
-    return path
-
-
-def _path_length(path: Sequence[int], distance: Array) -> float:
-    return float(sum(distance[a, b] for a, b in pairwise(path)))
 
 
 class BulletTimeStudy(Study):

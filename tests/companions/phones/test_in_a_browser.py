@@ -23,6 +23,11 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs a headless Chrom
 CAMERA = ("--use-fake-device-for-media-stream=fps=15", "--ignore-certificate-errors")
 ALLOW = "--use-fake-ui-for-media-stream"
 WITHOUT_PROCESSOR = "delete self.MediaStreamTrackProcessor"
+SLOW_FRAMES = """
+const ask = HTMLVideoElement.prototype.requestVideoFrameCallback;
+HTMLVideoElement.prototype.requestVideoFrameCallback = function (shown) {
+  return ask.call(this, () => setTimeout(() => ask.call(this, shown), 1500));
+};"""
 OLD = "delete self.OffscreenCanvas; delete self.WebSocket"
 
 
@@ -93,6 +98,20 @@ def pictures_sent(text: str) -> int:
     """How many pictures the page says that it has sent."""
     said = re.search(r"(\d+) pictures?", text)
     return int(said[1]) if said else 0
+
+
+@pytest.mark.slow
+async def test_a_camera_that_begins_slowly_is_waited_for(place: Place, tmp_path: Path) -> None:
+    """Two frames in three seconds, as WebKit gave on a busy machine, were 'no picture'."""
+    phone = PhoneBrowser(tmp_path / "profile", ALLOW)
+    try:
+        await phone.open(place.url, before=f"{WITHOUT_PROCESSOR}; {SLOW_FRAMES}")
+        await phone.shows("Start the camera")
+        await phone.ask("document.getElementById('go').click()")
+        await phone.shows("320×240")
+        assert "gave no picture" not in await phone.text()
+    finally:
+        phone.kill()
 
 
 @pytest.mark.slow

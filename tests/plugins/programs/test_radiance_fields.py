@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from capture_app.plugins.programs.n3dv import focus_depths
+from capture_app.session.exporting.pinhole import focus_depths
 from capture_app.session.reading.reader import Session
 from tests.plugins.programs.conftest import (
     GRID,

@@ -22,7 +22,7 @@ from tests.plugins.programs.dotted import (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["n3dv", "easyvolcap", "freemocap"])
+@pytest.mark.parametrize("name", ["n3dv", "easyvolcap", "freemocap", "splats"])
 def test_redrawn_pictures_come_back_with_their_lens(tmp_path: Path, name: str) -> None:
     session = build(tmp_path / "sessions")
     export_session(session, name, tmp_path / "out", lossless=True)

@@ -1,12 +1,8 @@
 """A method is one folder: without it and its entry point, all else runs and says nothing of it."""
 
 import json
-import os
 import re
-import shutil
 import subprocess
-import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,10 +10,11 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.common.options import METHODS
+from tests.packaging.cut_tree import ENTRIES, ROOT, CutTree
 
-ROOT = Path(__file__).resolve().parents[3]
-ENTRIES = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]
 NAMES = sorted(ENTRIES[METHODS])
+WITHOUT_STUDY = {"splat", "view"}
+STUDIES = [name for name in NAMES if name not in WITHOUT_STUDY]
 GONE = [*((name,) for name in NAMES), NAMES]
 """Each method, and all."""
 OWN_COMMANDS = {"multiview", "panorama", "stereo"}
@@ -31,40 +28,14 @@ print("public:", *dir(reconstruction), *dir(ReconstructedSession.__new__(Reconst
 
 
 @pytest.fixture(scope="module")
-def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the package, which the tests take methods from."""
-    folder = tmp_path_factory.mktemp("tree")
-    shutil.copytree(
-        ROOT / "reconstruction", folder / "reconstruction", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    return folder
+def tree(tmp_path_factory: pytest.TempPathFactory) -> CutTree:
+    """A copy of the packages, which the tests take methods from."""
+    return CutTree(tmp_path_factory.mktemp("tree"))
 
 
-def run(tree: Path, gone: Sequence[str], *arguments: object) -> subprocess.CompletedProcess[str]:
+def run(tree: CutTree, gone: Sequence[str], *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run Python in the tree without some methods."""
-    left = {name: target for name, target in ENTRIES[METHODS].items() if name not in gone}
-    groups = {**ENTRIES, METHODS: left}
-    about = tree / "simulshot-1.dist-info"
-    about.mkdir(exist_ok=True)
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: simulshot\nVersion: 1\n")
-    lines = [
-        line
-        for group, entries in groups.items()
-        for line in (f"[{group}]", *(f"{name} = {target}" for name, target in entries.items()))
-    ]
-    (about / "entry_points.txt").write_text("\n".join(lines))
-    methods, aside = tree / "reconstruction" / "methods", tree / "aside"
-    aside.mkdir(exist_ok=True)
-    try:
-        for name in gone:
-            (methods / name).rename(aside / name)
-        path = os.pathsep.join((str(tree), *sys.path))
-        environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [sys.executable, *map(str, arguments)]
-        return subprocess.run(command, env=environment, cwd=tree, capture_output=True, text=True)
-    finally:
-        for folder in aside.iterdir():
-            folder.rename(methods / folder.name)
+    return tree.run([f"reconstruction/methods/{name}" for name in gone], *arguments)
 
 
 def test_each_method_is_a_folder_with_one_entry_point() -> None:
@@ -75,7 +46,7 @@ def test_each_method_is_a_folder_with_one_entry_point() -> None:
 
 
 @pytest.mark.parametrize("gone", GONE, ids=lambda gone: gone[0] if len(gone) == 1 else "all")
-def test_the_help_of_the_others_works_and_does_not_name_it(tree: Path, gone: Sequence[str]) -> None:
+def test_the_help_of_the_others_works_and_does_not_name_it(tree: CutTree, gone: Sequence[str]) -> None:
     done = run(tree, gone, "-c", HELP)
     assert (done.returncode, done.stderr) == (0, "")
     shown, _, public = done.stdout.partition("public:")
@@ -83,7 +54,7 @@ def test_the_help_of_the_others_works_and_does_not_name_it(tree: Path, gone: Seq
     assert commands & OWN_COMMANDS == OWN_COMMANDS - {*gone}
     assert {"compare", "batch", "calibrate"} <= commands
     choices = re.search(r"--study \[([a-z_|]*)\]", shown)[1]
-    assert choices == "|".join(name for name in NAMES if name not in gone)
+    assert choices == "|".join(name for name in STUDIES if name not in gone)
     for name in OWN_COMMANDS:
         assert (f"--{name}-pair" in shown) == (name not in gone and name != "multiview")
         assert (
@@ -93,7 +64,7 @@ def test_the_help_of_the_others_works_and_does_not_name_it(tree: Path, gone: Seq
         )
 
 
-def test_every_module_imports_without_any_method(tree: Path) -> None:
+def test_every_module_imports_without_any_method(tree: CutTree) -> None:
     code = "import pkgutil, reconstruction as r; "
     code += "[*map(__import__, (one.name for one in pkgutil.walk_packages(r.__path__, 'reconstruction.')))]"
     done = run(tree, NAMES, "-c", code)
@@ -103,19 +74,19 @@ def test_every_module_imports_without_any_method(tree: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", GONE, ids=lambda gone: gone[0] if len(gone) == 1 else "all")
 def test_a_comparison_works_with_the_methods_that_are_left(
-    tree: Path, gone: Sequence[str], boards: Session, tmp_path: Path
+    tree: CutTree, gone: Sequence[str], boards: Session, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
     options = ["--max-instants", 1, *(() if "multiview" in gone else ("--max-multiview-instants", 1))]
     done = run(tree, gone, "-m", "reconstruction.cli", "compare", boards.folder, *options, "--out", out)
     assert done.returncode == 0, done.stderr
     result = json.loads((out / "metrics.json").read_text())
-    assert {one["name"] for one in result["studies"]} == {*NAMES} - {*gone}
+    assert {one["name"] for one in result["studies"]} == {*STUDIES} - {*gone}
     assert (out / "report.html").is_file()
 
 
 @pytest.mark.slow
-def test_what_needs_a_method_that_is_gone_names_it(tree: Path, boards: Session, tmp_path: Path) -> None:
+def test_what_needs_a_method_that_is_gone_names_it(tree: CutTree, boards: Session, tmp_path: Path) -> None:
     done = run(
         tree, ["multiview"], "-m", "reconstruction.cli", "batch", boards.folder, "--out", tmp_path / "b"
     )

@@ -14,8 +14,8 @@ import av
 import numpy as np
 
 from capture_app.common.names import name_like
+from tests.plugins.footage.cut_apart import SOUND_HZ, Phone, Take
 from tests.plugins.programs.test_layouts import CAMERA
-from tests.session.alignment.cut_apart import SOUND_HZ, Phone, Take
 from tests.session.conftest import jpeg
 
 CLAPS = Take(claps_s=(2.2, 3.31, 4.17))

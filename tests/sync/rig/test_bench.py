@@ -16,8 +16,8 @@ from benchmarks.paper.phase_trials import (
 )
 from benchmarks.simulated.aligner_bench import Bench
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
+from capture_app.companions.panel.panel_photograph import CYCLE_NS, render
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-from capture_app.plugins.cameras.sim.rendering.panel_photograph import CYCLE_NS, render
 
 S = 1_000_000_000
 

@@ -1,7 +1,7 @@
 // Frame worker: sends the frames' times, and stores the images as JPEGs until they are requested.
 "use strict";
 const QUALITY = 0.9, PREVIEW_QUALITY = 0.6, WAITING = 6;
-const KEPT_MS = 5000, KEPT_WHILE_ASKED_MS = 30000, ASKED_MS = 10000;
+const TRIAL_MS = 10000, KEPT_MS = 5000, KEPT_WHILE_ASKED_MS = 30000, ASKED_MS = 10000;
 const KEPT_BYTES = (navigator.deviceMemory || 4) <= 2 ? 64e6 : 160e6;
 let link = null, stream = 0, next = 0, waiting = 0, bytes = 0, askedMs = -Infinity, trial = null, canvas = null, sized = null;
 const ring = new Map();
@@ -38,7 +38,7 @@ function take(image, width, height, times) {
   if (waiting >= WAITING) {
     // Count it as a dropped frame, so that no image is announced that is never encoded.
     if (trial) trial.skipped++;
-    judge(width, height);
+    judge();
     return;
   }
   const id = next++, own = stream;
@@ -53,14 +53,19 @@ function take(image, width, height, times) {
     }, () => null).finally(() => { waiting--; });
   ring.set(id, entry);
   thin();
-  judge(width, height);
+  judge();
   if (link && !trial) link.postMessage({type: "frame", id, stream: own, ...times});
 }
 
-// Report whether this phone keeps up with images of this size, before the stream is used.
-function judge(width, height) {
-  if (!trial || trial.frames < 30) return;
-  postMessage({type: "trial", width, height, ...trial});
+// Report whether this phone keeps up with images of this size, before the stream is used: after 30 frames, or with those
+// that came in TRIAL_MS, as some cameras begin slowly.
+function judge() {
+  if (trial && trial.frames >= 30) endTrial(trial);
+}
+
+function endTrial(own) {
+  if (trial !== own || !own.frames) return;
+  postMessage({type: "trial", width: sized[0], height: sized[1], ...own});
   trial = null;
 }
 
@@ -99,6 +104,7 @@ onmessage = event => {
   } else if (message.begin) {
     stream = message.begin;
     trial = message.trial ? {frames: 0, skipped: 0} : null;
+    if (trial) setTimeout(endTrial, TRIAL_MS, trial);
     if (message.readable) read(message.readable, stream);
   } else if (message.end) stream = 0;
   else if (message.bitmap) {

@@ -31,10 +31,11 @@ from capture_app.common.camera_facts import (
 )
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, CameraError
+from capture_app.common.plugins import plugin_names
 from capture_app.plugins.cameras.sim.profiles import PROFILES, SensorProfile, facts_of, find_profile
 from capture_app.plugins.cameras.sim.rendering.picture_source import (
-    LED_PANEL,
     TEST_CARD,
+    VIEWS,
     PictureSource,
     Replay,
     open_picture_source,
@@ -60,8 +61,9 @@ STALL_NS = 500_000_000
 SPEC = f"{SIMULATED}:PROFILE[,scene=NAME][,view=NAME][,key=value…]"
 HELP = "Simulated cameras of a phone, a Raspberry Pi or a webcam, that see a rendered scene."
 NEEDS = ""
+_SCENES = ", ".join(["a scene's name", *plugin_names(VIEWS)])
 OPTIONS = {
-    "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",
+    "scene": f"what it sees: {_SCENES}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
     "replay": "an MJPEG file whose pictures it gives, instead of a scene",
     "scale": "size of the pictures, 0.1 to 1 of the full size",

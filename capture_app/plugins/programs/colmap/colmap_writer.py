@@ -10,12 +10,11 @@ from capture_app.common.text import count
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
+from capture_app.session.exporting.starting_points import visible_pixels
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import (
     Array,
     distortion_of,
-    picture_rays,
-    project_rays,
     quaternion,
     rotation_of,
     translation_of,
@@ -25,9 +24,6 @@ from capture_app.session.format.manifest import RIG
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _MAX_TRACKS = 2000
 """Maximum number of points with a track; COLMAP's stereo and fusion pair images by common points."""
-_CELL_PX = 12
-_HIDDEN = 1.03
-"""Depth beyond which a point is hidden, relative to the nearest point of its cell of `_CELL_PX` px."""
 
 
 def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
@@ -132,7 +128,7 @@ def _observe(
 
     A camera's images show the same points at the same pixels. Points with a track are seen by two cameras.
     """
-    visible = {name: _visible_pixels(lens, points) for name, lens in lenses.items()}
+    visible = {name: visible_pixels(lens, points) + _HALF_PIXEL for name, lens in lenses.items()}
     both = np.flatnonzero(np.sum([np.isfinite(pixels[:, 0]) for pixels in visible.values()], axis=0) >= 2)
     both = both[:: 1 + len(both) // _MAX_TRACKS]
     seen, tracks = {}, {int(index) + 1: "" for index in both}
@@ -143,23 +139,6 @@ def _observe(
         for order, index in enumerate(own):
             tracks[int(index) + 1] += "".join(f" {number} {order}" for number in images)
     return seen, tracks
-
-
-def _visible_pixels(lens: CameraCalibration, points: Array) -> Array:
-    """Return the pixels (n, 2) of points (n, 3) in a camera, NaN where it does not see them."""
-    x, y, z = (points @ rotation_of(lens).T + translation_of(lens)).T
-    with np.errstate(all="ignore"):
-        rays = np.stack([x, y], axis=1) / np.where(z > 0, z, np.nan)[:, None]
-        edge = picture_rays(lens)
-        pixels = project_rays(lens, rays) + _HALF_PIXEL
-        # Beyond its field of view a lens polynomial may turn back into the picture.
-        inside = ((rays >= edge.min(0)) & (rays <= edge.max(0))).all(1)
-        inside &= ((pixels >= 0) & (pixels < (lens.width, lens.height))).all(1)
-    columns, rows = (np.where(inside[:, None], pixels, 0) // _CELL_PX).astype(int).T
-    nearest = np.full((lens.height // _CELL_PX + 1, lens.width // _CELL_PX + 1), np.inf)
-    np.minimum.at(nearest, (rows[inside], columns[inside]), z[inside])
-    inside &= z <= _HIDDEN * nearest[rows, columns]
-    return np.where(inside[:, None], pixels, np.nan)
 
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:

@@ -7,9 +7,10 @@ import numpy as np
 
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
+from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.lens import centre_of, distortion_of, rotation_of
+from capture_app.session.format.lens import distortion_of
 from capture_app.session.format.manifest import ImageRecord
 
 _POINTS = "sparse_pc.ply"
@@ -62,8 +63,6 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
 
 
 def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
-    # Columns are the camera's right, up and back, which are OpenCV's with y and z negated, and its place.
-    pose = np.column_stack([rotation_of(camera).T * [1.0, -1.0, -1.0], centre_of(camera)])
     return {
         "file_path": file,
         "fl_x": camera.fx,
@@ -73,7 +72,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
         "w": camera.width,
         "h": camera.height,
         **dict(zip(("k1", "k2", "p1", "p2", "k3"), distortion_of(camera).tolist(), strict=True)),
-        "transform_matrix": [*pose.tolist(), [0.0, 0.0, 0.0, 1.0]],
+        "transform_matrix": opengl_pose(camera).tolist(),
         "time": time,
         "camera": image.camera,
         "instant": image.instant,

@@ -1,4 +1,4 @@
-"""Image sources of a simulated camera: a rendered scene, a panel, a test card, or a file."""
+"""Image sources of a simulated camera: a rendered scene, a plugin's view, a test card, or a file."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import BadInputError, reading
+from capture_app.common.plugins import load_plugin, plugin_names
 from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.decoding import decode_image, size_of
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
     GroundTruthArrays = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]
 
 TEST_CARD = "bars"
-LED_PANEL = "led-panel"
+VIEWS = "simulshot.simulated_views"
+"""Group of entry points: modules that render a view, with its `WIDTH`, `HEIGHT` (pixels) and `render`."""
 MAX_BYTES = 1 << 28
 
 
@@ -138,21 +140,21 @@ class SceneView(PictureSource):
 
 
 @dataclass(frozen=True, slots=True)
-class PanelView(PictureSource):
-    """A view of the LED panel, read out row by row."""
+class PluginView(PictureSource):
+    """A view of one size that a plugin renders, read out row by row."""
 
     row_time_ns: int
+    plugin: Any
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the image, BGR uint8 (height, width, 3)."""
         import numpy as np
 
-        from capture_app.plugins.cameras.sim.rendering.panel_photograph import render
-
         rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
-        return render(
+        image: NDArray[np.uint8] = self.plugin.render(
             frame.start_true_ns, exposure_ns=frame.exposure_ns, row_time_ns=self.row_time_ns, rng=rng
         )
+        return image
 
 
 def open_picture_source(
@@ -166,23 +168,22 @@ def open_picture_source(
     scale: float = 1.0,
     samples: int = 4,
 ) -> PictureSource:
-    """Open the test card of that size (`bars`), the LED panel (`led-panel`), or a view of a rendered scene.
+    """Open the test card of that size (`bars`), a plugin's view (`led-panel`), or a view of a rendered scene.
 
-    The panel and scenes have their own size. `scale` shrinks the card and scenes; a scene casts `samples`
+    Plugins and scenes have their own size. `scale` shrinks the card and scenes; a scene casts `samples`
     rays per pixel. An empty `view` selects the one named like the camera. Raises BadInputError for a scene
     or view that does not exist and NotAvailableError if this machine cannot render scenes.
     """
-    kind = {TEST_CARD: "test card", LED_PANEL: "panel"}.get(scene)
-    if kind and view:
-        raise BadInputError(f"the {kind} {scene!r} has no view {view!r}", hint="leave view= out")
+    is_plugin = scene in plugin_names(VIEWS)
+    if view and (is_plugin or scene == TEST_CARD):
+        raise BadInputError(f"{scene!r} has no view {view!r}", hint="leave view= out")
     if scene == TEST_CARD:
         return ColourBars(round(width * scale), round(height * scale), camera)
-    if scene == LED_PANEL:
+    if is_plugin:
         if scale != 1:
-            raise BadInputError(f"the panel {scene!r} is of one size", hint="leave scale= out")
-        from capture_app.plugins.cameras.sim.rendering.panel_photograph import HEIGHT, WIDTH
-
-        return PanelView(WIDTH, HEIGHT, row_time_ns)
+            raise BadInputError(f"{scene!r} has one size", hint="leave scale= out")
+        plugin = load_plugin(VIEWS, scene, "WIDTH", "HEIGHT", "render")
+        return PluginView(plugin.WIDTH, plugin.HEIGHT, row_time_ns, plugin)
     from capture_app.plugins.cameras.sim.rendering.scene import load
 
     loaded = load(scene, scale=scale, samples=samples)

@@ -14,7 +14,10 @@ from capture_app.console.terminal import json_option
 from capture_app.console.usage import examples
 
 
-@click.command(epilog=examples("capture-app monitor", "capture-app monitor --leader 192.168.1.20"))
+@click.command(
+    short_help="Show live pictures and the take button on phones and tablets.",
+    epilog=examples("capture-app monitor", "capture-app monitor --leader 192.168.1.20"),
+)
 @leader_option
 @page_options(DEFAULT_PORT)
 @json_option

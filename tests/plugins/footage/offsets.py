@@ -1,7 +1,7 @@
 """How far an offset that was found is from the truth."""
 
 from capture_app.session.format.common_times import CameraTimes
-from tests.session.alignment.cut_apart import Phone
+from tests.plugins.footage.cut_apart import Phone
 
 PHONES = (
     Phone("a", start_s=0.0, fps=30),

@@ -11,9 +11,9 @@ from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.plugins.footage.gopro import GpsClock, match_gps_clocks, read_gps_clock
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.reading.reader import Session
-from tests.session.alignment.cut_apart import Phone, Take
-from tests.session.alignment.gpmf_tracks import Receiver, device, gps5, gps9, item, nest
-from tests.session.alignment.offsets import error_ms
+from tests.plugins.footage.cut_apart import Phone, Take
+from tests.plugins.footage.gpmf_tracks import Receiver, device, gps5, gps9, item, nest
+from tests.plugins.footage.offsets import error_ms
 
 A = Phone("a", start_s=0.0, fps=30)
 B = Phone("b", start_s=1.2345, fps=30, ppm=30, seed=2)

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.alignment.clock_line import CRYSTAL_PPM
-from capture_app.session.alignment.tracks import open_container
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
+from capture_app.session.importing.video_tracks import open_container
 
 BANDS = 120
 """Maximum number of bands that the rows are averaged to."""
@@ -356,3 +357,11 @@ def _lines(at: Array, lowest: Array, highest: Array) -> tuple[Range, Range]:
         for minima, maxima in ((low, high), (slow, fast))
     )
     return offsets, rates
+
+
+METHOD: AlignmentMethod[Lights] = AlignmentMethod(
+    priority=3,
+    of_video_times=True,
+    read=lambda path, first_s: read_lights(path),
+    match=lambda reference, camera, error_s: match_flashes(reference, camera),
+)

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from tests.session.alignment.cut_apart import Phone
+from tests.plugins.footage.cut_apart import Phone
 
 BEGAN = datetime(2026, 6, 1, 10, 0, tzinfo=UTC)
 """True time 0."""

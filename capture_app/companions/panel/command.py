@@ -329,7 +329,10 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     )
 
 
-@click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))
+@click.group(
+    short_help="Show a time code to all cameras, and measure their time differences.",
+    epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"),
+)
 def panel() -> None:
     """Show a time code to all cameras, and measure their time differences from their pictures.
 

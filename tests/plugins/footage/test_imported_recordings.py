@@ -10,8 +10,8 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from tests.session.alignment.cut_apart import Phone, Take
-from tests.session.alignment.offsets import PHONES, error_ms
+from tests.plugins.footage.cut_apart import Phone, Take
+from tests.plugins.footage.offsets import PHONES, error_ms
 
 CLAPS = Take(claps_s=(2.2, 3.31, 4.87, 6.05))
 

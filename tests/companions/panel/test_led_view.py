@@ -5,9 +5,8 @@ import pytest
 
 from benchmarks.simulated import panel_photographs
 from capture_app.common.errors import BadInputError
-from capture_app.plugins.cameras.sim.rendering import panel_photograph
+from capture_app.companions.panel import panel_photograph
 from capture_app.plugins.cameras.sim.rendering.picture_source import (
-    LED_PANEL,
     PictureSource,
     open_picture_source,
 )
@@ -18,7 +17,7 @@ ROW_NS, EXPOSURE_NS = 10_840, 97_560
 
 def view(scale: float = 1.0) -> PictureSource:
     size = {"width": 1, "height": 1, "row_time_ns": ROW_NS}
-    return open_picture_source(LED_PANEL, "", camera="cam00", scale=scale, **size)
+    return open_picture_source("led-panel", "", camera="cam00", scale=scale, **size)
 
 
 def frame(start_ns: int) -> SensorFrame:
@@ -44,4 +43,4 @@ def test_the_panel_has_one_size_and_one_view() -> None:
     with pytest.raises(BadInputError, match="size"):
         view(scale=0.5)
     with pytest.raises(BadInputError, match="no view"):
-        open_picture_source(LED_PANEL, "cam09", camera="x", width=1, height=1, row_time_ns=ROW_NS)
+        open_picture_source("led-panel", "cam09", camera="x", width=1, height=1, row_time_ns=ROW_NS)

@@ -29,7 +29,10 @@ def _parse_size(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-@click.command(epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"))
+@click.command(
+    short_help="Use phones as cameras: they scan a QR code.",
+    epilog=examples("capture-app phones", "capture-app phones --leader 192.168.1.20"),
+)
 @leaders_option
 @page_options(DEFAULT_PORT)
 @click.option(

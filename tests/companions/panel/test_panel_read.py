@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.commands.camera_measurements import times_by_panel
 from capture_app.common.errors import ExitCode
-from capture_app.companions.panel import session_times
-from capture_app.plugins.cameras.sim.rendering import panel_photograph
+from capture_app.companions.panel import panel_photograph, session_times
+from capture_app.companions.panel.panel_delays import measure
 from capture_app.session.reading.reader import Session
 
-BUNDLED = Path(__file__).parents[2] / "sample_sessions" / "led_panel"
+BUNDLED = Path(__file__).parents[3] / "sample_sessions" / "led_panel"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -82,8 +81,8 @@ def test_a_session_without_a_panel_is_refused(capsys: pytest.CaptureFixture[str]
 
 def test_a_panel_tells_how_late_a_camera_is_against_another() -> None:
     session = Session.open(BUNDLED)
-    there = times_by_panel(session, "cam00")
-    back = times_by_panel(session, "cam01")
+    there = measure(session, "cam00")
+    back = measure(session, "cam01")
     assert there.cameras.keys() == back.cameras.keys() == {"cam00", "cam01"}
     assert there.cameras["cam00"].offset_ms == back.cameras["cam01"].offset_ms == 0.0
     late_ms, early_ms = there.cameras["cam01"].offset_ms, back.cameras["cam00"].offset_ms

@@ -1,26 +1,21 @@
-"""Alignment by other tracks of videos: cross-correlated sound, and the timecode of the first frame.
+"""Alignment by sound, by cross-correlation.
 
 Sound is matched roughly first, by its rises in loudness (as of a clap or speech) over the whole length. Short
 windows of the waveforms then refine the offset (generalized cross-correlation with phase transform, Knapp and
-Carter 1976). Timecodes follow SMPTE ST 12-1.
+Carter 1976).
 """
 
-import importlib
-import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
+from capture_app.session.alignment.alignment_method import AlignmentMethod
+from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.importing.video_tracks import open_container
 
 RATE_HZ = 16_000
 BIN_S = 0.004
@@ -35,27 +30,6 @@ DISTINCT = 1.4
 PROMINENT = 8.0
 """Minimum height of a correlation peak in standard deviations of chance, also in each window."""
 WINDOW_SD_S = 5e-5
-SOUND_M_PER_S = 343.0
-_TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
-DAY_S = 86_400
-
-
-@contextmanager
-def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a video; yield the package PyAV and the container. Raises BadInputError with a short reason."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
-        raise BadInputError("PyAV is not installed") from None
-    if not path.is_file():
-        raise BadInputError("it is not a file")
-    try:
-        with av.open(str(path), metadata_errors="replace") as container:
-            yield av, container
-    except (av.FFmpegError, OSError, ValueError):
-        raise BadInputError("it cannot be decoded") from None
-
-
 Samples = NDArray[np.float32]
 
 
@@ -169,57 +143,6 @@ def _lag(reference: Samples, camera: Samples) -> float | None:
     return best - max_lag + 0.5 * float((before - after) / (before - 2 * now + after))
 
 
-@dataclass(frozen=True)
-class Timecode:
-    """Timecode of a video's first frame, s since midnight, and its presentation time, s.
-
-    `wall_clock`: it follows the time of day. At a fractional frame rate without drop-frame counting it runs
-    slow.
-    """
-
-    day_s: float
-    first_s: float
-    period_s: float
-    wall_clock: bool
-
-
-def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
-    """Return the camera's times against the reference's; without an offset, the reason."""
-    same_rate = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
-    if not same_rate and not (camera.wall_clock and reference.wall_clock):
-        return CameraTimes(reason="their timecodes count at different rates")
-    apart_s = (camera.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
-    # A timecode identifies a frame; the exposures of two cameras are anywhere within it.
-    return CameraTimes(
-        offset_ns=round((apart_s + reference.first_s - camera.first_s) * 1e9),
-        uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
-        rate_uncertainty_ppm=SIGMAS * CRYSTAL_PPM,
-        epoch_local_ns=round(camera.first_s * 1e9),
-        source="timecode",
-    )
-
-
-def read_timecode(path: Path, first_s: float) -> Timecode:
-    """Return the timecode of a video with its first frame at `first_s`.
-
-    `;` or `.` before its frames means drop-frame. Raises BadInputError with a short reason if there is none.
-    """
-    with open_container(path) as (_, container):
-        streams = container.streams
-        places = (*(stream.metadata for stream in streams), container.metadata)
-        text = next((place["timecode"] for place in places if "timecode" in place), "")
-        rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
-    nominal = round(rate or 0)
-    if (found := _TIMECODE.fullmatch(text.strip())) is None or not nominal:
-        raise BadInputError("it has no timecode")
-    hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
-    # Rates such as 29.97 are NTSC's; a phone's average rate is only close to one.
-    ntsc = Fraction(nominal * 1000, 1001)
-    fractional = abs(rate - ntsc) < rate / 3000
-    period = 1 / ntsc if fractional else Fraction(1, nominal)
-    drops = found[4] in ";." and fractional and nominal % 30 == 0
-    whole = hours * 60 + minutes
-    number = (whole * 60 + seconds) * nominal + frames
-    if drops:
-        number -= nominal // 15 * (whole - whole // 10)
-    return Timecode(float(number * period), first_s, float(period), not fractional or drops)
+METHOD: AlignmentMethod[Sound] = AlignmentMethod(
+    priority=4, of_video_times=True, read=lambda path, first_s: read_sound(path), match=match_sounds
+)

@@ -1,0 +1,58 @@
+"""Dialog of the terminal UI that shows how a phone or tablet becomes a monitor, and serves its page."""
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from capture_app.common.address import ANY_HOST
+from capture_app.companions.monitor import DEFAULT_PORT
+from capture_app.protocol.orders import PhoneInvited
+from capture_app.rig.rig_link import RigLink
+from capture_app.tui.rig.guide_screens import BROWSER_STEP, GuideScreen, show_codes
+
+if TYPE_CHECKING:
+    from capture_app.web.paired_page import ListeningPage
+
+STEPS = (
+    "1  Scan the code with a phone or tablet, and open the page.",
+    BROWSER_STEP,
+    "3  It shows all cameras, and takes. It works until this screen ends.",
+)
+
+
+class MonitorGuide:
+    """Guide to the monitor: see `Guide`."""
+
+    TITLE = "A monitor in your hand"
+    WIDTH = 36
+
+    def __init__(
+        self, source: RigLink, *, is_local: bool, run: Callable[[Coroutine[None, None, None]], object]
+    ) -> None:
+        """`run` serves the page for longer than the dialog is open."""
+        self._source, self._is_local, self._run = source, is_local, run
+
+    async def show(self, screen: GuideScreen) -> None:
+        """Show the code for the next device."""
+        await show_codes(self._invite, STEPS, screen)
+
+    async def _invite(self) -> PhoneInvited:
+        return await self._page.invitation()
+
+    @cached_property
+    def _page(self) -> "ListeningPage":
+        """Page of the monitors of this rig, served since its code was first shown. Raises SimulshotError."""
+        from capture_app.web.admission import Admission
+        from capture_app.web.paired_page import ListeningPage
+
+        page = ListeningPage(Admission(time.monotonic, "monitor"), ANY_HOST[1], None, DEFAULT_PORT)
+        self._run(self._serve(page))
+        return page
+
+    async def _serve(self, page: "ListeningPage") -> None:
+        from capture_app.companions.monitor.monitor_page import serving_monitor  # heavy: a web server
+
+        async with serving_monitor(self._source.another(), page, is_local=self._is_local):
+            await asyncio.Event().wait()

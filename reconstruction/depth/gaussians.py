@@ -1,0 +1,284 @@
+"""A moment as oriented Gaussians: made of depth maps, rendered, and stored as 3D Gaussian Splatting does."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.worker_pool import worker_pool
+from reconstruction.depth.compiling import GAUSSIANS
+from reconstruction.depth.kernels import call_kernel, floats
+from reconstruction.depth.seen_moment import Moment, SeenView
+
+SPREAD = 0.6
+"""Standard deviation of a pixel's Gaussian along the surface, px."""
+THIN = 0.1
+"""Standard deviation across the surface, relative to that."""
+MAX_SLANT = 3.0
+"""Maximum stretch of a pixel's Gaussian on a slanted surface."""
+SAME_DEPTH = 0.01
+"""Relative difference of depth within which an earlier map already has a pixel's surface."""
+OPACITY = 0.9
+PLAIN = 8
+"""Maximum difference of grey levels within a block of pixels that becomes one Gaussian."""
+FLAT = 0.001
+"""Maximum difference of its diagonals' depths, relative to the depth."""
+_SH = 0.28209479177387814
+"""Value of the constant spherical harmonic."""
+_NUMBERS = 7
+_CHUNK = 1 << 14
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """Oriented Gaussians in the rig's frame, all float32.
+
+    `places` (n, 3); `axes` (n, 3, 3), unit vectors in columns, the last across the surface; `sizes` (n, 3),
+    standard deviations along them in the calibration's unit; `colours` (n, 3), BGR from 0 to 1; `opacities`
+    (n,) from 0 to 1. `pixels` (n,) int64: the index of the pixel that each was made from, over all cameras.
+    """
+
+    places: Array
+    axes: Array
+    sizes: Array
+    colours: Array
+    opacities: Array
+    pixels: Array
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def chosen(self, where: Array) -> "Gaussians":
+        """Return those at indices, or where a mask is true."""
+        return Gaussians(**{name: np.ascontiguousarray(one[where]) for name, one in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Gaussians in a view: `flat` (n, 7) as the kernels take them, `order` (m,) of those seen, by depth."""
+
+    view: View
+    flat: Array
+    order: Array
+
+
+def make_gaussians(moment: Moment) -> Gaussians:
+    """Return a Gaussian for each pixel with depth, without those whose surface an earlier map has.
+
+    Blocks of 2 x 2 pixels of one colour on one surface become one Gaussian.
+    """
+    made, earlier, first = [], list[SeenView](), 0
+    for seen in moment.values():
+        new = seen.depth > 0
+        y, x = np.nonzero(new)
+        points = seen.view.unproject(np.column_stack([x, y]), seen.depth[new].astype(float))
+        for other in earlier:
+            new[new] = ~_has_surface(other, points)
+            points = points[new[y, x]]
+            y, x = np.nonzero(new)
+        made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
+        earlier.append(seen)
+        first += seen.depth.size
+    return Gaussians(**{name: np.concatenate([vars(one)[name] for one in made]) for name in vars(made[0])})
+
+
+def _blocks(seen: SeenView, new: Array) -> Iterator[tuple[Array, Array, float]]:
+    """Yield the pixels (m, k) of plain blocks, their centres (m, 2) and size in px; then of all others."""
+    height, width = (n // 2 * 2 for n in new.shape)
+    numbers = np.arange(new.size).reshape(new.shape)
+
+    def block(values: Array) -> Array:
+        small = values[:height, :width].reshape(height // 2, 2, width // 2, 2, -1)
+        return small.transpose(0, 2, 1, 3, 4).reshape(height // 2, width // 2, 4, -1)
+
+    colours, depth = block(seen.colours), block(seen.depth)[..., 0]
+    plain = block(new)[..., 0].all(axis=2) & (np.ptp(colours, axis=2).max(axis=2) <= PLAIN)
+    # On a plane the diagonals have the same mean.
+    bend = np.abs(depth[..., 0] + depth[..., 3] - depth[..., 1] - depth[..., 2])
+    plain &= (bend < FLAT * depth[..., 0]) & (np.ptp(depth, axis=2) < SAME_DEPTH * depth[..., 0])
+    merged = block(numbers)[plain][..., 0]
+    single = new.copy()
+    single.ravel()[merged.ravel()] = False
+    for pixels, size in ((merged, 2.0), (numbers[single][:, None], 1.0)):
+        centres = np.column_stack([pixels % new.shape[1], pixels // new.shape[1]])
+        columns, rows = np.split(centres, 2, axis=1)
+        yield pixels, np.column_stack([columns.mean(axis=1), rows.mean(axis=1)]), size
+
+
+def _has_surface(seen: SeenView, points: Array) -> Array:
+    """Return which points (n, 3) of the rig a map has, bool."""
+    local = points @ seen.view.rotation.T + seen.view.translation
+    ahead = local[:, 2] > 1e-6
+    pixels = np.rint(seen.view.project(np.where(ahead[:, None], local, 1.0))).astype(int)
+    inside = ahead & ((pixels >= 0) & (pixels < (seen.view.width, seen.view.height))).all(axis=1)
+    columns, rows = np.where(inside[:, None], pixels, 0).T
+    depth = seen.depth[rows, columns]
+    return np.asarray(inside & (depth > 0) & (np.abs(depth - local[:, 2]) < SAME_DEPTH * local[:, 2]))
+
+
+def _surface_elements(seen: SeenView, pixels: Array, centres: Array, size_px: float, first: int) -> Gaussians:
+    """Return a Gaussian of `size_px` for each row of `pixels` (n, k), their mean, at `centres` (n, 2)."""
+    view = seen.view
+    depth = seen.depth.ravel()[pixels].mean(axis=1).astype(float)
+    points = view.unproject(centres, depth)
+    rays = points - view.centre
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    normals = seen.normals.reshape(-1, 3)[pixels].mean(axis=1) @ view.rotation
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 0.5, normals / np.maximum(length, 1e-9), -rays)
+    along = np.cross(normals, rays)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    # Seen straight on, any direction along the surface will do.
+    other = np.cross(normals, np.broadcast_to(view.rotation[1], normals.shape))
+    along = np.where(length > 1e-3, along / np.maximum(length, 1e-9), other)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    facing = np.abs((rays * normals).sum(axis=1))
+    size = SPREAD * size_px * depth / view.focal
+    sizes = np.stack([size, size / np.maximum(facing, 1 / MAX_SLANT), THIN * size], axis=1)
+    return Gaussians(
+        places=floats(points),
+        axes=floats(np.stack([along, np.cross(normals, along), normals], axis=2)),
+        sizes=floats(sizes),
+        colours=floats(seen.colours.reshape(-1, 3)[pixels].mean(axis=1) / 255),
+        opacities=np.full(len(points), OPACITY, np.float32),
+        pixels=pixels[:, 0] + first,
+    )
+
+
+def project(
+    gaussians: Gaussians, view: View, grown: Array, pool: Executor, order: Array | None = None
+) -> Projected:
+    """Return Gaussians in a view; `grown` (n,) are logarithms of factors of their sizes.
+
+    `order` is that of an earlier call for the same view, as places do not change.
+    """
+    flat = np.empty((len(gaussians), _NUMBERS), np.float32)
+    depths = np.empty(len(gaussians), np.float32)
+    pose = floats(np.concatenate([view.rotation.ravel(), view.translation]))
+    lens = floats(np.array([view.matrix[0, 0], view.matrix[1, 1], view.matrix[0, 2], view.matrix[1, 2]]))
+
+    def chunk(first: int) -> None:
+        last = min(first + _CHUNK, len(gaussians))
+        call_kernel(
+            "project_gaussians",
+            *(first, last, gaussians.places, gaussians.axes, gaussians.sizes, grown),
+            *(pose, lens, view.width, view.height, flat, depths),
+            source=GAUSSIANS,
+        )
+
+    list(pool.map(chunk, range(0, len(gaussians), _CHUNK)))
+    if order is None:
+        shown = np.flatnonzero(depths > 0)
+        order = shown[np.argsort(depths[shown], kind="stable")].astype(np.int32)
+    return Projected(view, flat, order)
+
+
+def bands(height: int, number: int) -> Iterator[tuple[int, int]]:
+    """Yield the first row and the end of each of some bands of rows."""
+    ends = np.linspace(0, height, number + 1).astype(int)
+    yield from zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+
+
+def draw(
+    projected: Projected, colours: Array, opacities: Array, pool: Executor, number: int
+) -> tuple[Array, Array]:
+    """Return Gaussians over black (float32 height x width x 3), and the light that passes them."""
+    view = projected.view
+    picture = np.empty((view.height, view.width, 3), np.float32)
+    passes = np.empty((view.height, view.width), np.float32)
+
+    def band(rows: tuple[int, int]) -> None:
+        shown = len(projected.order), projected.order, projected.flat, opacities, colours, view.width
+        call_kernel("draw_gaussians", *shown, *rows, picture, passes, source=GAUSSIANS)
+
+    list(pool.map(band, bands(view.height, number)))
+    return picture, passes
+
+
+def render_gaussians(gaussians: Gaussians, view: View) -> Array:
+    """Return what a view without distortion sees, uint8 height x width x 3, BGR; gaps are filled."""
+    with worker_pool() as pool:
+        projected = project(gaussians, view, np.zeros(len(gaussians), np.float32), pool)
+        picture, passes = draw(projected, gaussians.colours, gaussians.opacities, pool, 4)
+    levels = [(picture, 1 - passes)]
+    while min(levels[-1][1].shape) > 4:
+        levels.append((cv2.pyrDown(levels[-1][0]), cv2.pyrDown(levels[-1][1])))
+    filled = levels[-1][0] / np.maximum(levels[-1][1], 1e-6)[..., None]
+    for sums, weights in levels[-2::-1]:
+        around = cv2.pyrUp(filled, dstsize=sums.shape[1::-1])
+        filled = sums + np.maximum(1 - weights, 0)[..., None] * around
+    return np.asarray(np.clip(np.rint(255 * filled), 0, 255), np.uint8)
+
+
+def write_splats(path: Path, gaussians: Gaussians) -> None:
+    """Write 3D Gaussian Splatting's PLY, without view-dependent colours: 68 bytes each, little-endian."""
+    axes = gaussians.axes.astype(np.float64)
+    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+    opacities = np.clip(gaussians.opacities, 1e-3, 1 - 1e-3)
+    columns = {
+        ("x", "y", "z"): gaussians.places,
+        ("nx", "ny", "nz"): axes[:, :, 2],
+        ("f_dc_0", "f_dc_1", "f_dc_2"): (gaussians.colours[:, ::-1] - 0.5) / _SH,
+        ("opacity",): np.log(opacities / (1 - opacities))[:, None],
+        ("scale_0", "scale_1", "scale_2"): np.log(gaussians.sizes),
+        ("rot_0", "rot_1", "rot_2", "rot_3"): quaternions(axes),
+    }
+    rows = np.concatenate([floats(one) for one in columns.values()], axis=1).astype("<f4")
+    names = [name for group in columns for name in group]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    head += [*(f"property float {name}" for name in names), "end_header\n"]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes("\n".join(head).encode() + rows.tobytes())
+
+
+def read_splats(path: Path) -> Gaussians:
+    """Read a file that `write_splats` wrote."""
+    head, _, body = path.read_bytes().partition(b"end_header\n")
+    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property")]
+    rows = np.frombuffer(body, "<f4").reshape(-1, len(names))
+    columns = {name: rows[:, number] for number, name in enumerate(names)}
+
+    def group(name: str, number: int) -> Array:
+        return np.stack([columns[f"{name}_{k}"] for k in range(number)], axis=1)
+
+    w, x, y, z = group("rot", 4).T
+    axes = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return Gaussians(
+        places=floats(rows[:, :3]),
+        axes=floats(np.array(axes).transpose(2, 0, 1)),
+        sizes=floats(np.exp(group("scale", 3))),
+        colours=floats(group("f_dc", 3)[:, ::-1] * _SH + 0.5),
+        opacities=floats(1 / (1 + np.exp(-columns["opacity"]))),
+        pixels=np.arange(len(rows)),
+    )
+
+
+def quaternions(rotations: Array) -> Array:
+    """Return unit quaternions (n, 4; w, x, y, z) of rotation matrices (n, 3, 3) (Shepperd 1978)."""
+    m = rotations
+    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
+    squares = np.stack([xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy], axis=1)
+    parts = np.sqrt(np.maximum(1 + squares, 0)) / 2
+    signs = [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]]
+    sums = {(1, 2): m[:, 0, 1] + m[:, 1, 0], (1, 3): m[:, 0, 2] + m[:, 2, 0], (2, 3): m[:, 1, 2] + m[:, 2, 1]}
+    largest = parts.argmax(axis=1)
+    found = np.empty_like(parts)
+    for k in range(4):
+        four = 4 * np.maximum(parts[:, k], 1e-12)
+        for j in range(4):
+            if j == k:
+                value = parts[:, k]
+            elif 0 in (j, k):
+                value = signs[max(j, k) - 1] / four
+            else:
+                value = sums[min(j, k), max(j, k)] / four
+            found[largest == k, j] = value[largest == k]
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))

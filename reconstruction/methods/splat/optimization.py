@@ -1,0 +1,117 @@
+"""Optimization of Gaussians against the pictures that a moment's cameras took."""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.worker_pool import worker_count, worker_pool
+from reconstruction.depth.compiling import GAUSSIANS
+from reconstruction.depth.gaussians import Gaussians, Projected, bands, draw, project
+from reconstruction.depth.kernels import call_kernel, floats
+from reconstruction.depth.seen_moment import Moment
+
+RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
+"""Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
+LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
+FEW, MAX_FACTOR = 25, 2.0
+"""Number of iterations below which steps are larger, and the largest factor."""
+MIN_OPACITY = 0.05
+"""Opacity below which a Gaussian is removed at the end."""
+
+
+def optimize(
+    gaussians: Gaussians, moment: Moment, iterations: int, step: Callable[[int], None] = lambda done: None
+) -> tuple[Gaussians, Array]:
+    """Return Gaussians with better colours, opacities and sizes, and which were kept (bool).
+
+    Those that became transparent are removed. Each iteration compares one camera's picture, in turn; the loss
+    is the squared difference of colours. Gaps between Gaussians count as right. `step` is called with the
+    number of iterations that are done.
+    """
+    number = len(gaussians)
+    values = {
+        "colours": gaussians.colours.copy(),
+        "logits": _logit(gaussians.opacities),
+        "grown": np.zeros(number, np.float32),
+    }
+    parts, factor = worker_count(), min(max(FEW / max(iterations, 1), 1.0), MAX_FACTOR)
+    slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
+    moments = {name: (np.zeros_like(one), np.zeros_like(one)) for name, one in values.items()}
+    seen = list(moment.values())
+    targets = [floats(one.colours / 255) for one in seen]
+    orders: list[Array | None] = [None] * len(seen)
+    with worker_pool() as pool:
+        for iteration in range(iterations):
+            at = iteration % len(seen)
+            view = seen[at].view
+            opacities = _sigmoid(values["logits"])
+            projected = project(gaussians, view, values["grown"], pool, orders[at])
+            orders[at] = projected.order
+            drawn, passes = draw(projected, values["colours"], opacities, pool, parts)
+            drawn += passes[..., None] * targets[at]
+            picture = _Picture(
+                projected, opacities, values["colours"], drawn, 2 * (drawn - targets[at]), passes
+            )
+            rows = bands(view.height, parts)
+            list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
+            slopes["logits"] *= opacities * (1 - opacities)
+            for name, one in values.items():
+                _adam(name, one, slopes[name], moments[name], iteration + 1, factor)
+            step(iteration + 1)
+    opacities = _sigmoid(values["logits"])
+    grown = np.exp(values["grown"])[:, None]
+    better = replace(
+        gaussians, colours=values["colours"], opacities=opacities, sizes=floats(gaussians.sizes * grown)
+    )
+    kept = opacities >= MIN_OPACITY
+    return better.chosen(kept), kept
+
+
+class _Picture(NamedTuple):
+    """Gaussians before a target picture, the loss's slopes by the colours, and work space."""
+
+    projected: Projected
+    opacities: Array
+    colours: Array
+    drawn: Array
+    errors: Array
+    passes: Array
+
+    def add_slopes(self, slopes: tuple[Array, Array, Array], rows: tuple[int, int]) -> None:
+        """Add the slopes by colour, opacity and logarithm of the size, from a band of rows."""
+        projected = self.projected
+        call_kernel(
+            "gaussian_gradients",
+            *(len(projected.order), projected.order, projected.flat, self.opacities, self.colours),
+            *(projected.view.width, *rows, self.drawn, self.errors, np.empty_like(self.drawn), self.passes),
+            *slopes,
+            source=GAUSSIANS,
+        )
+
+
+def _adam(
+    name: str, values: Array, slopes: Array, moments: tuple[Array, Array], iteration: int, factor: float
+) -> None:
+    """Change values by their slopes (parts x values), which become 0, with `factor` times the usual step."""
+    rate = ctypes.c_float(factor * RATES[name] / (1 - 0.9**iteration))
+    root = ctypes.c_float(1 / np.sqrt(1 - 0.99**iteration))
+    low, high = map(ctypes.c_float, LIMITS[name])
+    size = ctypes.c_long(values.size)
+    call_kernel(
+        "adam_step",
+        *(ctypes.c_long(0), size, len(slopes), size, slopes, rate, root, low, high, *moments, values),
+        source=GAUSSIANS,
+    )
+
+
+def _sigmoid(logits: Array) -> Array:
+    return floats(1 / (1 + np.exp(-logits)))
+
+
+def _logit(opacities: Array) -> Array:
+    opacities = np.clip(opacities, 1e-3, 1 - 1e-3)
+    return floats(np.log(opacities / (1 - opacities)))

@@ -1,0 +1,98 @@
+"""Gaussian splats of a moment: the method, its options and its words."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from capture_app.common.text import count
+from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.compare.method import Method
+from reconstruction.session.conditions import Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.splat.splat_run import SplatResult
+    from reconstruction.session.dataset import Dataset
+
+
+class SplatOptions(MethodOptions, frozen=True, kw_only=True):
+    """Options of splats of one instant or, with `instants`, of many."""
+
+    instants: Annotated[
+        tuple[int, ...] | None,
+        command_flag(
+            "--instants",
+            metavar="all|K-L,M,...",
+            help="Make a splat of each of these instants instead of one.",
+        ),
+    ] = None
+    """Instants in order, empty = all; None = `instant` alone."""
+    iterations: Annotated[
+        int,
+        command_flag(
+            "--iterations",
+            ge=0,
+            le=10_000,
+            metavar="N",
+            help="Steps of the optimization, each against one picture. 10 for a quick look.",
+        ),
+    ] = 50
+    width: Annotated[
+        int,
+        command_flag(
+            "--width",
+            ge=160,
+            metavar="PX",
+            help="Reduce larger pictures to this length of their longer side.",
+        ),
+    ] = 960
+    quick: Annotated[
+        bool,
+        command_flag("--quick", help="Take half the time for depth; thin parts and edges are less accurate."),
+    ] = False
+
+    def __post_init__(self) -> None:
+        """Refuse both `instant` and `instants`, with ValueError."""
+        if self.instants is not None and self.instant:
+            raise ValueError("give either --instant or --instants")
+
+
+class SplatMethod(Method):
+    """A Gaussian splat of an instant, made from depth maps and optimized without a GPU."""
+
+    name = "splat"
+    Options = SplatOptions
+    made = f"{__package__}.splat_run:MadeSplat"
+    help = (
+        "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
+        "Needs no GPU. SESSION must be calibrated."
+    )
+    examples = (
+        "splat sessions/burst-001 --instant 3 --out splat",
+        "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
+    )
+    result_file = "splat.json"
+
+    def output_folder(self, out: Path) -> "OutputFolder":
+        """Return the folder that replaces earlier splats; see `Method.output_folder`."""
+        from capture_app.session.files.output_folder import OutputFolder, replaces_only
+        from reconstruction.methods.splat.splat_run import SPLATS
+
+        return OutputFolder(out, replaces_only({SPLATS, self.result_file}))
+
+    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "SplatResult":
+        """Compute depth, and optimize the splats; see `Method.run`."""
+        from reconstruction.methods.splat.splat_run import make_splats
+
+        return make_splats(dataset, condition, self.options, output.folder, self.progress)
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
+        mean = sum(one.gaussians for one in result.instants) / len(result.instants)
+        match = min(one.psnr for one in result.instants)
+        yield (
+            f"{count(len(result.instants), 'splat')} of {mean:,.0f} Gaussians in {result.seconds:.1f} s; "
+            f"at least {match:.1f} dB to the pictures they were made from"
+        )
+        yield from (f"splat: {out / one.file}" for one in result.instants[:1])
+        yield from super().lines(result, out)

@@ -1,0 +1,1 @@
+"""Views of a moment from places without a camera."""

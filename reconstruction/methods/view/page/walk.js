@@ -1,0 +1,371 @@
+"use strict";
+/* Textured meshes of all cameras' depth, blended by the direction of view. Rig coordinates: x right, y down. */
+(() => {
+  const data = JSON.parse(document.getElementById("moments").textContent);
+  const stage = document.getElementById("stage"), canvas = document.getElementById("canvas");
+  const hint = document.getElementById("hint");
+  const gl = canvas.getContext("webgl2", { antialias: false, alpha: false });
+  if (!gl) {
+    hint.textContent = "This browser shows no 3D (WebGL 2), so here is the view from the middle of the rig.";
+    return;
+  }
+  const floats = gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float");
+
+  const MESH = `#version 300 es
+  layout(location = 0) in vec3 point; layout(location = 1) in vec2 spot;
+  uniform mat4 view; uniform float nearer; uniform vec3 eye, camera;
+  out vec2 place; out float weight;
+  void main() {
+    vec3 to_eye = normalize(point - eye), to_camera = normalize(point - camera);
+    float angle = 2.0 * (1.0 - dot(to_eye, to_camera)) / 0.0064;
+    weight = exp(-min(angle, 30.0)) + 1e-3 / (1.0 + angle);
+    place = spot;
+    gl_Position = view * vec4(eye + (point - eye) * nearer, 1.0);
+  }`;
+  const PAINT = `#version 300 es
+  precision highp float;
+  uniform sampler2D picture; in vec2 place; in float weight; out vec4 colour;
+  void main() { colour = vec4(texture(picture, place).rgb, 1.0) * weight; }`;
+  const FLAT = `#version 300 es
+  void main() { gl_Position = vec4(vec2((gl_VertexID << 1) & 2, gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }`;
+  const MEAN = `#version 300 es
+  precision highp float;
+  uniform sampler2D sums; out vec4 colour;
+  void main() {
+    vec4 sum = texelFetch(sums, ivec2(gl_FragCoord.xy), 0);
+    colour = sum.a > 1e-5 ? vec4(sum.rgb / sum.a, 1.0) : vec4(0.0);
+  }`;
+  /* Where no camera saw anything, means of ever larger neighbourhoods. */
+  const SHOW = `#version 300 es
+  precision highp float;
+  uniform sampler2D means; uniform vec2 size; out vec4 colour;
+  void main() {
+    vec4 seen = vec4(0.0);
+    for (float level = 0.0; level < 9.0 && seen.a < 0.99; level++) {
+      vec4 here = textureLod(means, gl_FragCoord.xy / size, level);
+      float more = level == 0.0 ? here.a : min(1.0, 3.0 * here.a);
+      seen += (1.0 - seen.a) * more * vec4(here.rgb / max(here.a, 1e-3), 1.0);
+    }
+    colour = vec4(seen.rgb / max(seen.a, 1e-3), 1.0);
+  }`;
+
+  function program(vertex, fragment) {
+    const made = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(made, shader);
+    }
+    gl.linkProgram(made);
+    return made;
+  }
+  const mesh = program(MESH, PAINT), mean = program(FLAT, MEAN), show = program(FLAT, SHOW);
+  const at = name => gl.getUniformLocation(mesh, name);
+  const places = { view: at("view"), nearer: at("nearer"), eye: at("eye"), camera: at("camera") };
+  const size = gl.getUniformLocation(show, "size"), empty = gl.createVertexArray();
+
+  /* What is drawn into: sums of weighted colours, and the depth of the nearest surface. */
+  const target = { painted: gl.createFramebuffer(), divided: gl.createFramebuffer(), width: 0, height: 0 };
+  function resize() {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2), scale = Math.min(1, 1280 / (canvas.clientWidth * ratio));
+    const width = Math.max(2, Math.round(canvas.clientWidth * ratio * scale));
+    const height = Math.max(2, Math.round(canvas.clientHeight * ratio * scale));
+    if (width === target.width && height === target.height) return;
+    Object.assign(target, { width, height });
+    canvas.width = width;
+    canvas.height = height;
+    gl.deleteTexture(target.sums || null);
+    gl.deleteTexture(target.means || null);
+    gl.deleteRenderbuffer(target.depth || null);
+    const texture = (levels, format, filter) => {
+      const made = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, made);
+      gl.texStorage2D(gl.TEXTURE_2D, levels, format, width, height);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, filter);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+      return made;
+    };
+    target.sums = texture(1, floats ? gl.RGBA16F : gl.RGBA8, gl.NEAREST);
+    const levels = Math.floor(Math.log2(Math.max(width, height))) + 1;
+    target.means = texture(levels, gl.RGBA8, gl.LINEAR_MIPMAP_NEAREST);
+    target.depth = gl.createRenderbuffer();
+    gl.bindRenderbuffer(gl.RENDERBUFFER, target.depth);
+    gl.renderbufferStorage(gl.RENDERBUFFER, gl.DEPTH_COMPONENT24, width, height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.divided);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.means, 0);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.painted);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, target.sums, 0);
+    gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.RENDERBUFFER, target.depth);
+  }
+
+  /* ---- Meshes: the pixels of a camera's depth, without triangles across an edge ---- */
+  async function load(address) {
+    const image = new Image();
+    image.src = address;
+    await image.decode();
+    return image;
+  }
+  function depths(image, near, far) {
+    const flat = document.createElement("canvas");
+    flat.width = image.width;
+    flat.height = image.height;
+    const context = flat.getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0);
+    const bytes = context.getImageData(0, 0, image.width, image.height).data;
+    const found = new Float32Array(image.width * image.height);
+    for (let i = 0; i < found.length; i++) {
+      const level = (bytes[4 * i] << 4) | (bytes[4 * i + 1] >> 4);
+      if (level) found[i] = 1 / (1 / far + (level - 1) / 4094 * (1 / near - 1 / far));
+    }
+    return found;
+  }
+  async function build(seen, camera) {
+    const [picture, map] = await Promise.all([load(seen.picture), load(seen.depth)]);
+    const wide = map.width, high = map.height, depth = depths(map, seen.near, seen.far);
+    const [fx, fy, cx, cy] = camera.lens, r = camera.rotation, c = camera.centre;
+    const vertices = new Float32Array(5 * wide * high);
+    for (let y = 0, i = 0; y < high; y++)
+      for (let x = 0; x < wide; x++, i++) {
+        const d = depth[i], u = ((x + .5) * camera.width / wide - .5 - cx) / fx * d;
+        const v = ((y + .5) * camera.height / high - .5 - cy) / fy * d;
+        for (let k = 0; k < 3; k++) vertices[5 * i + k] = c[k] + r[k] * u + r[3 + k] * v + r[6 + k] * d;
+        vertices[5 * i + 3] = (x + .5) / wide;
+        vertices[5 * i + 4] = (y + .5) / high;
+      }
+    const triangles = [];
+    const whole = (a, b, e) => {
+      const p = depth[a], q = depth[b], s = depth[e];
+      return p && q && s && Math.max(p, q, s) < data.edge * Math.min(p, q, s);
+    };
+    for (let y = 0; y + 1 < high; y++)
+      for (let x = 0; x + 1 < wide; x++) {
+        const i = y * wide + x;
+        if (whole(i, i + 1, i + wide)) triangles.push(i, i + 1, i + wide);
+        if (whole(i + 1, i + wide, i + wide + 1)) triangles.push(i + 1, i + wide, i + wide + 1);
+      }
+    const made = { array: gl.createVertexArray(), count: triangles.length, centre: c, texture: gl.createTexture() };
+    made.buffers = [gl.createBuffer(), gl.createBuffer()];
+    gl.bindVertexArray(made.array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, made.buffers[0]);
+    gl.bufferData(gl.ARRAY_BUFFER, vertices, gl.STATIC_DRAW);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, made.buffers[1]);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(triangles), gl.STATIC_DRAW);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 20, 0);
+    gl.enableVertexAttribArray(1);
+    gl.vertexAttribPointer(1, 2, gl.FLOAT, false, 20, 12);
+    gl.bindVertexArray(null);
+    gl.bindTexture(gl.TEXTURE_2D, made.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, gl.RGB, gl.UNSIGNED_BYTE, picture);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
+    return made;
+  }
+  /* Only a few instants stay in the GPU's memory. */
+  const held = new Map();
+  function moment(number) {
+    if (held.has(number)) {
+      const found = held.get(number);
+      held.delete(number);
+      held.set(number, found);
+      return found;
+    }
+    const cameras = data.instants[number].cameras;
+    const made = Promise.all(cameras.map(one => build(one, data.cameras[one.camera])));
+    held.set(number, made);
+    if (held.size > data.held) {
+      const [oldest, gone] = held.entries().next().value;
+      held.delete(oldest);
+      gone.then(meshes => meshes.forEach(one => {
+        gl.deleteVertexArray(one.array);
+        gl.deleteTexture(one.texture);
+        one.buffers.forEach(buffer => gl.deleteBuffer(buffer));
+      }));
+    }
+    return made;
+  }
+
+  /* ---- The eye: a place on the rig's own surface, and how near ---- */
+  const eye = { across: 0, down: 0, nearer: 0 };
+  const add = (a, b, s) => a.map((x, k) => x + s * b[k]);
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unit = a => a.map(x => x / Math.hypot(...a));
+  function place() {
+    const { subject, right, down, ahead, distance, middle, half } = data.path;
+    const a = middle[0] + eye.across * half[0], b = middle[1] + eye.down * half[1];
+    let outwards = right.map(x => x * Math.sin(a) * Math.cos(b));
+    outwards = add(add(outwards, down, Math.sin(b)), ahead, -Math.cos(a) * Math.cos(b));
+    return add(subject, outwards, distance * (1 - eye.nearer));
+  }
+  function camera(from) {
+    const { subject, spot, scale, distance } = data.path;
+    const ahead = unit(add(subject, from, -1)), right = unit(cross(data.path.down, ahead)), down = cross(ahead, right);
+    const wide = target.width, high = target.height, shape = data.width / data.height;
+    /* The whole of the picture's shape is in the canvas. */
+    const width = Math.min(wide, high * shape), height = width / shape;
+    const focal = scale * width * distance;
+    const cx = (wide - width) / 2 + spot[0] * width, cy = (high - height) / 2 + spot[1] * height;
+    const n = data.path.near, f = data.path.far;
+    const rows = [
+      right.map((x, k) => 2 * focal / wide * x + (2 * cx / wide - 1) * ahead[k]),
+      down.map((x, k) => -2 * focal / high * x + (1 - 2 * cy / high) * ahead[k]),
+      ahead.map(x => (f + n) / (f - n) * x),
+      ahead,
+    ];
+    const shift = rows.map(row => -dot(row, from));
+    shift[2] -= 2 * f * n / (f - n);
+    const matrix = new Float32Array(16);
+    rows.forEach((row, j) => { row.forEach((x, k) => { matrix[4 * k + j] = x; }); matrix[12 + j] = shift[j]; });
+    return matrix;
+  }
+
+  let now = 0, shown = null, waiting = false, drawn = 0;
+  function draw() {
+    waiting = false;
+    if (!shown) return;
+    resize();
+    const from = place();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.painted);
+    gl.viewport(0, 0, target.width, target.height);
+    gl.useProgram(mesh);
+    gl.uniformMatrix4fv(places.view, false, camera(from));
+    gl.uniform3fv(places.eye, from);
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthMask(true);
+    gl.colorMask(true, true, true, true);
+    gl.clearColor(0, 0, 0, 0);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    /* First the nearest surface, then the colours of all that are hardly behind it. */
+    for (const first of [true, false]) {
+      gl.colorMask(!first, !first, !first, !first);
+      gl.depthMask(first);
+      gl.uniform1f(places.nearer, first ? 1 : 1 - data.tolerance);
+      if (!first) { gl.enable(gl.BLEND); gl.blendFunc(gl.ONE, gl.ONE); }
+      for (const one of shown) {
+        gl.uniform3fv(places.camera, one.centre);
+        gl.bindTexture(gl.TEXTURE_2D, one.texture);
+        gl.bindVertexArray(one.array);
+        gl.drawElements(gl.TRIANGLES, one.count, gl.UNSIGNED_INT, 0);
+      }
+    }
+    gl.disable(gl.BLEND);
+    gl.disable(gl.DEPTH_TEST);
+    gl.bindVertexArray(empty);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, target.divided);
+    gl.useProgram(mean);
+    gl.bindTexture(gl.TEXTURE_2D, target.sums);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.useProgram(show);
+    gl.uniform2f(size, target.width, target.height);
+    gl.bindTexture(gl.TEXTURE_2D, target.means);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+    drawn++;
+    stage.classList.add("live");
+  }
+  const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
+  async function go(number) {
+    now = number;
+    const meshes = await moment(number);
+    if (now !== number) return;
+    shown = meshes;
+    redraw();
+  }
+
+  /* ---- Controls ---- */
+  const limit = (x, most) => Math.min(Math.max(x, -most), most);
+  function move(across, down, nearer = 0) {
+    eye.across = limit(eye.across + across, 1.3);
+    eye.down = limit(eye.down + down, 1.3);
+    eye.nearer = Math.min(Math.max(eye.nearer + nearer, -0.4), 0.35);
+    redraw();
+  }
+  const swing = document.getElementById("swing");
+  let swinging = false;
+  function setSwinging(on) {
+    swinging = on;
+    swing.setAttribute("aria-pressed", String(on));
+    const begun = performance.now() - 4000 / (2 * Math.PI) * Math.asin(limit(eye.across / .9, 1));
+    const step = time => {
+      if (!swinging) return;
+      eye.across = .9 * Math.sin(2 * Math.PI * (time - begun) / 4000);
+      eye.down *= .95;
+      draw();
+      requestAnimationFrame(step);
+    };
+    if (on) requestAnimationFrame(step);
+  }
+  const fingers = new Map();
+  const apart = () => { const [a, b] = fingers.values(); return Math.hypot(a.x - b.x, a.y - b.y); };
+  canvas.addEventListener("pointerdown", event => {
+    setSwinging(false);
+    canvas.setPointerCapture(event.pointerId);
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  });
+  canvas.addEventListener("pointermove", event => {
+    const before = fingers.get(event.pointerId);
+    if (!before) return;
+    const wide = fingers.size === 2 ? apart() : 0;
+    const here = { x: event.clientX, y: event.clientY };
+    fingers.set(event.pointerId, here);
+    if (wide) move(0, 0, (apart() - wide) / canvas.clientWidth);
+    else move(-3 * (here.x - before.x) / canvas.clientWidth, -3 * (here.y - before.y) / canvas.clientHeight);
+  });
+  for (const end of ["pointerup", "pointercancel"])
+    canvas.addEventListener(end, event => fingers.delete(event.pointerId));
+  canvas.addEventListener("wheel", event => {
+    event.preventDefault();
+    setSwinging(false);
+    move(0, 0, -event.deltaY / 2000);
+  }, { passive: false });
+  const keys = { ArrowLeft: [-.1, 0], ArrowRight: [.1, 0], ArrowUp: [0, -.1], ArrowDown: [0, .1], "+": [0, 0, .05],
+    "-": [0, 0, -.05] };
+  canvas.addEventListener("keydown", event => {
+    if (!keys[event.key]) return;
+    event.preventDefault();
+    setSwinging(false);
+    move(...keys[event.key]);
+  });
+  swing.addEventListener("click", () => setSwinging(!swinging));
+  document.getElementById("middle").addEventListener("click", () => {
+    setSwinging(false);
+    Object.assign(eye, { across: 0, down: 0, nearer: 0 });
+    redraw();
+  });
+  canvas.addEventListener("webglcontextlost", () => stage.classList.remove("live"));
+  new ResizeObserver(redraw).observe(canvas);
+
+  const slider = document.getElementById("at"), output = document.getElementById("now");
+  const play = document.getElementById("play");
+  if (data.instants.length > 1) {
+    document.getElementById("time").hidden = false;
+    slider.max = data.instants.length - 1;
+    const label = () => { output.textContent = `instant ${data.instants[slider.value].instant}`; };
+    slider.addEventListener("input", () => { label(); go(+slider.value); });
+    label();
+    let timer = 0;
+    const next = async () => {
+      slider.value = (+slider.value + 1) % data.instants.length;
+      label();
+      const begun = performance.now();
+      await go(+slider.value);
+      if (timer) timer = setTimeout(next, Math.max(0, data.step_ms - (performance.now() - begun)));
+    };
+    play.addEventListener("click", () => {
+      timer = timer ? (clearTimeout(timer), 0) : setTimeout(next, 0);
+      play.setAttribute("aria-pressed", String(Boolean(timer)));
+    });
+  }
+  document.getElementById("controls").hidden = false;
+  const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  go(0).then(() => { if (!still) setSwinging(true); });
+  /* For tests: the eye's place, and how many pictures were drawn. */
+  window.walk = { eye, draw, count: () => drawn, stop: () => setSwinging(false) };
+})();

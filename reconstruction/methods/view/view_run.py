@@ -1,0 +1,150 @@
+"""Rendering of views along a path, and their film."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.console.terminal import Progress
+from capture_app.session.exporting.videos import write_video
+from capture_app.session.files.durable import PART, write_atomic
+from capture_app.session.files.output_folder import output_errors
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.reading.take_sheet import encode_animation
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import read_image, write_image
+from reconstruction.common.outputs import Made
+from reconstruction.compare.moments import chosen_instants, require_calibration, see_moments
+from reconstruction.depth.camera_paths import find_subject, orbit, read_path, swing
+from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
+from reconstruction.depth.view_blending import render
+from reconstruction.methods.view.view_method import ViewOptions
+from reconstruction.methods.view.walk_page import PAGE, write_walk_page
+from reconstruction.session.conditions import Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.provenance import Provenance
+
+VIEWS, MAPS = "views", "maps"
+OURS = {VIEWS, MAPS, PAGE}
+_GIF_STEP_MS = 10
+"""GIF's unit of time."""
+
+
+class ViewResult(Provenance, frozen=True, kw_only=True):
+    """Views along a path; written to view.json and printed by --json."""
+
+    session: str
+    instants: tuple[int, ...]
+    condition: str
+    cameras: tuple[str, ...]
+    frames: int
+    width: int
+    height: int
+    seen: float
+    """Mean fraction of the views' pixels that a camera saw; the others are filled from around them."""
+    left_out: dict[str, str]
+
+
+class MadeView(Made[ViewResult]):
+    """Views along a path, and the moments that they show."""
+
+    def frame(self, number: int) -> Array:
+        """Return a view of the path, uint8 height x width x 3, BGR."""
+        return self.image(f"{VIEWS}/{number:06d}.png")
+
+    def render(self, camera: CameraCalibration, instant: int | None = None) -> Array:
+        """Return what a camera would see, uint8 height x width x 3, BGR, without distortion.
+
+        `instant` is one of the result's; None = the first.
+        """
+        view = View.from_calibration(camera, camera.width, camera.height).undistorted
+        return render(view, self._moments[self.result.instants[0] if instant is None else instant]).colours
+
+    @cached_property
+    def _moments(self) -> dict[int, Moment]:
+        return {k: load_moment(self.folder / MAPS / f"{k:06d}") for k in self.result.instants}
+
+
+def render_views(
+    dataset: Dataset, condition: Condition, options: ViewOptions, folder: Path, progress: Progress
+) -> ViewResult:
+    """Render the views of a path into a folder, and save the moments that they show.
+
+    Raises:
+        IncompleteError: the session is not calibrated.
+        BadInputError: a file has no path, or there is no such instant.
+        NotApplicableError: no instant has depth.
+    """
+    given = _given_path(options)
+    unit = require_calibration(dataset).unit
+    seen, left_out = list[int](), dict[str, str]()
+    for one in see_moments(
+        dataset,
+        chosen_instants(dataset, options.instant, options.instants),
+        condition,
+        time_shifts_ms=options.time_shifts_ms,
+        quick=options.quick,
+        progress=progress,
+    ):
+        save_moment(folder / MAPS / f"{one.instant:06d}", one.moment, unit)
+        seen.append(one.instant)
+        left_out |= one.left_out
+    if not seen:
+        raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
+    moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
+    path = given or _own_path(options, moment)
+    (folder / VIEWS).mkdir()
+    shown, shares = seen[0], []
+    progress.step(f"{len(path)} views")
+    for number, view in enumerate(path):
+        if (now := seen[number * len(seen) // len(path)]) != shown:
+            shown, moment = now, load_moment(folder / MAPS / f"{now:06d}")
+        picture = render(view, moment)
+        write_image(folder / VIEWS / f"{number:06d}.png", picture.colours)
+        shares.append(float(picture.known.mean()))
+    if options.page:
+        moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
+        write_walk_page(folder, dataset.name, moments, dataset.period_ns)
+    return ViewResult(
+        session=dataset.name,
+        instants=tuple(seen),
+        condition=condition.name,
+        cameras=tuple(moment),
+        frames=len(path),
+        width=path[0].width,
+        height=path[0].height,
+        seen=round(float(np.mean(shares)), 4),
+        left_out=left_out,
+    )
+
+
+def write_film(out: Path, folder: Path, result: ViewResult, fps: float) -> None:
+    """Write the views in a folder as one film, atomically, in the format of the file's suffix."""
+    frames = (read_image(folder / VIEWS / f"{number:06d}.png") for number in range(result.frames))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    part = out.with_name(f".{out.name}{PART}")
+    with output_errors(out, out.parent):
+        if out.suffix.lower() == ".mp4":
+            timed = ((round(number * 1e9 / fps), frame) for number, frame in enumerate(frames))
+            try:
+                write_video(part, timed, (result.width, result.height), round(1e9 / fps))
+                part.replace(out)
+            finally:
+                part.unlink(missing_ok=True)
+        else:
+            step_ms = max(round(1000 / fps / _GIF_STEP_MS), 2) * _GIF_STEP_MS
+            write_atomic(out, encode_animation(list(frames), out.suffix.lower(), step_ms, step_ms))
+
+
+def _given_path(options: ViewOptions) -> Sequence[View]:
+    if isinstance(options.path, tuple):
+        return [View.from_calibration(one, one.width, one.height).undistorted for one in options.path]
+    return [] if options.path in ("swing", "orbit") else read_path(Path(options.path))
+
+
+def _own_path(options: ViewOptions, moment: Moment) -> Sequence[View]:
+    views = {camera: seen.view for camera, seen in moment.items()}
+    path = swing if options.path == "swing" else orbit
+    return path(views, find_subject(moment), options.frames)

@@ -5,8 +5,8 @@
 
 A scene is rendered once more from places between its cameras, beyond and above them, with little noise.
 Methods: the nearest camera's picture, turned and zoomed as a whole about the subject; the same warped by its
-depth map; all pictures blended through their maps; with --splats, Gaussian splats. PSNR and SSIM are of the whole picture, the last PSNR of
-what moves with a margin of 4 px. Simulated pictures.
+depth map; all pictures blended through their maps; with --splats, Gaussian splats. PSNR and SSIM are of the
+whole picture, the last PSNR of what moves with a margin of 4 px. Simulated pictures.
 """
 
 import time

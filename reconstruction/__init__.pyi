@@ -71,6 +71,7 @@ class _OurMethods(ReconstructedSession):
         path: str | tuple[CameraCalibration, ...] = "swing",
         frames: int = 90,
         fps: float = 30.0,
+        page: bool = False,
         quick: bool = False,
     ) -> MadeView: ...
 

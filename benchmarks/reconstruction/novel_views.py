@@ -5,12 +5,12 @@
 
 A scene is rendered once more from places between its cameras, beyond and above them, with little noise.
 Methods: the nearest camera's picture, turned and zoomed as a whole about the subject; the same warped by its
-depth map; all pictures blended through their maps. PSNR and SSIM are of the whole picture, the last PSNR of
-what moves with a margin of 4 px. Simulated pictures.
+depth map; all pictures blended through their maps; with --splats, Gaussian splats. PSNR and SSIM are of the
+whole picture, the last PSNR of what moves with a margin of 4 px. Simulated pictures.
 """
 
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,8 +26,10 @@ from capture_app.plugins.cameras.sim.scenes.stages import DEFINITIONS
 from reconstruction.common.geometry import Array, View
 from reconstruction.compare.moments import see_moments
 from reconstruction.depth.camera_paths import find_subject
+from reconstruction.depth.gaussians import make_gaussians, render_gaussians
 from reconstruction.depth.seen_moment import Moment
 from reconstruction.depth.view_blending import render
+from reconstruction.methods.splat.optimization import optimize
 from reconstruction.reconstructed_session import open_session
 from reconstruction.scores.picture_quality import psnr, ssim
 from reconstruction.session.dataset import Dataset
@@ -139,7 +141,7 @@ def turned(view: View, moment: Moment, subject: Array) -> Array:
     )
 
 
-def measure(session: str, instant: int, pictures: Path | None) -> list[dict[str, Any]]:
+def measure(session: str, instant: int, pictures: Path | None, splats: Sequence[int]) -> list[dict[str, Any]]:
     """Return a row of figures for each held-out view and method; write the pictures if a folder is given."""
     held = true_views(session, instant)
     begun = time.process_time()
@@ -147,6 +149,12 @@ def measure(session: str, instant: int, pictures: Path | None) -> list[dict[str,
     moment = seen_instant.moment
     talk(f"maps: {time.process_time() - begun:.1f} CPU-s")
     subject = find_subject(moment)
+    optimized = {}
+    for iterations in splats:
+        begun = time.process_time()
+        optimized[iterations], _ = optimize(make_gaussians(moment), moment, iterations)
+        size = len(optimized[iterations])
+        talk(f"{size:,} Gaussians, {iterations} iterations: {time.process_time() - begun:.1f} CPU-s")
     rows = []
     for name, one in held.items():
         nearest = nearest_camera(one.view, moment)
@@ -154,6 +162,7 @@ def measure(session: str, instant: int, pictures: Path | None) -> list[dict[str,
             "turned": partial(turned, one.view, moment, subject),
             "one warped": partial(_blended, one.view, {nearest: moment[nearest]}),
             "blended": partial(_blended, one.view, moment),
+            **{f"splat, {n}": partial(render_gaussians, of, one.view) for n, of in optimized.items()},
         }
         moving = cv2.dilate(one.moving.astype(np.uint8), np.ones((MARGIN_PX, MARGIN_PX), np.uint8)) > 0
         if pictures:
@@ -176,10 +185,19 @@ def main() -> None:
     parser.add_argument("session", nargs="?", default="jumper", help="a sample session (jumper)")
     parser.add_argument("--instant", type=int, default=3, help="its instant (3)")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="write the pictures here")
+    parser.add_argument("--splats", action="store_true", help="also splats of 10, 25 and 50 iterations")
     options = parser.parse_args()
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
-    rows = measure(options.session, options.instant, options.pictures)
+    splats = (10, 25, 50) if options.splats else ()
+    rows = measure(options.session, options.instant, options.pictures, splats)
+    names = dict.fromkeys(str(row["method"]) for row in rows)
+    for method in names:
+        own = [row for row in rows if row["method"] == method]
+        kinds = ("psnr", "ssim", "moving_psnr", "seconds")
+        known = {kind: [row[kind] for row in own if row[kind] is not None] for kind in kinds}
+        means = {kind: float(np.mean(values)) if values else None for kind, values in known.items()}
+        rows.append({"view": "mean", "method": method, **means})
     columns = {
         "view": ("view", ""),
         "method": ("method", ""),

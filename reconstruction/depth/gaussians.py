@@ -23,7 +23,7 @@ MAX_SLANT = 3.0
 SAME_DEPTH = 0.01
 """Relative difference of depth within which an earlier map already has a pixel's surface."""
 OPACITY = 0.9
-PLAIN = 8
+PLAIN = 5
 """Maximum difference of grey levels within a block of pixels that becomes one Gaussian."""
 FLAT = 0.001
 """Maximum difference of its diagonals' depths, relative to the depth."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -11,6 +12,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
 from reconstruction.common.drawing import EMPTY
@@ -18,11 +20,13 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
 from reconstruction.depth.camera_paths import order_by_place
+from reconstruction.methods.bullet_time.between_cameras import film_between
+from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeOptions
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import evenly_spaced
+from reconstruction.session.conditions import SYNCHRONIZED, Condition, evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
 
@@ -130,8 +134,9 @@ def save_animation(
     name: str,
     halves: tuple[Sequence[Array], Sequence[Array]],
     titles: tuple[str, Sequence[str]],
+    step_ms: int = STEP_MS,
 ) -> str:
-    """Write folder/pictures/`name`.gif and return its path relative to the folder.
+    """Write folder/pictures/`name`.gif, `step_ms` a picture, and return its path relative to the folder.
 
     `halves` are pictures (BGR uint8) of equal number and size. `titles` holds the title of the first half and
     one title for each picture of the second.
@@ -149,7 +154,7 @@ def save_animation(
     ]
     target = folder / "pictures" / f"{name}.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(encode_animation(there, ".gif", STEP_MS, REST_MS))
+    target.write_bytes(encode_animation(there, ".gif", step_ms, REST_MS))
     return f"pictures/{name}.gif"
 
 
@@ -264,6 +269,7 @@ class BulletTimeStudy(Study):
         section_place=20,
     )
     needs = (TIMING,)
+    Options = BulletTimeOptions
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
@@ -277,7 +283,12 @@ class BulletTimeStudy(Study):
         """Render the sweep; see `Study.measure`."""
         assert self.context.folder is not None
         sweep = render_camera_sweep(
-            self.dataset, self.motion, self.rig.views, self.context.folder, self.known
+            self.dataset,
+            self.motion,
+            self.rig.views,
+            self.context.folder,
+            self.known,
+            self.options.between,
         )
         if sweep is None:
             return self.skipped("no instant has images of two cameras at two times", unasked=True)
@@ -290,11 +301,13 @@ def render_camera_sweep(
     views: Mapping[str, View],
     out: Path,
     known: CompareResult,
+    between: int = 0,
 ) -> BulletTime | None:
     """Write the sweep's pictures and an animation into out/pictures; None if no sweep is possible.
 
     Cameras are ordered by position if they are calibrated, else by name. Pictures of calibrated cameras are
-    rotated and zoomed so that the subject stays in place; no view is interpolated. In the other condition
+    rotated and zoomed so that the subject stays in place. The animation has `between` views between
+    neighbours, if the cameras have depth. In the other condition
     each camera is delayed by one of `LATE_MS`, as far as the burst reaches. The animation says synchronized
     only if the images of the sweep's cameras were found to show one instant.
     """
@@ -325,7 +338,21 @@ def render_camera_sweep(
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
     when = "synchronized" if known.together(order) else "as recorded"
     late_texts = [wording.timeliness(ms).replace(wording.GAP, " ") for ms in offsets_ms]
-    titles = when, [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
+    names = [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
+    films, step_ms = halves, STEP_MS
+    if between and stabilized:
+        apart = Condition("late", named_ms=tuple(zip(order, offsets_ms, strict=True)))
+        with suppress(BadInputError):  # without depth there is nothing between the cameras
+            sides = zip(halves, (SYNCHRONIZED, apart), strict=True)
+            synced_film, offset_film = (
+                film_between(dataset, instant, condition, stabilized, half, between)
+                for half, condition in sides
+            )
+            films = synced_film, offset_film
+            names = [text for name in names for text in (name, *["between cameras"] * between)]
+            names = names[: len(synced_film)]
+            step_ms //= between + 1
+    titles = when, names
     return BulletTime(
         cameras=order,
         instant=instant,
@@ -334,7 +361,7 @@ def render_camera_sweep(
         offsets_ms=offsets_ms,
         stabilized=bool(stabilized),
         ordered_by_position=len(calibrated) > 1,
-        file=save_animation(out, "sweep", halves, titles),
+        file=save_animation(out, "sweep", films, titles, step_ms),
         synced_step_px=_largest_step_px(motion, calibrated, stabilized, dict.fromkeys(order, instant)),
         offset_step_px=_largest_step_px(motion, calibrated, stabilized, late),
     )

@@ -97,8 +97,8 @@ class ViewMethod(Method):
 
         if self.options.page:
             raise BadInputError("--page needs a folder as --out", hint=f"--out {out.stem}")
-        if out.is_dir():
-            raise BadInputError(f"{out} is a folder", hint="name a film that does not exist yet")
+        if out.exists() or out.is_symlink():
+            raise BadInputError(f"{out} exists already", hint="name a film that does not exist yet")
         if out.suffix.lower() == ".mp4":
             load_optional("av", "export", "a film as MP4", hint="--out NAME.gif needs no package")
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:

@@ -5,6 +5,7 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from tests.plugins.programs.conftest import Make, encode, picture
 from tests.session.conftest import edit_manifest
 
 Capture = pytest.CaptureFixture[str]
-HERE = sorted({*plugin_names(GROUP)} - {"rrd"})
+HERE = sorted({*plugin_names(GROUP)} - {"rrd", *(() if find_spec("opentimelineio") else ("otio",))})
 BY_FORMAT = [pytest.param(name, marks=[pytest.mark.slow] * (name == "n3dv")) for name in HERE]
 """N3DV redraws every picture to 2704x2028 px."""
 

@@ -12,6 +12,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import View
 from reconstruction.depth.camera_paths import order_by_place
+from reconstruction.methods.bullet_time.between_cameras import views_between
 from reconstruction.methods.bullet_time.bullet_time_study import (
     project_point,
     render_camera_sweep,
@@ -31,6 +32,18 @@ def on_arc(angle_deg: float, radius: float = 3.0, roll: float = 0.0) -> View:
     angle = np.radians(angle_deg)
     at = (radius * np.sin(angle), 0.0, 3.0 - radius * np.cos(angle))
     return make_view(at, yaw=-angle_deg, roll=roll)
+
+
+def test_views_between_two_cameras_turn_and_move_evenly() -> None:
+    left, right = on_arc(-10), on_arc(14)
+    between = list(views_between(left, right, 3))
+    assert len(between) == 3
+    for number, view in enumerate(between, 1):
+        assert view.rotation @ view.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+        assert view.centre == pytest.approx(left.centre + number / 4 * (right.centre - left.centre))
+        # The middle of the picture stays on what both look at.
+        at = view.rotation @ np.array([0, 0, 3.0]) + view.translation
+        assert view.project(at[None])[0] == pytest.approx(view.matrix[:2, 2], abs=1.0)
 
 
 def test_the_walk_follows_a_row_whatever_the_names() -> None:
@@ -220,3 +233,19 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
 
     assert render_camera_sweep(cast(Any, Short()), cast(Any, Still()), {}, tmp_path, CompareResult()) is None
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_animation_has_views_between_cameras_that_have_depth(tmp_path: Path) -> None:
+    dataset = Dataset.open(Path(__file__).parents[4] / "sample_sessions" / "jumper")
+    views = calibrated_views(dataset, dataset.calibration())
+    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path, CompareResult(), 1)
+    assert sweep is not None
+    assert len(sweep.synced) == 5
+    done, animation = cv2.imreadanimation(str(tmp_path / sweep.file))
+    assert done
+    # Five cameras and four views between them, there and back.
+    assert len(animation.frames) == 2 * 9 - 2
+    half = animation.frames[0].shape[1] // 2
+    own, between = (animation.frames[number][40:, :half, :3].astype(float) for number in (0, 1))
+    assert np.abs(own - between).mean() < 45

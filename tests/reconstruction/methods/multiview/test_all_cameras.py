@@ -283,8 +283,8 @@ def test_colmap_fuses_the_maps_of_all_cameras_that_an_instant_has() -> None:
     flat = np.full(3 * 240 * 320, 2.0, np.float32)
     facing = np.tile(np.array([0, 0, -1], np.float16), 3 * 240 * 320)
     nothing = np.zeros(0)
-    bare = InstantDepth(nothing, nothing, nothing, nothing, nothing, nothing, NO_PLANES)
-    found = replace(bare, all_depth=flat, all_normals=facing)
+    without = InstantDepth(nothing, nothing, nothing, nothing, nothing, nothing, NO_PLANES)
+    found = replace(without, all_depth=flat, all_normals=facing)
     maps = found.all_maps(views)
     assert [one.depth.shape for one in maps.values()] == [(240, 320)] * 3
     colours = {name: np.full((240, 320, 3), 90, np.uint8) for name in views}
@@ -292,7 +292,7 @@ def test_colmap_fuses_the_maps_of_all_cameras_that_an_instant_has() -> None:
     assert len(points) > 10_000
     assert points[:, 2] == pytest.approx(2.0, abs=1e-3)
     assert (painted == 90).all()
-    assert not bare.all_maps(views)
+    assert not without.all_maps(views)
 
 
 def test_a_cloud_is_held_against_true_surfaces() -> None:

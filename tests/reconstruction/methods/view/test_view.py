@@ -77,10 +77,15 @@ def test_what_cannot_be_is_one_line(
     assert not (tmp_path / "swing.gif").exists()
 
 
-def test_a_folder_is_no_film(boards: Session, tmp_path: Path) -> None:
+def test_what_is_there_is_never_replaced_by_a_film(boards: Session, tmp_path: Path) -> None:
     (tmp_path / "x.mp4").mkdir()
-    with pytest.raises(BadInputError, match="is a folder"):
-        open_session(boards.folder).view(out=tmp_path / "x.mp4")
+    (tmp_path / "mine.gif").write_text("mine")
+    for name in ("x.mp4", "mine.gif"):
+        with pytest.raises(BadInputError, match="exists already"):
+            open_session(boards.folder).view(out=tmp_path / name)
+    assert (tmp_path / "mine.gif").read_text() == "mine"
+    with pytest.raises(BadInputError, match="--page needs a folder"):
+        open_session(boards.folder).view(out=tmp_path / "new.gif", page=True)
 
 
 @pytest.mark.slow

@@ -1,0 +1,48 @@
+"""OpenTimelineIO: a take as a timeline for editors, a track of each camera, in step to a part of a frame."""
+
+from pathlib import Path
+
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import VIDEOS, Exporter
+from capture_app.session.exporting.videos import at_own_times, write_camera
+
+TIMELINE = "timeline.otio"
+
+
+def write(burst: ExportedBurst, folder: Path) -> None:
+    """Write <camera>.mp4, each from its own first frame, and timeline.otio, in which a gap delays each.
+
+    Gaps count from the burst's earliest image. Times in the timeline are in frames at the rig's rate.
+    """
+    import opentimelineio as otio
+
+    rate = 1e9 / burst.period_ns
+
+    def frames(duration_ns: int) -> otio.opentime.RationalTime:
+        return otio.opentime.RationalTime(duration_ns / burst.period_ns, rate)
+
+    timeline = otio.schema.Timeline(burst.name)
+    for camera in burst.cameras:
+        first = burst.images_of(camera)[0]
+        shown = at_own_times(burst, camera)
+        first_ns, last_ns = shown[0][1], shown[-1][1]
+        own = [(instant, since_ns - first_ns, image) for instant, since_ns, image in shown]
+        write_camera(burst, folder / f"{camera}.mp4", own, camera)
+        track = otio.schema.Track(camera, kind=otio.schema.TrackKind.Video)
+        if first_ns:
+            track.append(otio.schema.Gap(duration=frames(first_ns)))
+        length = otio.opentime.TimeRange(frames(0), frames(last_ns - first_ns + burst.period_ns))
+        media = otio.schema.ExternalReference(f"{camera}.mp4", available_range=length)
+        facts = {"leader_ns": first.leader_ns, "uncertainty_ns": first.uncertainty_ns}
+        clip = otio.schema.Clip(camera, media, source_range=length, metadata={"simulshot": facts})
+        track.append(clip)
+        timeline.tracks.append(track)
+    (folder / TIMELINE).write_text(otio.adapters.write_to_string(timeline, "otio_json"), encoding="utf-8")
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="a timeline for editors, and a video of each camera",
+    program="OpenTimelineIO",
+    packages={**VIDEOS, "opentimelineio": "otio"},
+)

@@ -92,6 +92,7 @@ class NodeSpec:
     clock: NodeClock
     link: Link = WIFI
     tolerance_ns: int | None = 60_000
+    clock_tolerance_ns: int | None = None
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
     schedule: Callable[[], SteadySchedule] = SteadySchedule
@@ -158,6 +159,7 @@ class VirtualRig:
             rng.getrandbits(32),
             facts_of(spec.profile, width=spec.profile.image_width, height=spec.profile.image_rows),
             spec.tolerance_ns,
+            clock_tolerance_ns=spec.clock_tolerance_ns,
             ring_ns=60 * spec.profile.period_ns,
             injection_profile=spec.injection_profile,
         )

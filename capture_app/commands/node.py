@@ -45,8 +45,15 @@ from capture_app.console.usage import examples
     "--tolerance-us",
     type=FiniteRange(1.0, 100_000.0),
     metavar="US",
-    show_default="100, a clock's later 300; 2000 for a camera that can only restart its stream",
-    help="Phase errors up to this are left alone. Also the clock accuracy required to be ready.",
+    show_default="100; 2000 for a camera that can only restart its stream",
+    help="Phase errors up to this are left alone.",
+)
+@click.option(
+    "--clock-tolerance-us",
+    type=FiniteRange(1.0, 100_000.0),
+    metavar="US",
+    show_default="what the link can bear: 15 % of its round trip, at least --tolerance-us, at most 1000",
+    help="Clock accuracy that is required to be ready. Frames are aligned the same with any value.",
 )
 @spool_option
 @click.option(
@@ -79,6 +86,7 @@ def node(
     leaders: tuple[Address, ...],
     clock_text: str,
     tolerance_us: float | None,
+    clock_tolerance_us: float | None,
     spool: Path,
     ring_s: float | None,
     ring_mb: float | None,
@@ -113,6 +121,7 @@ def node(
             leaders=leaders,
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
+            clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
             spool=spool,
             log=Log(functools.partial(_log_line_of, one), name=one),
             **ring,

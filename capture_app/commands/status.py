@@ -116,7 +116,7 @@ def _phone_row(phone: "FollowerStatus") -> tuple[str, ...]:
 def _node_row(node: "NodeStatus") -> dict[str, str]:
     return {
         "node": "  " * (node.depth - 1) + node.name,
-        "state": str(node.state),
+        "state": node.state.with_error(node.time_error_ns),
         "clock bound µs": _microseconds(node.hard_bound_ns),
         _STAMPS: _microseconds(_stamp_error_ns(node)),
         "round trip µs": _microseconds(node.round_trip_ns),

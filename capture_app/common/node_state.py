@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+from capture_app.common.text import duration
+
 CLOCK_ONLY = "clock"
 """Kind of a node without a camera that only keeps the time, possibly for clients below it."""
 RELAY = "relay"
@@ -22,3 +24,9 @@ class NodeState(StrEnum):
     READY = "ready"
     LOST = "lost"
     FAILED = "failed"
+
+    def with_error(self, error_ns: float | None) -> str:
+        """Return the state in words; a ready or degraded one with its 95 % error in ns: ready, ±180 µs."""
+        if error_ns is None or self not in (NodeState.READY, NodeState.DEGRADED):
+            return str(self)
+        return f"{self}, ±{duration(error_ns)}"

@@ -13,7 +13,8 @@ from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.rig.rig_link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.reader import Session
-from capture_app.sync.clock.clock_filter import SIGMAS_95, PathAsymmetry
+from capture_app.sync.clock.clock_filter import PathAsymmetry
+from capture_app.sync.clock.time_map import SIGMAS_95
 
 
 class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):

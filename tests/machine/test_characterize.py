@@ -16,6 +16,8 @@ from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from tests.plugins.cameras.sim.simulation_driver.stepped import LoopClock, in_stepped_time
 
+pytestmark = pytest.mark.virtual
+
 
 @in_stepped_time
 async def measured(spec: str, *, seconds: float = 10.0, starts: int = 0, moves: int = 0) -> Character:

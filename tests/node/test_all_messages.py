@@ -33,6 +33,8 @@ from tests.waiting import until
 from .joining import joined
 from .sealed_nodes import SealedNode, introduced, sealed_node
 
+pytestmark = pytest.mark.virtual
+
 SHA = "0" * 64
 """Of nothing."""
 STARTS_OR_ENDS = {

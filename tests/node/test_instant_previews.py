@@ -25,7 +25,7 @@ from tests.node.test_viewfinder import Node
 from tests.tui.fake_rig import FakeRig
 from tests.waiting import time_limit
 
-pytestmark = pytest.mark.usefixtures("open_rig")
+pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
 
 
 def of(camera: str, *instants: int | None) -> list[Preview]:

@@ -12,6 +12,8 @@ from capture_app.node.camera.node_group import run_nodes
 from capture_app.protocol.log import Log
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 
 class ScriptedNode:
     """A node that raises what its script says, one try after the other, and then runs."""

@@ -27,6 +27,8 @@ from tests.node.test_all_messages import every_message
 from tests.node.thieves import FORGERY, ask, image, report, say_hello
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 CAM, OWN = ("cam", 1111), ("mine", 2222)
 INSTANTS = range(3)
 FOREVER_NS = 3600 * 10**9

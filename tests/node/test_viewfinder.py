@@ -31,7 +31,7 @@ from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import time_limit, until
 
-pytestmark = pytest.mark.usefixtures("open_rig")
+pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
 
 NODE = 5
 OF_A = DetailRequest(camera="a")

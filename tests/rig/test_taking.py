@@ -60,6 +60,8 @@ from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import saves_into
 from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
+pytestmark = pytest.mark.virtual
+
 
 def test_a_take_waits_for_cameras_that_settle_unless_it_is_told_by_motion() -> None:
     rig = FakeRig(2)

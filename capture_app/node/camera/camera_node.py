@@ -45,7 +45,6 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.PathDelayIncreased: ("path-delay-increased", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
 }
 """Each event's name in the log, and the fields that are copied from it."""
@@ -102,6 +101,7 @@ class CameraNode:
                 instance=instance,
                 camera=facts,
                 tolerance_ns=options.tolerance_ns,
+                clock_tolerance_ns=options.clock_tolerance_ns,
                 ring_ns=options.ring_ns,
                 ring_bytes=options.ring_bytes,
                 injection_profile=profile.usable_injection,
@@ -171,8 +171,9 @@ class CameraNode:
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
-            message = self._engine.report(self._clock.now_ns()).message
-            self._log.say(f"{state}: {message}" if message else str(state))
+            report = self._engine.report(self._clock.now_ns())
+            words = state.with_error(report.uncertainty_ns)
+            self._log.say(f"{words}: {report.message}" if report.message else words)
             if state is NodeState.READY:
                 # What brought the camera into phase is proven now.
                 aligner = self._engine.aligner

@@ -178,6 +178,8 @@ class NodeOptions:
     clock: NodeClock = field(default_factory=HostClock)
     tolerance_ns: int | None = None
     """Phase errors up to this are left alone; None for the default of the camera's kind."""
+    clock_tolerance_ns: int | None = None
+    """Clock accuracy that is required to be ready; None for what the link can bear."""
     ring_ns: int = RING_NS
     """Maximum age of frames stored for bursts in the past."""
     ring_bytes: int = RING_BYTES

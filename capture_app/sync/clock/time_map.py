@@ -7,7 +7,9 @@ from capture_app.sync.clock.likely_line import SKEW
 
 ROUNDING_NS = 2.0
 """Rounding of an offset and of a bound to whole ns, 1 each."""
-CRYSTALS_95 = 1.96 * SKEW
+SIGMAS_95 = 1.96
+"""95 % of a normal distribution are within so many sigma."""
+CRYSTALS_95 = SIGMAS_95 * SKEW
 """95 % bound of the skew between two crystals, however long they drift; dimensionless."""
 
 

@@ -38,7 +38,7 @@ from capture_app.sync.rig.frame_selection import (
     is_possible_burst,
 )
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.codec import Message
@@ -46,15 +46,11 @@ from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, Trigg
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
+CORRECTION_NS = 1_000_000_000
+"""Time that a correction of a ready stream may take; one by frame injection takes 0.3 s (docs/paper.md)."""
 PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
 """Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
 restart is uncertain by that much."""
-CLOCK_TOLERANCE_NS = 300_000
-"""Clock uncertainty of a ready node some seconds after its start if no tolerance is requested.
-
-Recorded WiFi has minimum round trips up to 2.1 ms, which leave 210 us uncertain (likely_line.ASYMMETRY). A
-tenth to a third more comes from the delays (docs/accuracy-measurements.md).
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +60,8 @@ class ClientConfig:
     name: str
     instance: int
     camera: CameraFacts
-    tolerance_ns: int | None
-    """Requested tolerance of the phase and of the clock; None for the defaults."""
+    tolerance_ns: int | None = None
+    """Requested tolerance of the phase; None for the default of the camera's kind."""
     ring_ns: int = RING_NS
     """Time for which frames stay in the ring buffer, where a burst in the past can select them."""
     ring_bytes: int = RING_BYTES
@@ -74,6 +70,8 @@ class ClientConfig:
     """Known effect of a long frame on this camera, from earlier runs."""
     start_latencies_ns: tuple[int, ...] = ()
     """Measured delays from start command to first frame of this camera, newest last."""
+    clock_tolerance_ns: int | None = None
+    """Requested accuracy of the clock; None for what the link can bear, at least the phase's tolerance."""
 
     @property
     def phase_tolerance_ns(self) -> int:
@@ -101,9 +99,8 @@ class Client(TimeClient, Generic[F]):
 
         Every exchange with the leader is appended to `samples`.
         """
-        # The clock is first held to the phase's tolerance, and later to what WiFi reaches.
-        first_ns = config.phase_tolerance_ns
-        target = AccuracyTarget(first_ns, config.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
+        asked_ns = config.clock_tolerance_ns
+        target = AccuracyTarget(asked_ns, min_ns=config.phase_tolerance_ns if asked_ns is None else None)
         keeper = Timekeeper(rng.getrandbits(32), schedule, samples=samples, target=target)
         super().__init__(config.name, config.instance, keeper, config.camera)
         self.config = config
@@ -113,6 +110,9 @@ class Client(TimeClient, Generic[F]):
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
         self._reported_problem = ""
+        self._aligned_ns = AT_ONCE_NS
+        self._corrects_briefly = False
+        """Whether a ready stream is not aligned for a moment, as it drifted or its clock is known better."""
         self._reported = self._answered = False
         """Whether the current phase was reported to the leader, and whether the leader has answered since."""
         self._commands: deque[CameraCommand] = deque()
@@ -147,7 +147,7 @@ class Client(TimeClient, Generic[F]):
         state = super().state
         if state is not NodeState.READY:
             return state
-        if not self._is_aligned:
+        if not self._is_aligned and not self._corrects_briefly:
             return NodeState.ALIGNING
         fine = self.timekeeper.target.met and not self.aligner.window.degradation
         return state if fine else NodeState.DEGRADED
@@ -325,6 +325,7 @@ class Client(TimeClient, Generic[F]):
         grid, time_map, aligner = self._grid, self.time_map, self.aligner
         if grid is None or time_map is None or super().state is not NodeState.READY:
             aligner.window.clear()
+            self._corrects_briefly = False
             return
         was_aligned, corrections = self._is_aligned, aligner.corrections
         before = aligner.estimate(time_map, grid.grid_of_stamps, time_map.leader_from_local(now_ns))
@@ -351,6 +352,9 @@ class Client(TimeClient, Generic[F]):
             self._reported_problem = aligner.problem
             if aligner.problem:
                 self._events.append(AlignmentFailed(aligner.problem))
+        is_near = before is None or abs(before.error_ns) <= 2.0 * aligner.window.tolerance_ns
+        self._aligned_ns = now_ns if self._is_aligned else self._aligned_ns
+        self._corrects_briefly = is_near and now_ns - self._aligned_ns < CORRECTION_NS
         if is_news or was_aligned is not self._is_aligned:
             self.report_at_once()
 

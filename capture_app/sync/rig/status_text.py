@@ -4,8 +4,8 @@ from msgspec.structs import replace
 
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration
-from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
+from capture_app.sync.clock.time_map import SIGMAS_95
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.timekeeping import clock_events
@@ -58,11 +58,10 @@ def of_state(
         ):
             # With such a clock frames are aligned repeatedly: the clock is the cause in both states.
             own = keeper.map_to_leader
-            by_relay = own is not None and own.uncertainty_at(now_ns) <= target_ns
-            if keeper.clock.longer_ns and not by_relay:
-                longer = path_delay_increased(keeper.clock.longer_ns)
-                return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {longer}"
-            return degraded(error_ns, target_ns, time_map.round_trip_ns, by_relay=by_relay)
+            is_below = len(keeper.path) > 1
+            by_relay = is_below and own is not None and own.uncertainty_at(now_ns) <= target_ns
+            longer_ns = 0.0 if by_relay else keeper.clock.longer_ns
+            return degraded(error_ns, target_ns, time_map.round_trip_ns, longer_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:
             return aligner.other_rate or off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
@@ -77,16 +76,23 @@ def syncing(samples: int, needed: int, error_ns: float | None, target_ns: float 
     return f"clock error ≤ {duration(error_ns)} so far, target {duration(target_ns)}"
 
 
-def degraded(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
+def degraded(
+    error_ns: float, target_ns: float, round_trip_ns: int, longer_ns: float = 0.0, *, by_relay: bool
+) -> str:
     """Describe why a clock's 95 % error exceeds the requested one, and the remedy; times in ns.
 
-    `by_relay`: the followed relay's own clock is no more accurate.
+    `longer_ns` of the error are due to an increased path delay. `by_relay`: the relay that is followed has a
+    clock that is no more accurate.
     """
     # Messages cannot show how a round-trip delay divides between its two directions, however many there are.
     unseen_ns = SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0
     remedy = "nearer the access point, a cable, or "
     if by_relay:
         why, remedy = "its relay's clock is no more accurate", "bring the relay nearer to the leader, or "
+    elif longer_ns > error_ns / 2.0:
+        why = (
+            f"the round trip to the leader grew by {duration(2.0 * longer_ns)}: network load, or a worse path"
+        )
     elif target_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
         why = (
             f"even its fastest messages have a round trip of {duration(round_trip_ns)},"
@@ -97,7 +103,7 @@ def degraded(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay:
         why = "bursty link"
     if round_trip_ns < NETWORK_NS and not by_relay:
         why, remedy = f"messages with a round trip of {duration(round_trip_ns)} are delayed at times", "use "
-    enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
+    enough = f"--clock-tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
     return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {why}; {remedy}{enough}"
 
 
@@ -111,23 +117,11 @@ def of_event(event: object) -> str:
                 f"{count(event.times, 'answer')} of the leader contradicted all other answers and did not"
                 " count: a device on the network may alter them"
             )
-        case clock_events.PathDelayIncreased():
-            return path_delay_increased(event.longer_ns)
         case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
             return fast_clock(fast_ppm)
         case clock_events.ClockChanged():
             return RATE_CHANGED
     return ""
-
-
-def path_delay_increased(longer_ns: float) -> str:
-    """Describe a path delay that has increased in one direction, or is back at its baseline (0)."""
-    if not longer_ns:
-        return "the path delay to the leader is back at its earlier value"
-    return (
-        f"the path delay to the leader grew by {duration(longer_ns)} in one direction:"
-        " network load, or an attacker that delays messages"
-    )
 
 
 def rate(watch: RateWatch, now_ns: int) -> str:

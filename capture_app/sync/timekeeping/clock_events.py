@@ -32,14 +32,6 @@ class StepRefused:
 
 
 @dataclass(frozen=True, slots=True)
-class PathDelayIncreased:
-    """The delay of one direction increased, by load or by an attacker, or is back to its baseline."""
-
-    longer_ns: float
-    """Increase in ns; 0 if the delay is back to its baseline."""
-
-
-@dataclass(frozen=True, slots=True)
 class ClockRateUnusual:
     """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
 
@@ -47,4 +39,4 @@ class ClockRateUnusual:
     """Rate excess of this node's clock; None if the rate is ordinary again."""
 
 
-ClockEvent = ClockChanged | StepRefused | ClockSynced | PathDelayIncreased | ClockRateUnusual
+ClockEvent = ClockChanged | StepRefused | ClockSynced | ClockRateUnusual

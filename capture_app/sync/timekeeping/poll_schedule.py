@@ -3,10 +3,11 @@
 Also the accuracy target of its clock, and whether further quick requests would improve the estimate.
 """
 
-from math import inf
+from math import hypot, inf
 from typing import NamedTuple
 
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.likely_line import ASYMMETRY
+from capture_app.sync.clock.time_map import SIGMAS_95, TimeMap
 
 AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 """Before and after any time of any clock: a local clock may be negative."""
@@ -50,12 +51,14 @@ Shortly after the first samples the rate is not known well enough for that.
 """
 GAIN, NO_GAIN_TIMEOUT_NS = 0.9, 3_000_000_000
 """An error that does not shrink by a tenth within this time is not expected to shrink much further."""
-FIRST_TRY_NS = 2_000_000_000
-"""Time after the start for which a clock has to meet the first target, and not the second.
+SETTLED_NS = 1_000_000_000
+"""An error that meets its link's target will not soon shrink further after so long without gain.
 
-The largest error of 24 takes of the paper's panel, each as soon as both phones were ready, was 181 us with no
-such time, 68 us with this and 57 us with 3 s; of 239 takes 164 us with this (docs/paper.md).
+On the paper's link, messages are faster after the first second: nodes wait for these.
 """
+LINK_MARGIN, MAX_LINK_TARGET_NS = 1.5, 1_000_000
+"""What a link can bear: this multiple of the asymmetry's part of the error, as the delays add a tenth to a
+third to it (docs/accuracy-measurements.md); and at most half of what restarted cameras are aligned to."""
 LONGEST_TRY_NS = 15_000_000_000
 """Maximum time for which a node sends its leader requests in quick succession."""
 
@@ -179,15 +182,11 @@ class TreeSchedule(SteadySchedule):
 class AccuracyTarget:
     """Target for the 95 % error of a clock; times in ns, `now_ns` is the node's own clock."""
 
-    def __init__(self, target_ns: float | None = None, later_ns: float | None = None) -> None:
-        """Without `target_ns` every clock is good enough; `later_ns` replaces it after `FIRST_TRY_NS`.
-
-        A camera's clock may use all of the camera's tolerance. The phase is held to that tolerance by this
-        clock, so an image can be off by both; its record states each of them.
-        """
-        self.target_ns = target_ns
+    def __init__(self, target_ns: float | None = None, *, min_ns: float | None = None) -> None:
+        """With `min_ns` the target is what the link can bear, at least that; with neither, there is none."""
+        self.target_ns = target_ns or min_ns
         """The target at present."""
-        self._later_ns, self._first_ns = later_ns, NEVER_NS
+        self._min_ns = min_ns
         self.error_ns: float | None = None
         """95 % error at the last check."""
         self._gained_ns = 0
@@ -197,19 +196,27 @@ class AccuracyTarget:
         """Start over: the leader is another one, or a clock has stepped."""
         self.met = self.target_ns is None
         """Whether the clock is good enough."""
-        self._min_ns, self._began_ns = inf, NEVER_NS
+        self._least_ns, self._began_ns = inf, NEVER_NS
 
-    def judge(self, time_map: TimeMap, now_ns: int) -> bool:
-        """Update from the newest estimate; return whether it is good enough or will hardly improve."""
+    def judge(self, time_map: TimeMap, now_ns: int, above_ns: float = 0.0) -> bool:
+        """Update from the newest estimate; return whether it is good enough or will hardly improve.
+
+        `above_ns` is the 95 % error of the relay that is followed, which its link bears as well.
+        """
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
         if self.target_ns is None:
             return True
-        self._first_ns = min(self._first_ns, now_ns)
-        if self._later_ns is not None and now_ns - self._first_ns >= FIRST_TRY_NS:
-            self.target_ns = self._later_ns
-        self.met = error_ns <= self.target_ns * (LEAVE_AT if self.met else 1.0)
         self._began_ns = min(self._began_ns, now_ns)
-        if error_ns < GAIN * self._min_ns:
-            self._min_ns, self._gained_ns = error_ns, now_ns
-        over = now_ns - self._gained_ns >= NO_GAIN_TIMEOUT_NS or now_ns - self._began_ns >= LONGEST_TRY_NS
-        return self.met or over
+        if error_ns < GAIN * self._least_ns:
+            self._least_ns, self._gained_ns = error_ns, now_ns
+        stays_ns = now_ns - self._gained_ns
+        if self._min_ns is not None:
+            link_ns = LINK_MARGIN * hypot(SIGMAS_95 * ASYMMETRY * time_map.round_trip_ns / 2.0, above_ns)
+            self.target_ns = max(self._min_ns, min(link_ns, MAX_LINK_TARGET_NS))
+        if self.met:
+            self.met = error_ns <= LEAVE_AT * self.target_ns
+        else:
+            self.met = error_ns <= (
+                self.target_ns if stays_ns >= SETTLED_NS else self._min_ns or self.target_ns
+            )
+        return self.met or stays_ns >= NO_GAIN_TIMEOUT_NS or now_ns - self._began_ns >= LONGEST_TRY_NS

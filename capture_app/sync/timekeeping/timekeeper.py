@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import MutableSequence
+from math import sqrt
 
 from msgspec.structs import replace
 
@@ -13,7 +14,6 @@ from capture_app.sync.timekeeping.clock_events import (
     ClockChanged,
     ClockEvent,
     ClockSynced,
-    PathDelayIncreased,
     StepRefused,
 )
 from capture_app.sync.timekeeping.poll_schedule import (
@@ -139,7 +139,6 @@ class Timekeeper:
             self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
-        doubted, longer_ns, hidden_ns = self.clock.beyond_chance, self.clock.longer_ns, self.clock.hidden_ns
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
             self.target.restart()
@@ -149,13 +148,6 @@ class Timekeeper:
             if not self._stepped:
                 self.events.append(ClockChanged(jumped=True))
             self._stepped = True
-        if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
-            self.events.append(PathDelayIncreased(self.clock.longer_ns))
-        if self.clock.beyond_chance and not doubted:
-            # Require the target itself again, without the hysteresis of a clock that was good enough.
-            self.target.met = self.target.target_ns is None
-        if self.clock.hidden_ns > hidden_ns:
-            self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._reported_steps and now_ns >= self._report_steps_ns:
             self.events.append(StepRefused(self.clock.refused_steps - self._reported_steps))
             self._reported_steps, self._report_steps_ns = (
@@ -224,12 +216,13 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.map_to_leader = own
-        if self.clock.samples < self.schedule.min_samples or (self._stepped and self.clock.is_settling):
+        if self.clock.samples < self.schedule.min_samples:
             return
         self._stepped = False
         time_map = asked.root_map(own)
         if max(abs(own.offset_ns), abs(time_map.offset_ns)) > FURTHEST_NS:
             return
+        above_ns = sqrt(max(0.0, time_map.uncertainty_ns**2 - own.uncertainty_ns**2))
         until_ns = self.schedule.estimate_due_ns
         held = self.time_map if self.time_is_known and self.path[-1] != asked.leader else None
         if held is not None and held.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns):
@@ -239,7 +232,7 @@ class Timekeeper:
             self.time_map, self.path, self.time_is_known = time_map, asked.path, True
             if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
                 self.events.append(event)
-        if self.target.judge(time_map, now_ns) and not self.synced:
+        if self.target.judge(time_map, now_ns, above_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))
 

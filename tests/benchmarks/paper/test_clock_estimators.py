@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.paper.clock_estimators import estimator_family
-from capture_app.sync.clock.clock_filter import SIGMAS_95, ClockFilter, ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.likely_line import ASYMMETRY
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.time_map import SIGMAS_95, TimeMap
 
 S = 1_000_000_000
 

@@ -41,7 +41,7 @@ class ClockPair:
         node: ChangingClock,
         leader: ChangingClock,
         rng: random.Random,
-        tolerance_ns: int,
+        tolerance_ns: int | None,
         silent_from_true_ns: int | None = None,
     ) -> None:
         """`node` and `leader` are their clocks; both start at START_TRUE_NS.

@@ -17,6 +17,8 @@ from capture_app.session.reading.reader import Session
 from tests.images import small_jpeg
 from tests.node.bursts import IMAGE, INSTANTS_NS, burst_session, pieces, receive_image, report, upload
 
+pytestmark = pytest.mark.virtual
+
 
 async def deliver(session: BurstSession, name: str, *instants: int) -> None:
     await session.accept_report(report(name, *instants), now_ns=0)

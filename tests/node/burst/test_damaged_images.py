@@ -34,6 +34,8 @@ from tests.node.sealed_nodes import introduced
 from tests.node.thieves import bring
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 
 async def chunks(data: bytes) -> Any:
     yield data

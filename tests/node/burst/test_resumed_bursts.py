@@ -32,6 +32,8 @@ from tests.node.bursts import (
     upload,
 )
 
+pytestmark = pytest.mark.virtual
+
 
 async def begun_session(root: Path, *names: str) -> BurstSession:
     session = burst_session(root, *names)

@@ -29,6 +29,8 @@ from tests.node.bursts import (
     upload,
 )
 
+pytestmark = pytest.mark.virtual
+
 
 def dropping(name: str, ordered: int, *dropped: int) -> CameraReport:
     """What a camera tells of the first so many instants that were ordered."""

@@ -40,6 +40,8 @@ from tests.node.bursts import (
     upload,
 )
 
+pytestmark = pytest.mark.virtual
+
 CLOCK = ClockRecord(
     epoch_local_ns=0, offset_ns=0, skew_ppm=0.0, uncertainty_ns=1, hard_bound_ns=1, round_trip_ns=1, samples=1
 )

@@ -10,6 +10,8 @@ from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper
 from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera, Holder
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 
 class Node(Holder):
     """A camera that may be opened anew, its keeper, and what a node hears of it."""

@@ -3,6 +3,7 @@
 from collections import deque
 from pathlib import Path
 
+import pytest
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
@@ -15,6 +16,8 @@ from capture_app.sync.rig.frame_selection import Burst
 from tests.net.echoes import received_from
 from tests.node.camera.uploading import Picture, burst_upload, further, uploading
 from tests.waiting import until
+
+pytestmark = pytest.mark.virtual
 
 
 def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> BurstUpload:

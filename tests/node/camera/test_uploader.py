@@ -5,6 +5,8 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
@@ -17,6 +19,8 @@ from capture_app.protocol.messages import (
 from capture_app.session.format.manifest import JOURNAL
 from tests.node.camera.uploading import Picture, burst_upload, images, receipts_of, uploading
 from tests.waiting import until
+
+pytestmark = pytest.mark.virtual
 
 
 def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:

@@ -27,6 +27,8 @@ from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 RUNS = {"cam0": 1111, "cam1": 2222}
 """The names and runs of two cameras: anybody in the network can read them in their datagrams."""
 

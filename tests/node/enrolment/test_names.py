@@ -24,6 +24,8 @@ from tests.node.sealed_nodes import introduced
 from tests.node.thieves import bring, granted, say_hello
 from tests.waiting import time_limit, until
 
+pytestmark = pytest.mark.virtual
+
 CAM, THIEF = ("cam0", 1111), ("cam0", 2222)
 FIVE = range(5)
 TRUE_PICTURE = small_jpeg(b"the true picture")

@@ -39,6 +39,8 @@ from tests.node.test_other_machines import seen
 from tests.node.thieves import image, report
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 PICTURE = small_jpeg(b"the only copy")
 CAMERA = ("a", 1)
 

@@ -26,6 +26,8 @@ from tests.facts import make_facts
 from tests.node.sealed_nodes import introduced, sealed_node
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 
 def standby_of(tmp_path: Path, leader: Trust, name: str = "second") -> Trust:
     """The trust of a machine that was let in to lead in the place of a leader."""

@@ -40,6 +40,8 @@ from capture_app.trust.trust import Trust
 from tests.images import small_jpeg
 from tests.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
 
+pytestmark = pytest.mark.virtual
+
 NOW_NS = 10**12
 
 

@@ -18,6 +18,8 @@ from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera
 from tests.node.joining import joined
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 OTHER_GAIN = replace(GAIN, unit=TIMES, value=1.0, minimum=1.0, maximum=8.0)
 SHORT = replace(EXPOSURE, value=900.0, maximum=3000.0, automatic=False)
 

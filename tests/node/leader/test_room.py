@@ -18,6 +18,8 @@ from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 from tests.node.test_limits import join_many
 
+pytestmark = pytest.mark.virtual
+
 MB = 1_000_000
 FREE = 1_000 * MB + SPARE_BYTES
 

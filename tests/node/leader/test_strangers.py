@@ -40,7 +40,7 @@ from tests.node.camera.uploading import Picture, burst_upload, uploading
 from tests.node.joining import joined
 from tests.waiting import until
 
-pytestmark = pytest.mark.usefixtures("open_rig")
+pytestmark = [pytest.mark.usefixtures("open_rig"), pytest.mark.virtual]
 
 CAM0, UNKNOWN_PEER = 1234567, 666
 FORGED = b"another picture"

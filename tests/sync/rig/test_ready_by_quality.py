@@ -25,7 +25,8 @@ BURSTY = WirelessLink(
 
 
 def spec(name: str, link: Link, tolerance_ns: int) -> NodeSpec:
-    return NodeSpec(name, PROFILES["perfect"], SimulatedClock(7 * S, 30.0), link, tolerance_ns)
+    clock = SimulatedClock(7 * S, 30.0)
+    return NodeSpec(name, PROFILES["perfect"], clock, link, tolerance_ns, clock_tolerance_ns=tolerance_ns)
 
 
 def report(rig: VirtualRig, name: str) -> Report:
@@ -55,7 +56,7 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
     assert told.uncertainty_ns > 100_000
     assert re.fullmatch(
         r"clock error ≤ [\d.]+ [µm]s, target 100 µs: bursty link;"
-        r" nearer the access point, a cable, or --tolerance-us \d+",
+        r" nearer the access point, a cable, or --clock-tolerance-us \d+",
         told.message,
     )
     suggested_ns = 1000 * int(told.message.rpartition(" ")[2])
@@ -71,7 +72,7 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
 
 
 def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_moved() -> None:
-    rig = VirtualRig([NodeSpec("fine", PROFILES["phone-a"], SimulatedClock(7 * S, 30.0), LAN, 1_000)], seed=5)
+    rig = VirtualRig([replace(spec("fine", LAN, 1_000), profile=PROFILES["phone-a"])], seed=5)
     aligning = lambda: in_state(rig, "fine", NodeState.ALIGNING)  # noqa: E731
     assert rig.run_until(aligning, limit_ns=40 * S)
     states, reasons = set(), set()
@@ -79,7 +80,7 @@ def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_mo
         rig.run_for(S // 5)
         told = report(rig, "fine")
         states.add(told.state)
-        reasons.add(re.sub(r"error ≤ [\d.]+ [µm]s", "", told.message))
+        reasons.add(re.sub(r"error ≤ [\d.]+ [µm]s|-us \d+", "", told.message))
     assert NodeState.ALIGNING in states
     assert len(reasons) == 1
     assert "target 1.0 µs" in reasons.pop()
@@ -96,6 +97,19 @@ def test_a_degraded_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
         for pick in picks:
             assert abs(pick.leader_ns - pick.frame.start_true_ns) <= pick.hard_bound_ns
     assert rig.nodes["far"].bursts[burst.number].frames[0].uncertainty_ns > 100_000
+
+
+def test_the_suggested_clock_tolerance_makes_a_node_ready_and_moves_no_frame() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 100_000)], seed=2)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.DEGRADED), limit_ns=30 * S)
+    assert rig.run_until(lambda: "clock-tolerance" in report(rig, "far").message, limit_ns=5 * S)
+    suggested_ns = 1000 * int(report(rig, "far").message.rpartition(" ")[2])
+    after = VirtualRig([replace(spec("far", BURSTY, 100_000), clock_tolerance_ns=suggested_ns)], seed=2)
+    assert after.run_until(after.all_ready, limit_ns=30 * S)
+    told = report(after, "far")
+    assert told.tolerance_ns == report(rig, "far").tolerance_ns == 100_000
+    assert told.phase_error_ns is not None
+    assert abs(told.phase_error_ns) <= 100_000
 
 
 def test_the_same_link_is_good_enough_for_who_asks_for_less() -> None:

@@ -1,7 +1,17 @@
 """When a clock is known well enough, and when asking on in quick succession is over."""
 
-from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, FIRST_TRY_NS, LEAVE_AT, AccuracyTarget
+from dataclasses import replace
+
+from capture_app.sync.clock.likely_line import ASYMMETRY
+from capture_app.sync.clock.time_map import SIGMAS_95, TimeMap
+from capture_app.sync.timekeeping.poll_schedule import (
+    AHEAD_NS,
+    LEAVE_AT,
+    LINK_MARGIN,
+    MAX_LINK_TARGET_NS,
+    SETTLED_NS,
+    AccuracyTarget,
+)
 
 MS, S = 1_000_000, 1_000_000_000
 TOLERANCE_NS = 100_000
@@ -64,14 +74,24 @@ def test_an_error_at_the_limit_does_not_flicker_and_a_large_one_is_reported() ->
     assert target.met
 
 
-def test_a_clock_that_misses_the_first_target_meets_a_second_one_later() -> None:
-    target = AccuracyTarget(TOLERANCE_NS, 3 * TOLERANCE_NS)
-    assert not target.judge(known_to(2 * WANTED_NS), 0)
-    assert not target.judge(known_to(1.5 * WANTED_NS), FIRST_TRY_NS - 1)
-    assert target.judge(known_to(1.5 * WANTED_NS), FIRST_TRY_NS)
-    assert target.met
-    target.restart()
-    assert target.judge(known_to(2 * WANTED_NS), 2 * FIRST_TRY_NS), "the start is over"
+def over(round_trip_ns: int, error_ns: float) -> TimeMap:
+    """A clock that is known so well over a link of this minimum round trip."""
+    return replace(known_to(error_ns), round_trip_ns=round_trip_ns)
+
+
+def test_by_default_the_target_is_what_the_link_can_bear() -> None:
+    target = AccuracyTarget(min_ns=TOLERANCE_NS)
+    for round_trip_ns, bears_ns in (
+        (200_000, TOLERANCE_NS),
+        (2_000_000, LINK_MARGIN * SIGMAS_95 * ASYMMETRY * 1_000_000),
+        (50_000_000, MAX_LINK_TARGET_NS),
+    ):
+        target.restart()
+        target.judge(over(round_trip_ns, 1e9), 0)
+        assert target.target_ns == bears_ns
+        assert not target.judge(over(round_trip_ns, 0.9 * bears_ns), 1) or bears_ns == TOLERANCE_NS
+        assert target.judge(over(round_trip_ns, 0.9 * bears_ns), 1 + SETTLED_NS), "it gains no more"
+        assert target.met
 
 
 def test_without_a_tolerance_any_clock_will_do() -> None:

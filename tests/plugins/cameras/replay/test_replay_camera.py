@@ -23,6 +23,8 @@ from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, Se
 from tests.session.conftest import camera_record, jpeg
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 PERIOD_NS = 10_000_000
 ERRORS_NS = (0, 40_000, -30_000, 10_000)
 

@@ -11,8 +11,8 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import View
+from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.methods.bullet_time.bullet_time_study import (
-    order_by_place,
     project_point,
     render_camera_sweep,
     render_view,

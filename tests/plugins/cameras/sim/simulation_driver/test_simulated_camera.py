@@ -21,6 +21,8 @@ from tests.plugins.cameras.sim.simulation_driver.stepped import (
     true_now_ns,
 )
 
+pytestmark = pytest.mark.virtual
+
 
 @in_stepped_time
 async def test_frames_arrive_in_order_after_their_readout_in_the_nodes_clock() -> None:

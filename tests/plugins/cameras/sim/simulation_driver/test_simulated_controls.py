@@ -7,6 +7,8 @@ from capture_app.common.errors import BadInputError, CameraError
 from capture_app.plugins.cameras.sim.simulation_driver import open_camera
 from tests.waiting import until
 
+pytestmark = pytest.mark.virtual
+
 
 async def test_a_set_exposure_is_that_of_the_frames_to_come() -> None:
     frames: list[CapturedFrame] = []

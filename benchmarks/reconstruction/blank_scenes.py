@@ -13,7 +13,7 @@ from capture_app.plugins.cameras.sim.scenes.stages import (
     Picture,
     Point,
     SceneDefinition,
-    Stage,
+    SceneStage,
     read_stage,
 )
 
@@ -125,13 +125,13 @@ def _attic(rng: np.random.Generator, plant: list[Mesh]) -> list[Part]:
     ]
 
 
-def _stage(fixtures: Callable[[np.random.Generator, list[Mesh]], list[Part]]) -> Stage:
+def _stage(fixtures: Callable[[np.random.Generator, list[Mesh]], list[Part]]) -> SceneStage:
     """Build one of the rooms, with the studio's child, plant and pictures."""
     rng, studio = np.random.default_rng(SEED), read_stage("studio")
     pictures = studio.pictures | _pictures(rng)
     child = {name: part for name, part in studio.parts.items() if part.thing == "figure"}
     plant = next(part.meshes for part in studio.fixtures if part.thing == "plant")
-    return Stage(fixtures(rng, [Mesh(**vars(mesh)) for mesh in plant]), child, pictures)
+    return SceneStage(fixtures(rng, [Mesh(**vars(mesh)) for mesh in plant]), child, pictures)
 
 
 ROOM = SceneDefinition(ROOM_CAMERAS, partial(_stage, _room), jumping_child)

@@ -38,7 +38,7 @@ _NEIGHBOURS = Path("/proc/net/arp")
 _IS_COMPLETE = 0x2
 
 
-class Answer(Enum):
+class ProbeAnswer(Enum):
     """Result of sending something to an address."""
 
     CAME = auto()
@@ -65,12 +65,12 @@ class Obstacle:
 
 
 _OF_ERRNO = {
-    errno.ECONNREFUSED: Answer.REFUSED,
-    errno.EPERM: Answer.FORBIDDEN,
-    errno.EACCES: Answer.FORBIDDEN,
-    errno.ENETUNREACH: Answer.NO_ROUTE,
-    errno.EHOSTUNREACH: Answer.UNREACHABLE,
-    errno.EADDRNOTAVAIL: Answer.NO_ROUTE,
+    errno.ECONNREFUSED: ProbeAnswer.REFUSED,
+    errno.EPERM: ProbeAnswer.FORBIDDEN,
+    errno.EACCES: ProbeAnswer.FORBIDDEN,
+    errno.ENETUNREACH: ProbeAnswer.NO_ROUTE,
+    errno.EHOSTUNREACH: ProbeAnswer.UNREACHABLE,
+    errno.EADDRNOTAVAIL: ProbeAnswer.NO_ROUTE,
 }
 
 
@@ -94,18 +94,18 @@ async def _find_obstacle(
     try:
         # Only an answer is conclusive: after a refused stream, the reply datagram may still arrive.
         await asyncio.wait((datagrams,), timeout=silence_s - LAST_S)
-        by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
-        if by_udp is Answer.CAME and version != VERSION:
+        by_udp, version = datagrams.result() if datagrams.done() else (ProbeAnswer.SILENCE, None)
+        if by_udp is ProbeAnswer.CAME and version != VERSION:
             what, _, remedy = version_mismatch(version or 0).partition(": ")
             return Obstacle(what, remedy)
-        await asyncio.wait((streams,), timeout=silence_s if by_udp is Answer.CAME else LAST_S)
-        by_tcp = streams.result() if streams.done() else Answer.SILENCE
+        await asyncio.wait((streams,), timeout=silence_s if by_udp is ProbeAnswer.CAME else LAST_S)
+        by_tcp = streams.result() if streams.done() else ProbeAnswer.SILENCE
     finally:
         await end(datagrams, streams)
-    if by_tcp is Answer.CAME and by_udp in (Answer.CAME, Answer.SILENCE):
+    if by_tcp is ProbeAnswer.CAME and by_udp in (ProbeAnswer.CAME, ProbeAnswer.SILENCE):
         # A hung leader accepts streams, because its kernel does so, and sends nothing on them.
         found = await _why_unknown(leader, address, trust, silence_s)
-        if by_udp is Answer.CAME or (found is not None and SAYS_NOTHING in found.what):
+        if by_udp is ProbeAnswer.CAME or (found is not None and SAYS_NOTHING in found.what):
             return found
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
@@ -115,7 +115,7 @@ async def first_to_answer(leaders: Sequence[Address], silence_s: float = PROBE_T
 
     async def if_it_answers(leader: Address) -> Address | None:
         with contextlib.suppress(NetworkError):
-            return leader if (await _ask(*await resolve(leader)))[0] is Answer.CAME else None
+            return leader if (await _ask(*await resolve(leader)))[0] is ProbeAnswer.CAME else None
         return None
 
     asked = [asyncio.create_task(if_it_answers(leader)) for leader in leaders]
@@ -130,7 +130,7 @@ async def first_to_answer(leaders: Sequence[Address], silence_s: float = PROBE_T
     return None
 
 
-def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool | None) -> Obstacle:
+def obstacle(leader: Address, by_udp: ProbeAnswer, by_tcp: ProbeAnswer, *, is_there: bool | None) -> Obstacle:
     """Return what prevents a connection when datagrams or streams fail.
 
     `is_there`: whether a machine has the address; None if unknown, because it is behind a router or the
@@ -141,27 +141,27 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
     answers = {by_udp, by_tcp}
     causes = (
         (
-            Answer.FORBIDDEN in answers,
+            ProbeAnswer.FORBIDDEN in answers,
             f"this machine's own firewall blocks all traffic to {leader}",
             f"allow it, for example: sudo ufw allow out {port}",
         ),
         (
-            Answer.NO_ROUTE in answers,
+            ProbeAnswer.NO_ROUTE in answers,
             f"this machine has no route to {host}",
             "connect to the leader's network by WiFi or cable",
         ),
         (
-            by_udp is Answer.CAME,
+            by_udp is ProbeAnswer.CAME,
             f"{leader} answers UDP, but accepts no TCP connection",
             f"allow TCP through its firewall, for example: {opened}/tcp",
         ),
         (
-            by_tcp is Answer.CAME,
+            by_tcp is ProbeAnswer.CAME,
             f"{leader} accepts TCP connections, but does not answer UDP",
             f"allow UDP through its firewall, for example: {opened}/udp; or it is not a leader's port",
         ),
         (
-            Answer.REFUSED in answers,
+            ProbeAnswer.REFUSED in answers,
             f"{host} is reachable, but no leader listens on its port {port}",
             "start it there with: capture-app (this machine then joins automatically), or check the port",
         ),
@@ -171,7 +171,7 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
             f"open it on that machine, for example: {opened}",
         ),
         (
-            is_there is False or Answer.UNREACHABLE in answers,
+            is_there is False or ProbeAnswer.UNREACHABLE in answers,
             f"no machine answers at {host}",
             "check that it is on, in this network, and has that address:"
             " capture-app doctor on the leader's machine shows its addresses",
@@ -201,11 +201,11 @@ async def _why_unknown(leader: Address, address: Address, trust: Trust, silence_
     except UnknownMachineError as error:
         return Obstacle(error.what, error.hint)
     except OSError as error:
-        return obstacle(leader, Answer.CAME, _answer_of(error), is_there=True)
+        return obstacle(leader, ProbeAnswer.CAME, _answer_of(error), is_there=True)
     return None
 
 
-async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, int | None]:
+async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[ProbeAnswer, int | None]:
     """Send version requests by UDP until an answer or a refusal; return it, with the answer's version."""
     with client_socket(family) as sock:
         token = secrets.token_bytes(TOKEN_BYTES)
@@ -213,7 +213,7 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
             # The kernel reports refusals only to a connected socket.
             sock.connect(leader)
             version = await first_of(_send(sock, version_question(token)), _receive_version(sock, token))
-            return Answer.CAME, version
+            return ProbeAnswer.CAME, version
         except OSError as error:
             return _answer_of(error), None
 
@@ -235,17 +235,17 @@ async def _receive_version(sock: socket.socket, token: bytes) -> int:
             return version
 
 
-async def _open(leader: Address) -> Answer:
+async def _open(leader: Address) -> ProbeAnswer:
     """Open a stream, and close it again."""
     try:
         (await asyncio.open_connection(*leader))[1].close()
     except OSError as error:
         return _answer_of(error)
-    return Answer.CAME
+    return ProbeAnswer.CAME
 
 
-def _answer_of(error: OSError) -> Answer:
-    return _OF_ERRNO.get(error.errno or 0, Answer.SILENCE)
+def _answer_of(error: OSError) -> ProbeAnswer:
+    return _OF_ERRNO.get(error.errno or 0, ProbeAnswer.SILENCE)
 
 
 def _is_neighbour_there(host: str) -> bool | None:

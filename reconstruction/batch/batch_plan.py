@@ -12,7 +12,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
-from reconstruction.batch.summary import Row, unit_row
+from reconstruction.batch.summary import UnitRow, unit_row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.native_libraries import library_versions
@@ -52,7 +52,7 @@ class BatchOptions:
     """Checksum of the program; results of another program are computed again."""
 
 
-def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
+def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[UnitRow]]:
     """Return a session's units, and rows for units that the burst does not contain.
 
     Raises:
@@ -66,10 +66,10 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
     source = dataset.fingerprint()
     matcher, shifts = options.matcher.engine, dict(options.time_shifts_ms)
     units: list[Unit] = []
-    failures: list[Row] = []
+    failures: list[UnitRow] = []
     for condition in dict.fromkeys(options.conditions):
         made: list[Unit] = []
-        refused: list[Row] = []
+        refused: list[UnitRow] = []
         for instant in range(len(dataset.instants_ns)) if options.instants is None else options.instants:
             unit = Unit(
                 session=str(session.resolve()),

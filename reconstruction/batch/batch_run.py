@@ -13,7 +13,7 @@ from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.summary import (
     NAMES,
     BatchResult,
-    Row,
+    UnitRow,
     completed_row,
     group_medians,
     judged_rows,
@@ -84,18 +84,18 @@ def exit_code(result: BatchResult) -> ExitCode:
     return ExitCode(codes.pop()) if every_one else ExitCode.INCOMPLETE
 
 
-def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[Row]]:
+def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[UnitRow]]:
     """Return all units, and rows for sessions and units that cannot be started."""
     units: dict[str, Unit] = {}
-    failures: list[Row] = []
+    failures: list[UnitRow] = []
     for session in sessions:
         try:
             found, refused = plan(session, options)
         except NotApplicableError as error:
-            failures.append(Row(session=session.name, not_applicable=str(error)))
+            failures.append(UnitRow(session=session.name, not_applicable=str(error)))
         except (SimulshotError, OSError) as error:
             code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
-            failures.append(Row(session=session.name, error=str(error), exit_code=code))
+            failures.append(UnitRow(session=session.name, error=str(error), exit_code=code))
         else:
             # A session named twice counts once.
             units.update((unit.key, unit) for unit in found)
@@ -134,7 +134,7 @@ def _run_units(
     return outcomes
 
 
-def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
+def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> UnitRow:
     outcome = outcomes.get(unit.key)
     if outcome is None or not outcome.error:
         return completed_row(unit, root)

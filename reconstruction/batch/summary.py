@@ -44,7 +44,7 @@ SHARES = {
 }
 
 
-class Row(Struct, frozen=True, kw_only=True):
+class UnitRow(Struct, frozen=True, kw_only=True):
     """One unit's results for its reference camera, or the reason why it has none."""
 
     session: str
@@ -103,16 +103,16 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     not_applicable: int
     """Units that do not permit depth, even if repeated; their rows say why."""
     groups: tuple[Group, ...]
-    units: tuple[Row, ...]
+    units: tuple[UnitRow, ...]
     seconds: float
 
 
-def unit_row(unit: Unit, **found: Any) -> Row:
+def unit_row(unit: Unit, **found: Any) -> UnitRow:
     """Return a unit's row with these values."""
-    return Row(session=unit.name, instant=unit.instant, condition=unit.condition, **found)
+    return UnitRow(session=unit.name, instant=unit.instant, condition=unit.condition, **found)
 
 
-def completed_row(unit: Unit, root: Path) -> Row:
+def completed_row(unit: Unit, root: Path) -> UnitRow:
     """Return the row of a unit with a result."""
     record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes())
     views = record.get("views", ())
@@ -127,7 +127,7 @@ def completed_row(unit: Unit, root: Path) -> Row:
     )
 
 
-def judged_rows(rows: Sequence[Row]) -> list[Row]:
+def judged_rows(rows: Sequence[UnitRow]) -> list[UnitRow]:
     """Mark other conditions of an instant as not applicable if its synchronized images are.
 
     Depth of offset images is meaningless where synchronized images give none.
@@ -138,7 +138,7 @@ def judged_rows(rows: Sequence[Row]) -> list[Row]:
         if row.condition == SYNCED and row.not_applicable
     }
     return [
-        Row(
+        UnitRow(
             session=row.session,
             instant=row.instant,
             condition=row.condition,
@@ -150,7 +150,7 @@ def judged_rows(rows: Sequence[Row]) -> list[Row]:
     ]
 
 
-def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
+def group_medians(rows: Sequence[UnitRow]) -> tuple[Group, ...]:
     """Return one group for each session and condition that has a unit, in the rows' order."""
     groups = []
     for session, condition in dict.fromkeys((row.session, row.condition) for row in rows if row.condition):
@@ -169,7 +169,7 @@ def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
     return tuple(groups)
 
 
-def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
+def depth_sheets(root: Path, rows: Sequence[UnitRow]) -> list[dict[str, Any]]:
     """Return a sheet of small depth pictures for each `session` that has any, at most `MAX_SHEETS`.
 
     Each sheet's `rows` has an entry for each condition, with a picture or None for each of the `instants`.
@@ -204,7 +204,7 @@ def write_summary(root: Path, result: BatchResult) -> None:
     write_atomic(root / JSON, pretty_json({"groups": result.groups, "units": result.units}) + b"\n")
     table = StringIO()
     rows = map(msgspec.structs.astuple, result.units)
-    csv.writer(table, lineterminator="\n").writerows([Row.__struct_fields__, *rows])
+    csv.writer(table, lineterminator="\n").writerows([UnitRow.__struct_fields__, *rows])
     write_atomic(root / CSV, table.getvalue().encode())
     write_atomic(root / HTML, _html(root, result).encode())
 
@@ -254,7 +254,7 @@ def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
     return report.Table(caption, list(map(report.Column, heads)), rows, first="Session and condition")
 
 
-def _row(one: Row | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:
+def _row(one: UnitRow | Group, counted: str, *, note: str = "", link: str = "") -> report.Row:
     error = one.median_error_pct
     words = (
         *(wording.percentage(getattr(one, name)) for name in SHARES),

@@ -24,7 +24,7 @@ LANES = 16
 """Columns that `planes` processes at once, and reads beyond the border."""
 
 
-class Source(ctypes.Structure):
+class KernelSource(ctypes.Structure):
     """A source view as the kernels take it; its image must stay in memory."""
 
     _fields_ = (
@@ -68,7 +68,7 @@ class SweepEngine:
         height, width = reference.grey.shape
         volume = self._reused("volume", (height, len(offsets), width), np.uint8)
         borders = [view.source.bordered for view in source_views]
-        sources = (Source * len(source_views))(*map(source_of, source_views, borders))
+        sources = (KernelSource * len(source_views))(*map(source_of, source_views, borders))
         call_kernel(
             "costs",
             *(height, width, len(offsets), reference.window // 2, len(sources)),
@@ -183,10 +183,10 @@ class SweepEngine:
         return same, able
 
 
-def source_of(source_view: SourceView, bordered: Array) -> Source:
+def source_of(source_view: SourceView, bordered: Array) -> KernelSource:
     """Return the kernels' view of a source; the caller holds its bordered grey levels meanwhile."""
     view, numbers = source_view.source.view, (ctypes.c_float * 13)(*source_view.numbers)
-    return Source(bordered.ctypes.data, view.width, view.height, numbers)
+    return KernelSource(bordered.ctypes.data, view.width, view.height, numbers)
 
 
 CPU = SweepEngine()

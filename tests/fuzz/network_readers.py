@@ -12,7 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.pairing_codes import Role
 from capture_app.companions.interop.app_leader import AppLeader
-from capture_app.companions.interop.app_protocol import TIME_PORT, Method, encode_call
+from capture_app.companions.interop.app_protocol import TIME_PORT, CallMethod, encode_call
 from capture_app.companions.phones import wire
 from capture_app.companions.phones.phone import Phone
 from capture_app.net.channel import Channel
@@ -83,7 +83,7 @@ def read_pairing_word(data: bytes, folder: Path) -> None:
 def read_phone_page(data: bytes, folder: Path) -> None:
     """What a phone's page says: messages, a length byte before each; those that begin with `{` are text."""
     now_ns, at = 10**12, 0
-    hello = wire.Hello(page="1", resolution_us=5.0)
+    hello = wire.PhoneHello(page="1", resolution_us=5.0)
     phone = Phone("fuzzed", lambda: now_ns, hello)
 
     def assert_honest(page_us: float) -> None:
@@ -99,7 +99,7 @@ def read_phone_page(data: bytes, folder: Path) -> None:
         with suppress(ValueError):
             if message.startswith(b"{"):
                 said = wire.decode_text(message.decode(errors="replace"))
-                if not isinstance(said, wire.Hello):
+                if not isinstance(said, wire.PhoneHello):
                     phone.take_text(said)
                 continue
             told = wire.decode_binary(message)
@@ -120,7 +120,7 @@ def read_app_phone(data: bytes, folder: Path) -> None:
     An even length is of a call, an odd one of a time answer, whose first time is that of the latest request.
     """
     leader, now_ns, host = AppLeader(aligns=True), 10**12, ("192.0.2.9", 1)
-    leader.calls.receive_datagram(encode_call(Method.HEARTBEAT, "a,192.0.2.9,false"), host, now_ns)
+    leader.calls.receive_datagram(encode_call(CallMethod.HEARTBEAT, "a,192.0.2.9,false"), host, now_ns)
     asked, at = b"", 0
     while at < len(data):
         length, now_ns = data[at], now_ns + 3_000_000

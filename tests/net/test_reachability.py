@@ -12,7 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
-from capture_app.net.reachability import Answer, find_obstacle, first_to_answer, obstacle
+from capture_app.net.reachability import ProbeAnswer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.codec import VERSION, version_mismatch
 from capture_app.trust.trust import Trust
@@ -106,22 +106,22 @@ async def test_where_no_leader_answers_none_is_found() -> None:
 @pytest.mark.parametrize(
     ("by_udp", "by_tcp", "is_there", "what"),
     [
-        (Answer.SILENCE, Answer.SILENCE, True, "a firewall drops"),
-        (Answer.SILENCE, Answer.SILENCE, False, "no machine answers"),
-        (Answer.SILENCE, Answer.SILENCE, None, "no reply"),
-        (Answer.SILENCE, Answer.CAME, True, "does not answer UDP"),
-        (Answer.REFUSED, Answer.CAME, True, "does not answer UDP"),
-        (Answer.CAME, Answer.SILENCE, True, "accepts no TCP connection"),
-        (Answer.CAME, Answer.REFUSED, None, "accepts no TCP connection"),
-        (Answer.REFUSED, Answer.REFUSED, True, "no leader listens"),
-        (Answer.SILENCE, Answer.REFUSED, None, "no leader listens"),
-        (Answer.FORBIDDEN, Answer.SILENCE, None, "this machine's own firewall"),
-        (Answer.UNREACHABLE, Answer.SILENCE, None, "no machine answers"),
-        (Answer.NO_ROUTE, Answer.NO_ROUTE, None, "no route to"),
+        (ProbeAnswer.SILENCE, ProbeAnswer.SILENCE, True, "a firewall drops"),
+        (ProbeAnswer.SILENCE, ProbeAnswer.SILENCE, False, "no machine answers"),
+        (ProbeAnswer.SILENCE, ProbeAnswer.SILENCE, None, "no reply"),
+        (ProbeAnswer.SILENCE, ProbeAnswer.CAME, True, "does not answer UDP"),
+        (ProbeAnswer.REFUSED, ProbeAnswer.CAME, True, "does not answer UDP"),
+        (ProbeAnswer.CAME, ProbeAnswer.SILENCE, True, "accepts no TCP connection"),
+        (ProbeAnswer.CAME, ProbeAnswer.REFUSED, None, "accepts no TCP connection"),
+        (ProbeAnswer.REFUSED, ProbeAnswer.REFUSED, True, "no leader listens"),
+        (ProbeAnswer.SILENCE, ProbeAnswer.REFUSED, None, "no leader listens"),
+        (ProbeAnswer.FORBIDDEN, ProbeAnswer.SILENCE, None, "this machine's own firewall"),
+        (ProbeAnswer.UNREACHABLE, ProbeAnswer.SILENCE, None, "no machine answers"),
+        (ProbeAnswer.NO_ROUTE, ProbeAnswer.NO_ROUTE, None, "no route to"),
     ],
 )
 def test_what_is_in_the_way_is_told_by_what_comes_back(
-    by_udp: Answer, by_tcp: Answer, is_there: bool | None, what: str
+    by_udp: ProbeAnswer, by_tcp: ProbeAnswer, is_there: bool | None, what: str
 ) -> None:
     found = obstacle(LEADER, by_udp, by_tcp, is_there=is_there)
     assert what in found.what

@@ -19,7 +19,7 @@ from capture_app.companions.interop.app_protocol import (
     TIME_REQUEST,
     AppOrders,
     AppPhone,
-    Method,
+    CallMethod,
     decode_call,
     encode_call,
     heartbeat_name,
@@ -66,11 +66,11 @@ class AppLeader:
     def record(self, is_recording: bool) -> None:
         """Order phones with RecSync to start or stop a video; not repeated, as the app cannot handle it."""
         self.orders.is_recording = is_recording
-        self._call_all(Method.START_RECORDING if is_recording else Method.STOP_RECORDING)
+        self._call_all(CallMethod.START_RECORDING if is_recording else CallMethod.STOP_RECORDING)
 
     def set_exposure(self, exposure_ns: int, iso: int) -> None:
         """Set exposure time (ns) and sensitivity (ISO) of all phones."""
-        self._call_all(Method.SET_EXPOSURE, f"{exposure_ns},{iso}")
+        self._call_all(CallMethod.SET_EXPOSURE, f"{exposure_ns},{iso}")
 
     def present(self) -> list[AppPhone]:
         """Return the connected phones."""
@@ -89,7 +89,7 @@ class AppLeader:
     def _receive_call(self, data: bytes, address: Address, now_ns: int) -> None:
         """Handle a received call; heartbeats are the only calls that a phone may send."""
         host, (method, text) = address[0], decode_call(data) or (0, "")
-        name = heartbeat_name(text) if method == Method.HEARTBEAT else None
+        name = heartbeat_name(text) if method == CallMethod.HEARTBEAT else None
         phone = self._phones.get(host)
         if name is None or (phone is None and len(self._phones) >= MAX_PHONES):
             return
@@ -100,7 +100,7 @@ class AppLeader:
             self._set_interval()
         phone.last_heard_ns = now_ns
         # Reply to the sender's address: the address in the heartbeat may belong to another of its networks.
-        self._out.append((encode_call(Method.HEARTBEAT_ACK, text), (host, CALL_PORT)))
+        self._out.append((encode_call(CallMethod.HEARTBEAT_ACK, text), (host, CALL_PORT)))
 
     def _receive_answer(self, data: bytes, address: Address, now_ns: int) -> None:
         """Handle a phone's reply to a time request, received at `now_ns`."""
@@ -143,7 +143,7 @@ class AppLeader:
             elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):
                 self._send_trigger(phone, now_ns)
         for trigger_ns in self.orders.triggers_due(now_ns):
-            self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
+            self._call_all(CallMethod.SET_TRIGGER_TIME, str(trigger_ns))
 
     def _next_timer(self) -> int | None:
         """Return the leader time (ns) at which `_handle_timer` is next due, or None."""
@@ -158,20 +158,22 @@ class AppLeader:
     def _send_trigger(self, phone: AppPhone, now_ns: int) -> None:
         assert phone.time_map is not None, "a synced phone has a map"
         middle_ns = now_ns + REPORT_INTERVAL_NS // 2
-        self._call(phone, Method.OFFSET_UPDATE, str(phone.time_map.leader_from_local(middle_ns) - middle_ns))
+        self._call(
+            phone, CallMethod.OFFSET_UPDATE, str(phone.time_map.leader_from_local(middle_ns) - middle_ns)
+        )
         if phone.report_due_ns is None:
             text = f"phone {phone.name} has the time to {duration(_uncertainty_ns(phone, now_ns) or 0.0)}"
             self._events.append(FollowerEvent(phone.name, text))
             phone.align_due_ns = now_ns + REPORT_INTERVAL_NS
         phone.report_due_ns = now_ns + REPORT_INTERVAL_NS
         if self._aligns and now_ns >= phone.align_due_ns and self.orders.may_align(now_ns):
-            self._call(phone, Method.DO_PHASE_ALIGN)
+            self._call(phone, CallMethod.DO_PHASE_ALIGN)
             phone.align_due_ns = now_ns + ALIGN_EVERY_NS
 
-    def _call(self, phone: AppPhone, method: Method, text: str = "") -> None:
+    def _call(self, phone: AppPhone, method: CallMethod, text: str = "") -> None:
         self._out.append((encode_call(method, text), (phone.host, CALL_PORT)))
 
-    def _call_all(self, method: Method, text: str = "") -> None:
+    def _call_all(self, method: CallMethod, text: str = "") -> None:
         for phone in self.present():
             self._call(phone, method, text)
 

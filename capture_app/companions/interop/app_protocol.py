@@ -36,7 +36,7 @@ QUIET_BEFORE_NS, QUIET_AFTER_NS = 3_000_000_000, 1_000_000_000
 """Time before and after a still without phase alignment, which takes five long frames, 2 s."""
 
 
-class Method(IntEnum):
+class CallMethod(IntEnum):
     """Method number of a call."""
 
     HEARTBEAT = 1
@@ -54,7 +54,7 @@ class Method(IntEnum):
     STOP_RECORDING = 200_004
 
 
-def encode_call(method: Method, text: str = "") -> bytes:
+def encode_call(method: CallMethod, text: str = "") -> bytes:
     """Return the datagram of a call."""
     return _METHOD.pack(method) + text.encode()
 

@@ -70,7 +70,7 @@ _TONE_FRACTION = 0.12
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Hypothesis:
     """Candidate reading of a panel: mid-exposure time of the image (ns of the panel's clock), and shutter."""
 
     middle_ns: float
@@ -100,7 +100,7 @@ def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: floa
     ]
 
 
-def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
+def search(model: LightModel, shutters: "list[Shutter]") -> list[Hypothesis]:
     """Return the likeliest times of the cycle, best first; per shutter they are over a tick apart."""
     step_ns = model.panel.tick_ns / STEPS
     times_ns = np.asarray(np.arange(round(model.panel.cycle_ticks * STEPS)) * step_ns, float)
@@ -110,7 +110,7 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
         score: Floats = np.sum([scores(shutter) for scores in groups], axis=0)
         for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
-            found.append(Candidate(best * step_ns, shutter, float(score[best])))
+            found.append(Hypothesis(best * step_ns, shutter, float(score[best])))
             score[np.arange(best - STEPS, best + STEPS + 1) % len(score)] = -np.inf
     return sorted(found, key=lambda one: -one.score)
 
@@ -171,15 +171,15 @@ def interval(ranges: list[Range]) -> tuple[float, float]:
 
 
 def gather(
-    model: LightModel, candidates: list[Candidate], frees_exposure: bool, frees_row: bool
-) -> tuple[Candidate, list[Range]]:
+    model: LightModel, candidates: list[Hypothesis], frees_exposure: bool, frees_row: bool
+) -> tuple[Hypothesis, list[Range]]:
     """Return the best candidate, and the ranges of times near it and its rivals, its own first.
 
     Exposure and row time are free where requested.
     """
     tick_ns = model.panel.tick_ns
     pool = [_refine(model, one, tick_ns, 25) for one in _pool(candidates)]
-    chosen: list[Candidate] = []
+    chosen: list[Hypothesis] = []
     for one in sorted(pool, key=lambda one: -one.score):
         near = [n for n in chosen if abs(n.middle_ns - one.middle_ns) < tick_ns]
         if len(near) < 2 and len(chosen) < _REFINED:
@@ -195,16 +195,16 @@ def gather(
     return best, ranges
 
 
-def _pool(candidates: list[Candidate]) -> list[Candidate]:
+def _pool(candidates: list[Hypothesis]) -> list[Hypothesis]:
     """Return the best candidates with several per exposure, because the search cannot separate exposures."""
-    by_exposure: defaultdict[float, list[Candidate]] = defaultdict(list)
+    by_exposure: defaultdict[float, list[Hypothesis]] = defaultdict(list)
     for one in candidates:
         by_exposure[one.shutter.exposure_ns].append(one)
     pool = chain.from_iterable(some[:_OF_EXPOSURE] for some in by_exposure.values())
     return sorted(pool, key=lambda one: -one.score)[:_POOL]
 
 
-def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Candidate:
+def _refine_shutter(model: LightModel, one: Hypothesis, frees_exposure: bool, frees_row: bool) -> Hypothesis:
     half_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
     for round_number in range(7 if frees_exposure or frees_row else 2):
         one = _refine(
@@ -223,12 +223,12 @@ def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, fre
 
 def _refine(
     model: LightModel,
-    one: Candidate,
+    one: Hypothesis,
     half_ns: float,
     count: int,
     factors: "tuple[float, ...]" = (1.0,),
     steps_ns: "tuple[float, ...]" = (0.0,),
-) -> Candidate:
+) -> Hypothesis:
     """Return the likeliest time near a candidate, over shutters near its own."""
     _, on = model.rough_fit
     times = one.middle_ns + np.linspace(-half_ns, half_ns, count)
@@ -237,7 +237,7 @@ def _refine(
     for shutter in _near(one.shutter, factors, steps_ns):
         likelihood, _ = model.fit(model.shares(times, shutter, response_ns=response_ns), on, _PLAIN)
         at = int(np.argmax(likelihood))
-        best.append(Candidate(float(times[at]), shutter, float(likelihood[at])))
+        best.append(Hypothesis(float(times[at]), shutter, float(likelihood[at])))
     return max(best, key=lambda each: each.score)
 
 
@@ -248,7 +248,7 @@ def _near(shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float
             yield Shutter(shutter.exposure_ns * factor, shutter.row_time_ns + step_ns)
 
 
-def _neighbourhood(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Range:
+def _neighbourhood(model: LightModel, one: Hypothesis, frees_exposure: bool, frees_row: bool) -> Range:
     """Return times around a candidate, and their log-probabilities by possible shutter."""
     _, on = model.rough_fit
     half_ns = 1.5 * model.panel.tick_ns
@@ -277,7 +277,7 @@ def _neighbourhood(model: LightModel, one: Candidate, frees_exposure: bool, free
 
 
 def _likelihood_width(
-    model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]"
+    model: LightModel, one: Hypothesis, times: Floats, tried: "list[tuple[float, float]]"
 ) -> float:
     """Return about one sigma of exposure or row time: the largest step with a small likelihood loss."""
     few = times[:: max(1, len(times) // 60)]

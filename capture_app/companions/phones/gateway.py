@@ -64,7 +64,7 @@ class PhoneGateway(PairedPage):
                     phone.take_binary(report, received_ns)
                 elif message.type is WSMsgType.TEXT:
                     said = wire.decode_text(message.data)
-                    if isinstance(said, wire.Hello):
+                    if isinstance(said, wire.PhoneHello):
                         raise ValueError("a second hello")
                     phone.take_text(said)
         finally:
@@ -82,9 +82,9 @@ class PhoneGateway(PairedPage):
             link.end(REPLACED, reason)
 
 
-async def _hello(link: web.WebSocketResponse) -> wire.Hello:
+async def _hello(link: web.WebSocketResponse) -> wire.PhoneHello:
     first = await link.receive(timeout=HELLO_S)
     hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
-    if not isinstance(hello, wire.Hello):
+    if not isinstance(hello, wire.PhoneHello):
         raise ValueError("a page must begin with its hello")
     return hello

@@ -114,7 +114,7 @@ class PhoneClock:
 
 
 @dataclass(frozen=True, slots=True)
-class TimedFrame:
+class PhoneFrame:
     """A frame with its number in its stream, counting gaps, and its time in the page's clock in us."""
 
     id: int
@@ -139,7 +139,7 @@ class FrameTimes:
         self.period_ns: int | None = None
         """Measured period of the camera; None until enough frames have arrived."""
 
-    def add(self, report: FrameReport) -> list[TimedFrame]:
+    def add(self, report: FrameReport) -> list[PhoneFrame]:
         """Add a frame; return the frames that can be timed now, none while a stream begins."""
         if report.stream != self._stream:
             self._stream = report.stream
@@ -172,7 +172,7 @@ class FrameTimes:
                 rate = round(1e6 / max(step_us, 1e6 / MAX_RATE))
             self.period_ns = round(1e9 / min(max(rate, MIN_RATE), MAX_RATE))
 
-    def _timed(self, report: FrameReport, *, first: bool) -> TimedFrame:
+    def _timed(self, report: FrameReport, *, first: bool) -> PhoneFrame:
         assert self.period_ns is not None
         if not first:
             self._sequence += max(1, round((report.media_us - self._last_us) * 1000 / self.period_ns))
@@ -180,17 +180,17 @@ class FrameTimes:
         # The minimum delay of the last half minute, when everything was fast, locates the media times' zero.
         # The delay of camera and phone before that is not known here, and is part of the bias of the stamps.
         offset_us = min(offset_us for _, offset_us in self._arrivals)
-        return TimedFrame(report.id, report.stream, self._sequence, report.media_us + offset_us)
+        return PhoneFrame(report.id, report.stream, self._sequence, report.media_us + offset_us)
 
 
 Send = Callable[[str | bytes], Awaitable[None]]
-OnFrame = Callable[[TimedFrame], None]
+OnFrame = Callable[[PhoneFrame], None]
 
 
 class Phone:
     """A phone that was admitted; `link_opened` and `link_closed` report its page's connection."""
 
-    def __init__(self, name: str, now_ns: Callable[[], int], hello: wire.Hello) -> None:
+    def __init__(self, name: str, now_ns: Callable[[], int], hello: wire.PhoneHello) -> None:
         """Create a phone; `now_ns` is the gateway's monotonic clock, `hello` its first page's hello."""
         self.name = name
         self.came = asyncio.Event()
@@ -341,7 +341,7 @@ class Phone:
 
     # Methods for the link
 
-    def link_opened(self, send: Send, hello: wire.Hello) -> None:
+    def link_opened(self, send: Send, hello: wire.PhoneHello) -> None:
         """Connect a page of this phone, and wake the requests for images, which are then sent again.
 
         If the page was loaded again, the phone's clock starts anew.

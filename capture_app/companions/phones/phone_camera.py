@@ -15,7 +15,7 @@ from capture_app.common.camera_facts import CameraFacts, Control, ControlState
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import Background, first_of, has_come
 from capture_app.common.timeouts import PAGE_CLOSED_S, PHONE_IMAGE_TIMEOUT_S
-from capture_app.companions.phones.phone import Phone, TimedFrame
+from capture_app.companions.phones.phone import Phone, PhoneFrame
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
@@ -103,7 +103,7 @@ class PhoneCamera(Camera):
         if self._phone.facts != self.facts or page != self._page:
             raise CameraError(f"{self._phone.name} has returned as another camera")
 
-        def deliver(frame: TimedFrame) -> None:
+        def deliver(frame: PhoneFrame) -> None:
             on_frame(
                 CapturedFrame(
                     sequence=frame.sequence,

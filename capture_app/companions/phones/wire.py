@@ -35,7 +35,7 @@ Words = Annotated[str, Meta(max_length=300)]
 Pixels = Annotated[int, Meta(gt=0, le=16384)]
 
 
-class Hello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
+class PhoneHello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
     """First message of a page's link: the page load, the browser, and the phone's model."""
 
     page: Words
@@ -103,8 +103,8 @@ class PictureBytes:
     data: bytes
 
 
-Said = Hello | Opened | Controls | PageHidden
-_DECODER: msgspec.json.Decoder[Said] = msgspec.json.Decoder(Hello | Opened | Controls | PageHidden)
+Said = PhoneHello | Opened | Controls | PageHidden
+_DECODER: msgspec.json.Decoder[Said] = msgspec.json.Decoder(PhoneHello | Opened | Controls | PageHidden)
 
 
 def decode_text(text: str) -> Said:

@@ -29,7 +29,7 @@ _NEAR, _FAR = 0.2, 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Options(ExportOptions):
+class _N3dvOptions(ExportOptions):
     points: Points = None
     whole: Annotated[
         bool, Option("whole pictures with black around them, not cut to what fills all films")
@@ -38,7 +38,7 @@ class _Options(ExportOptions):
     far: Annotated[float | None, Option("largest depth", "DEPTH")] = None
 
 
-def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
+def write(burst: ExportedBurst, folder: Path, options: _N3dvOptions) -> None:
     """Write the videos of the instants that every camera has, and a row of 17 numbers for each camera.
 
     The format's loaders assume one focal length, no distortion, a centred principal point, and videos of
@@ -74,7 +74,7 @@ def _whole_focal(camera: CameraCalibration) -> float:
     return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
 
 
-def _bounds(options: _Options, depth: float) -> tuple[float, float]:
+def _bounds(options: _N3dvOptions, depth: float) -> tuple[float, float]:
     near, far = options.near or _NEAR * depth, options.far or _FAR * depth
     if near >= far:
         raise BadInputError(
@@ -90,7 +90,7 @@ def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float
     return float(((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1).mean())
 
 
-def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], min_shown: float) -> None:
+def _add_notes(burst: ExportedBurst, options: _N3dvOptions, together: list[int], min_shown: float) -> None:
     """Add notes on what the videos lack.
 
     `together` are the instants of the videos, `min_shown` is the smallest fraction of an image that they
@@ -126,7 +126,7 @@ EXPORTER = Exporter(
     write=write,
     help="Neural 3D Video, 4DGaussians: camNN.mp4, poses, points",
     program="N3DV",
-    options=_Options,
+    options=_N3dvOptions,
     calibration="required",
     complete_instants=True,
     packages=VIDEOS,

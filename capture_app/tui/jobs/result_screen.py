@@ -62,7 +62,7 @@ class ResultTable(msgspec.Struct, frozen=True):
     rows: tuple[tuple[str, ...], ...]
 
 
-class StudyResult(msgspec.Struct, frozen=True):
+class ShownResult(msgspec.Struct, frozen=True):
     """Result of a run as the screen shows it."""
 
     verdict: str
@@ -72,7 +72,7 @@ class StudyResult(msgspec.Struct, frozen=True):
     """What was left out, with the reason, and what else the command printed."""
 
 
-def read_result(run: Run, log: Sequence[str] = ()) -> StudyResult:
+def read_result(run: Run, log: Sequence[str] = ()) -> ShownResult:
     """Read a run's result; `log` is its output. Raises BadInputError if it is missing or unreadable."""
     path = run.result
     if path is None:
@@ -85,7 +85,7 @@ def read_result(run: Run, log: Sequence[str] = ()) -> StudyResult:
         )
         left_out = (f"{name} is left out: {why}" for name, why in found.get("left_out", {}).items())
         printed = [line for line in log if ProgressStep.parse(line) is None] if not words else ()
-        return StudyResult(
+        return ShownResult(
             run.message,
             tuple(_pictures(found, words, path.parent)),
             msgspec.convert(words.get("tables", ()), tuple[ResultTable, ...]),
@@ -118,7 +118,7 @@ def _pictures(found: dict[str, Any], words: dict[str, Any], folder: Path) -> Ite
         yield ResultPicture(f"Distance, {view['camera']}", caption, inside(folder, view["picture"]))
 
 
-def figures(result: StudyResult) -> Iterator[RenderableType]:
+def figures(result: ShownResult) -> Iterator[RenderableType]:
     """Yield the verdict, the tables and the notes."""
     first, dot, rest = printable(result.verdict).partition(". ")
     yield Text.assemble((first + dot, "bold"), rest + "\n")
@@ -145,7 +145,7 @@ class ResultScreen(WholeScreen[None]):
         Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]
 
-    def __init__(self, run: Run, result: StudyResult) -> None:
+    def __init__(self, run: Run, result: ShownResult) -> None:
         self._labels = Lines(id="result-labels")
         self._picture = Picture(words="no picture", id="result-picture")
         self._caption = Lines(id="result-caption")

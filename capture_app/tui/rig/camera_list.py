@@ -33,7 +33,7 @@ EQUAL_RATIO = 1.01
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class CameraColumn:
     """Column of the one-line form; `room` is the list width from which it is shown."""
 
     title: str
@@ -48,14 +48,14 @@ class Column:
 
 
 COLUMNS = (
-    Column("state", 13, is_left=True),
-    Column("phase", 8),
-    Column("error", 8),
-    Column("fps", 5),
-    Column("drops", 6),
-    Column("exposure", 9, 100),
-    Column("disk", 7, 110),
-    Column("  model", 20, 140, is_left=True),
+    CameraColumn("state", 13, is_left=True),
+    CameraColumn("phase", 8),
+    CameraColumn("error", 8),
+    CameraColumn("fps", 5),
+    CameraColumn("drops", 6),
+    CameraColumn("exposure", 9, 100),
+    CameraColumn("disk", 7, 110),
+    CameraColumn("  model", 20, 140, is_left=True),
 )
 
 

@@ -18,7 +18,7 @@ from capture_app.companions.interop.app_protocol import (
     TIME_ANSWER,
     TIME_PORT,
     TIME_REQUEST,
-    Method,
+    CallMethod,
     decode_call,
     encode_call,
 )
@@ -108,21 +108,21 @@ class StandInPhone:
     def receive_call(self, data: bytes, now_ns: int) -> None:
         """Take in a call."""
         method, text = decode_call(data) or (0, "")
-        if method == Method.HEARTBEAT_ACK:
+        if method == CallMethod.HEARTBEAT_ACK:
             self._acked_ns = now_ns
-        elif method == Method.OFFSET_UPDATE:
+        elif method == CallMethod.OFFSET_UPDATE:
             self.offset_ns, self._offset_told_ns = int(text), now_ns
             self.offsets += 1
-        elif method == Method.SET_TRIGGER_TIME:
+        elif method == CallMethod.SET_TRIGGER_TIME:
             self._trigger_ns = int(text)
-        elif method == Method.DO_PHASE_ALIGN and not self._tries_left:
+        elif method == CallMethod.DO_PHASE_ALIGN and not self._tries_left:
             self._tries_left, self._try_due_ns = TRIES, now_ns
             self.alignments += 1
-        elif method == Method.SET_EXPOSURE:
+        elif method == CallMethod.SET_EXPOSURE:
             exposure_ns, iso = text.split(",")
             self.exposure = int(exposure_ns), int(iso)
-        elif method in (Method.START_RECORDING, Method.STOP_RECORDING):
-            self.recordings.append("start" if method == Method.START_RECORDING else "stop")
+        elif method in (CallMethod.START_RECORDING, CallMethod.STOP_RECORDING):
+            self.recordings.append("start" if method == CallMethod.START_RECORDING else "stop")
 
     def receive_time(self, data: bytes, host: str, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the answer to a time request of `host`, to that host's fixed port; send it at once."""
@@ -141,7 +141,7 @@ class StandInPhone:
         if now_ns >= self._beat_due_ns:
             self._beat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             text = f"{self.name},{self._host},{'true' if self.is_synced(now_ns) else 'false'}"
-            self._out.append((encode_call(Method.HEARTBEAT, text), (self._leader_host, CALL_PORT)))
+            self._out.append((encode_call(CallMethod.HEARTBEAT, text), (self._leader_host, CALL_PORT)))
         while self._clock.local_from_true(self._frame.readout_end_true_ns) <= now_ns:
             self._take_frame()
         if self._tries_left and now_ns >= self._try_due_ns and self._phase_ns is not None:

@@ -11,7 +11,7 @@ from capture_app.companions.interop.app_protocol import (
     PERIOD_NS,
     TIME_ANSWER,
     TIME_PORT,
-    Method,
+    CallMethod,
     decode_call,
     encode_call,
 )
@@ -19,7 +19,7 @@ from capture_app.protocol.log import FollowerEvent
 from tests.companions.interop.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000
-HEARTBEAT = encode_call(Method.HEARTBEAT, "a3f1,192.168.7.7,false")
+HEARTBEAT = encode_call(CallMethod.HEARTBEAT, "a3f1,192.168.7.7,false")
 
 
 def rig_of(*skews_ppm: float, aligns: bool = False, loss: float = 0.0) -> PhoneRig:
@@ -206,10 +206,10 @@ def test_times_that_nobody_asked_for_change_nothing() -> None:
         b"",
         b"\0\0",
         HEARTBEAT[:4],
-        encode_call(Method.HEARTBEAT, "no commas"),
-        encode_call(Method.HEARTBEAT, "a,b,maybe"),
-        encode_call(Method.SET_TRIGGER_TIME, "5"),
-        encode_call(Method.HEARTBEAT, "x" * 2000 + ",1.2.3.4,true"),
+        encode_call(CallMethod.HEARTBEAT, "no commas"),
+        encode_call(CallMethod.HEARTBEAT, "a,b,maybe"),
+        encode_call(CallMethod.SET_TRIGGER_TIME, "5"),
+        encode_call(CallMethod.HEARTBEAT, "x" * 2000 + ",1.2.3.4,true"),
         b"\xff" * 64,
     ],
 )
@@ -223,15 +223,15 @@ def test_what_is_no_heartbeat_is_ignored(data: bytes) -> None:
 def test_phones_of_one_name_and_of_none_get_names_of_their_own() -> None:
     leader = AppLeader(aligns=False)
     for host, name in (("10.0.0.2", "a3f1"), ("10.0.0.3", "a3f1"), ("10.0.0.4", "/"), ("10.0.0.5", "a,b")):
-        leader.calls.receive_datagram(encode_call(Method.HEARTBEAT, f"{name},{host},true"), (host, 1), S)
+        leader.calls.receive_datagram(encode_call(CallMethod.HEARTBEAT, f"{name},{host},true"), (host, 1), S)
     names = [status.name for status in leader.statuses(S)]
     assert sorted(names) == ["a-b", "a3f1", "a3f1-10.0.0.3", "phone"]
 
 
 def test_calls_are_what_the_app_speaks() -> None:
-    assert encode_call(Method.OFFSET_UPDATE, "-12") == b"\x00\x00\x00\x03-12"
-    assert encode_call(Method.DO_PHASE_ALIGN) == b"\x00\x03\x0d\x41"
-    assert decode_call(b"\x00\x03\x0d\x40123") == (Method.SET_TRIGGER_TIME, "123")
+    assert encode_call(CallMethod.OFFSET_UPDATE, "-12") == b"\x00\x00\x00\x03-12"
+    assert encode_call(CallMethod.DO_PHASE_ALIGN) == b"\x00\x03\x0d\x41"
+    assert decode_call(b"\x00\x03\x0d\x40123") == (CallMethod.SET_TRIGGER_TIME, "123")
     leader = AppLeader(aligns=False)
     leader.calls.receive_datagram(HEARTBEAT, ("10.0.0.9", 4000), S)
     ((ack, to),) = leader.calls.datagrams_to_send(S)

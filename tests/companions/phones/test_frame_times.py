@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from capture_app.companions.phones.phone import HELD_FRAMES, FrameTimes, TimedFrame
+from capture_app.companions.phones.phone import HELD_FRAMES, FrameTimes, PhoneFrame
 from capture_app.companions.phones.wire import FrameReport
 
 PERIOD_US = 33_333.3
@@ -23,7 +23,7 @@ def told(
     ]
 
 
-def timed(times: FrameTimes, frames: list[FrameReport]) -> list[TimedFrame]:
+def timed(times: FrameTimes, frames: list[FrameReport]) -> list[PhoneFrame]:
     return [one for frame in frames for one in times.add(frame)]
 
 

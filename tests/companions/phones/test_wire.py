@@ -23,7 +23,7 @@ def test_any_bytes_are_read_or_refused(data: bytes) -> None:
 @given(st.text(max_size=80))
 def test_any_text_is_read_or_refused(text: str) -> None:
     with contextlib.suppress(ValueError):
-        assert isinstance(wire.decode_text(text), wire.Hello | wire.Opened | wire.PageHidden)
+        assert isinstance(wire.decode_text(text), wire.PhoneHello | wire.Opened | wire.PageHidden)
 
 
 @pytest.mark.parametrize("time_us", [math.inf, math.nan, 1e300])

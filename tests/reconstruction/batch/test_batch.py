@@ -21,7 +21,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.batch import workers
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.batch_run import batch, exit_code
-from reconstruction.batch.summary import Row, depth_sheets
+from reconstruction.batch.summary import UnitRow, depth_sheets
 from reconstruction.batch.units import run_unit
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.depth.matchers import Matcher
@@ -153,10 +153,12 @@ def test_a_sheet_shows_instants_evenly_and_lives_without_a_picture(tmp_path: Pat
     assert cv2.imwrite(str(tmp_path / "depth.png"), np.full((90, 320, 3), 80, np.uint8))
     (tmp_path / "spoilt.png").write_bytes(b"not a picture")
     rows = [
-        Row(session="take", instant=k, condition="synced", picture="spoilt.png" if k == 0 else "depth.png")
+        UnitRow(
+            session="take", instant=k, condition="synced", picture="spoilt.png" if k == 0 else "depth.png"
+        )
         for k in range(30)
     ]
-    rows += [Row(session="take", instant=5, condition="66", error="too dark")]
+    rows += [UnitRow(session="take", instant=5, condition="66", error="too dark")]
     (sheet,) = depth_sheets(tmp_path, rows)
     assert sheet["instants"] == [0, 3, 5, 8, 11, 13, 16, 18, 21, 24, 26, 29]
     ((condition, cells),) = sheet["rows"]

@@ -37,11 +37,11 @@ _GEOMETRY = "geometry_msgs/msg"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Options(ExportOptions):
+class _McapOptions(ExportOptions):
     ros: Annotated[bool, Option("a bag of ROS 2, for ros2 bag play", packages={"rosbags": "ros"})] = False
 
 
-def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
+def write(burst: ExportedBurst, folder: Path, options: _McapOptions) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. JPEG and PNG images keep the session's own bytes,
@@ -203,7 +203,7 @@ EXPORTER = Exporter(
     write=write,
     help="one .mcap for Foxglove and Rerun",
     program="MCAP",
-    options=_Options,
+    options=_McapOptions,
     calibration="optional",
     uncalibrated="the session has no calibration: the file has images only",
     unit="m",

@@ -78,7 +78,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Stage:
+class SceneStage:
     """All visible parts of a scene: static parts, and moving parts by name."""
 
     fixtures: list[Part]
@@ -93,12 +93,12 @@ class SceneDefinition:
 
     cameras: Mapping[str, tuple[Point, Point]]
     """Position of each camera and the point that it looks at, in m."""
-    stage: Callable[[], Stage]
+    stage: Callable[[], SceneStage]
     poses: Callable[[Series], dict[str, Poses]]
     """Poses of the moving parts at the times, in s, by the part's name."""
 
 
-def read_stage(name: str, **drawn: Picture) -> Stage:
+def read_stage(name: str, **drawn: Picture) -> SceneStage:
     """Read a scene's meshes and textures from `FILES`; textures passed in `drawn` are not read."""
     kinds = ("vertices", "normals", "uv", "triangles")
     with np.load(FILES / f"{name}.npz") as data:
@@ -113,7 +113,7 @@ def read_stage(name: str, **drawn: Picture) -> Stage:
     fixtures = [Part(thing, own) for (name, thing), own in meshes.items() if not name]
     textures = set(table["texture"].tolist()) - set(drawn)
     pictures = {one: np.asarray(cv2.imread(str(FILES / f"{one}.webp")), np.uint8) for one in textures}
-    return Stage(fixtures, parts, pictures | drawn)
+    return SceneStage(fixtures, parts, pictures | drawn)
 
 
 def _turned(number: int) -> tuple[Point, Point]:

@@ -48,7 +48,8 @@ COLUMNS = {
     "held": ("held", ""),
     "changes": ("drops, rates", ""),
     "changes_told": ("told", ""),
-    "placed": ("placed", ""),
+    "placed": ("to 1 instant", ""),
+    "ranged": ("in the range said", ""),
     "falsely_changed": ("falsely", ""),
 }
 RATE_FRAMES = 0.5
@@ -69,9 +70,14 @@ def judge(take: Take, timing: Timing) -> dict[str, Any]:
     jumps = [(k, 1) for k in take.drops] + [(k, -1) for k in take.doubles]
     jumps = [(k, sign) for k, sign in jumps if min(measured) < k <= max(measured)]
     changes = bool(jumps) or abs(take.slower) * len(said_of) > RATE_FRAMES
-    placed = all(
-        any(abs(step.instant - k) <= 1 and step.frames * sign > 0 for step in change.steps)
-        for k, sign in jumps
+    exact = [(step.instant, step.instant, step.frames) for step in change.steps]
+    rough = [(step.earliest, step.latest, step.frames) for step in change.steps]
+    placed, ranged = (
+        all(
+            any(low - 1 <= k <= high + 1 and frames * sign > 0 for low, high, frames in said)
+            for k, sign in jumps
+        )
+        for said in (exact, rough)
     )
     return {
         "kind": _group(take),
@@ -91,6 +97,7 @@ def judge(take: Take, timing: Timing) -> dict[str, Any]:
         "changes": changes,
         "changes_told": changes and bool(change),
         "placed": changes and bool(change) and placed and bool(jumps) == bool(change.steps),
+        "ranged": changes and bool(change) and ranged and bool(jumps) == bool(change.steps),
         "falsely_changed": bool(change) and not (jumps or take.slower),
         "change": change.describe("R", "L"),
         "reason": timing.reason,

@@ -196,6 +196,16 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
     answer(as_json, {"cameras": found}, [table(("spec", "model", "detail"), rows)])
 
 
+@cameras.command("list", hidden=True)
+@json_option
+@click.pass_context
+def list_command(ctx: click.Context, as_json: bool) -> None:
+    """List the cameras of this machine, as `capture-app cameras` does."""
+    assert ctx.parent is not None
+    ctx.parent.invoked_subcommand = None
+    ctx.parent.invoke(cameras, as_json=as_json)
+
+
 for _command in (characterize, calibrate_time, controls, set_command, match):
     cameras.add_command(_command)
 

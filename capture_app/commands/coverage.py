@@ -47,8 +47,8 @@ def coverage(board: "Board", width: int, for_s: float | None, leader: Address, a
     """Show live which views of a calibration board the cameras have, and which are missing.
 
     Detects the board in the cameras' previews and saves nothing. To calibrate, also take a burst of the
-    board, during the count or after it: docs/calibration.md. Ends when the coverage is complete, or with
-    Ctrl-C.
+    board, during the count or after it, and run `reconstruct calibrate`. Ends when the coverage is complete,
+    or with Ctrl-C.
     """
     from rich.live import Live
 

@@ -316,7 +316,7 @@ class _ExportCommand(click.Command):
 def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) -> None:
     """Convert SESSION to the format of another program.
 
-    docs/exports.md describes how each format stores the times and what happens to missing images.
+    frames.csv in the result has the times of all frames, and which images are missing.
     """
     from capture_app.session.exporting.export_session import export_session
 

@@ -97,8 +97,11 @@ def _describe_scatter(session: Session) -> Iterator[str]:
     if not differences_ns:
         return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
+    apart = f"{by}images of one instant are {_describe_differences(differences_ns)}"
+    if by and not any(differences_ns):
+        apart = "how far images of one instant are apart is not known"
     yield from (
-        f"{by}images of one instant are {_describe_differences(differences_ns)}",
+        apart,
         verdict.sentence,
         verdict.stamps,
     )

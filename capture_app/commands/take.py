@@ -14,6 +14,7 @@ from msgspec.structs import asdict
 from capture_app.commands.shared_options import leader_option, together
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NoCameraHereError
+from capture_app.common.take_limits import LIMITS
 from capture_app.common.tasks import end
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
@@ -28,11 +29,17 @@ if TYPE_CHECKING:
 
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
+
+def _limited(field: str) -> click.IntRange | click.FloatRange:
+    low, high = LIMITS[field]
+    return click.IntRange(int(low), high) if isinstance(high, int) else FiniteRange(low, high)
+
+
 ready_options = together(
     click.option(
         "--wait-s",
         "wait_ready_s",
-        type=FiniteRange(0.0, 3600.0),
+        type=_limited("wait_ready_s"),
         default=0.0,
         metavar="S",
         help="Wait up to this long until all nodes are ready.",
@@ -40,7 +47,7 @@ ready_options = together(
     click.option(
         "--min-nodes",
         "nodes",
-        type=click.IntRange(1),
+        type=_limited("nodes"),
         metavar="N",
         default=1,
         help="With --wait-s: wait until at least this many nodes are ready.",
@@ -49,7 +56,7 @@ ready_options = together(
 """The options --wait-s and --min-nodes of a command that takes a burst."""
 _countdown_option = click.option(
     "--countdown-s",
-    type=FiniteRange(0.0, 3600.0),
+    type=_limited("countdown_s"),
     default=0.0,
     metavar="S",
     help="Count down this long before the first frame.",
@@ -181,24 +188,22 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
 @leader_option
 @click.option(
     "--frames",
-    type=click.IntRange(1, 100_000),
+    type=_limited("frames"),
     metavar="N",
     default=5,
     help="Number of frames from each camera.",
 )
-@click.option(
-    "--spacing", type=click.IntRange(1, 1_000_000), metavar="N", default=1, help="Take every Nth frame."
-)
+@click.option("--spacing", type=_limited("spacing"), metavar="N", default=1, help="Take every Nth frame.")
 @click.option(
     "--interval-s",
-    type=FiniteRange(0.001, 86_400.0),
+    type=_limited("interval_s"),
     metavar="S",
     show_default="by --spacing",
     help="Time between frames, for a time-lapse.",
 )
 @click.option(
     "--spare",
-    type=click.IntRange(0, 999),
+    type=_limited("spare"),
     metavar="N",
     show_default="as many as frames, at least 4; none in a burst of over 2 s",
     help="Replace up to N instants (common times of all cameras) whose frame a camera dropped by later ones.",
@@ -211,27 +216,25 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
 @click.option(
     "--at-ns",
     "at_leader_ns",
-    type=int,
+    type=_limited("at_leader_ns"),
     metavar="NS",
     show_default="now",
     help="Time of the first frame by the leader's clock; may be in the recent past.",
 )
 @click.option(
     "--before",
-    type=click.IntRange(0, 1000),
+    type=_limited("before"),
     metavar="N",
     default=0,
     help="Number of frames from before this command, out of the ring buffer.",
 )
 @click.option("--name", default="", show_default="burst", help="Name of the take: its session is NAME-001.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
-@click.option(
-    "--repeat", type=click.IntRange(1, 10_000), metavar="N", default=1, help="Number of bursts to take."
-)
+@click.option("--repeat", type=_limited("repeat"), metavar="N", default=1, help="Number of bursts to take.")
 @click.option(
     "--every",
     "every_s",
-    type=FiniteRange(0.0, 86_400.0),
+    type=_limited("every_s"),
     metavar="S",
     show_default="when the last one is saved",
     help="With --repeat: time between bursts.",
@@ -304,7 +307,7 @@ def burst(
 @leader_option
 @click.option(
     "--seconds",
-    type=FiniteRange(0.001, 31 * 86_400.0),
+    type=_limited("seconds"),
     metavar="S",
     show_default="until Ctrl-C or --stop",
     help="Length of the recording.",
@@ -318,7 +321,7 @@ def burst(
 )
 @click.option(
     "--every-s",
-    type=FiniteRange(0.001, 86_400.0),
+    type=_limited("interval_s"),
     metavar="S",
     show_default=False,
     help="Time between frames instead of --fps, for a time-lapse.",

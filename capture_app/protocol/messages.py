@@ -12,7 +12,6 @@ from capture_app.common.bounds import (
     Instance,
     Message,
     Number,
-    Positive,
     Real,
     Sentence,
     Text,
@@ -20,6 +19,7 @@ from capture_app.common.bounds import (
 )
 from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
+from capture_app.common.take_limits import meta
 from capture_app.protocol.orders import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.protocol.pairing_messages import FromUnknown, Invite, Invited, SpeaksFor, ToUnknown
 from capture_app.protocol.status import BurstStatus, RigStatus
@@ -29,7 +29,6 @@ from capture_app.trust.datagram_keys import Grant
 from capture_app.trust.identity import Proof
 from capture_app.trust.known_machines import KnownMachine
 
-LONGEST_S = 31 * 86_400.0
 """Maximum duration of a recording, and of any wait."""
 EventField = Annotated[str, Meta(max_length=40)]
 EventValue = TimeNs | Real | Sentence | bool | None
@@ -205,23 +204,23 @@ class StatusAnswer(Message, frozen=True, kw_only=True, tag="status"):
 class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """Operator's request for a burst once all nodes are ready, or after `wait_ready_s`."""
 
-    frames: Positive | None = None
+    frames: Annotated[int, meta("frames")] | None = None
     """None: as many as fit into `seconds`, or until the burst is ended."""
-    spacing: Positive = 1
-    interval_s: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
+    spacing: Annotated[int, meta("spacing")] = 1
+    interval_s: Annotated[float, meta("interval_s")] | None = None
     """Interval between frames in s; None: `spacing` applies."""
-    seconds: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
+    seconds: Annotated[float, meta("seconds")] | None = None
     video: bool = False
     """Whether to take a recording, with a video per camera."""
     at_leader_ns: TimeNs | None = None
-    wait_ready_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] = 0.0
-    nodes: Positive = 1
+    wait_ready_s: Annotated[float, meta("wait_ready_s")] = 0.0
+    nodes: Annotated[int, meta("nodes")] = 1
     """Minimum number of nodes that must be ready."""
-    spare: Count | None = None
+    spare: Annotated[int, meta("spare")] | None = None
     """Number of further instants that replace those some camera misses; 0: instants must be consecutive,
     None: the leader chooses.
     """
-    before: Count = 0
+    before: Annotated[int, meta("before")] = 0
     """Number of frames taken before the leader receives this request; 0 leaves nodes time to prepare."""
     name: Text = ""
     """Name of the take, with which its session's folder begins; a valid name, or empty for the default."""

@@ -33,7 +33,7 @@ class AsyncRig:
 
     `leader`: HOST or HOST:PORT of a running rig, here or elsewhere, which keeps running after the block.
     Without one, a rig of this machine is started with `simulated` cameras that look at `scene`, and with
-    `cameras` (specs as `capture-app cameras list` shows them); it saves to `sessions`, and ends with the
+    `cameras` (specs as `capture-app cameras` shows them); it saves to `sessions`, and ends with the
     block.
     """
 

@@ -12,7 +12,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Self
 
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from capture_app.common.errors import (
     BadInputError,
@@ -22,9 +22,10 @@ from capture_app.common.errors import (
     SimulshotError,
 )
 from capture_app.common.names import check_name
+from capture_app.common.take_limits import LIMITS, check_before, limited
 from capture_app.common.tasks import end
 from capture_app.common.timeouts import READY_TIMEOUT_S
-from capture_app.protocol.messages import LONGEST_S, BurstRequest
+from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.rig.rig_link import RigLink, present_cameras
@@ -35,22 +36,8 @@ from capture_app.session.reading.verdict import Verdict, judge
 if TYPE_CHECKING:
     from capture_app.session.reading.array_access import OpenSession
 
-DAY_S = 86_400.0
-MAX_FRAMES = 100_000
-_LIMITS: dict[str, tuple[float, float]] = {
-    "frames": (1, MAX_FRAMES),
-    "before": (0, MAX_FRAMES),
-    "spacing": (1, 1_000_000),
-    "interval_s": (1e-4, 1e5),
-    "spare": (0, 999),
-    "seconds": (1e-3, LONGEST_S),
-    "wait_ready_s": (0, LONGEST_S),
-    "nodes": (1, 100_000),
-    "countdown_s": (0, DAY_S),
-    "repeat": (1, 10_000),
-    "every_s": (0, DAY_S),
-    "wait_leader_s": (0, DAY_S),
-}
+MAX_NOTE = 10_000
+"""Letters of a note."""
 
 
 class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
@@ -78,10 +65,12 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
 
     def __post_init__(self) -> None:
         """Raise BadInputError for values that no leader accepts, or that contradict each other."""
-        for field, (low, high) in _LIMITS.items():
-            value = getattr(self, field)
-            if value is not None and not (isinstance(value, int | float) and low <= value <= high):
-                raise BadInputError(f"{field} of a take is {value!r}", hint=f"give {low:g} to {high:g}")
+        for field in LIMITS:
+            if (value := getattr(self, field)) is not None:
+                force_setattr(self, field, limited(field, value))
+        check_before(self.before, None if self.is_by_duration else self.frames)
+        if not isinstance(self.note, str) or len(self.note) > MAX_NOTE:
+            raise BadInputError("the note of a take is not a text", hint=f"give up to {MAX_NOTE} letters")
         if self.name:
             check_name(self.name, "take")
         if self.at_leader_ns is not None and (self.repeat > 1 or self.on_motion is not None):
@@ -96,10 +85,15 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
                 hint="give LEFT TOP RIGHT BOTTOM, for example 0.5 0 1 1 for the right half",
             )
 
+    @property
+    def is_by_duration(self) -> bool:
+        """Whether the take ends by its time or by an order, not by its number of frames."""
+        return self.video or self.seconds is not None
+
     def request(self) -> BurstRequest:
         """Return the leader's order of one take; a take by its duration skips no instants."""
         fields = {field: getattr(self, field) for field in BurstRequest.__struct_fields__}
-        if self.video or self.seconds is not None:
+        if self.is_by_duration:
             fields |= {"frames": None, "spare": 0}
         return BurstRequest(**fields)
 

@@ -122,6 +122,31 @@ def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) 
     return matches | _triples(matches)
 
 
+Track = dict[str, Array]
+"""The pixel (2,) of one point in each camera that sees it."""
+
+
+def find_tracks(views: Mapping[str, View], features: Mapping[str, Features]) -> list[Track]:
+    """Return the points that two or more cameras share, by their matches in pairs; see `_shared_points`."""
+    root: dict[tuple[str, float, float], tuple[str, float, float]] = {}
+
+    def find(place: tuple[str, float, float]) -> tuple[str, float, float]:
+        while root.setdefault(place, place) != place:
+            place = root[place]
+        return place
+
+    for names, at in _shared_points(views, features).items():
+        if len(names) == 2:
+            for first, second in at.transpose(1, 0, 2).tolist():
+                root[find((names[0], *first))] = find((names[1], *second))
+    groups: dict[tuple[str, float, float], list[tuple[str, float, float]]] = {}
+    for place in list(root):
+        groups.setdefault(find(place), []).append(place)
+    # Two places in one camera: at least one match is wrong.
+    whole = [group for group in groups.values() if 1 < len({name for name, *_ in group}) == len(group)]
+    return [{name: np.array(at) for name, *at in group} for group in whole]
+
+
 def _refused_px(views: Mapping[str, View]) -> float:
     return REFUSED_PX * max((size_above_features(v.width, v.height) for v in views.values()), default=1.0)
 

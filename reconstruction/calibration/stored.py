@@ -204,7 +204,7 @@ def choose_calibration(dataset: Dataset) -> None:
         views = calibrated_views(dataset, stored.calibration)
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             check = check_rig(views, Rig(dataset, Path(scratch)).middle_features)
-        why = "" if check.holds else f"{check} (calibrate the rig again, as docs/calibration.md shows)"
+        why = "" if check.holds else f"{check} (calibrate the rig again: reconstruct calibrate)"
     except BadInputError as error:
         why = error.what
     if why:

@@ -128,7 +128,8 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session.
 
-    docs/calibration.md shows all steps, beginning with the board to print (reconstruct board).
+    Print a board first (reconstruct board), and show it to all cameras in a burst; `capture-app coverage`
+    counts the views.
     """
     from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.calibration.calibration_run import calibrate as run
@@ -206,7 +207,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     """Write a ChArUco board to FILE (.pdf or .svg) to print at true size and calibrate with.
 
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
-    page shows whether the printer kept the size. docs/calibration.md shows all steps.
+    page shows whether the printer kept the size.
     """
     from capture_app.board.printing import board_page, calibrate_options, to_pdf, to_svg
 

@@ -19,7 +19,7 @@ LOOK_S = 2.0
 LATER_NICENESS = 9
 """Added to the process's niceness after the first depth: a rig's own work goes first."""
 T = TypeVar("T")
-HINT = "docs/calibration.md shows how; with simulated cameras, take once"
+HINT = "calibrate it with reconstruct calibrate; with simulated cameras, take once"
 
 
 @click.command(hidden=True)

@@ -9,6 +9,7 @@ imported here, but run by another Python.
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import NotAvailableError, SimulshotError
+from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.common.native_libraries import load_pycolmap
+from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
 from reconstruction.depth.sweep_matcher import ViewDepth
 
 POINTS_PER_VIEW = 300
@@ -28,6 +30,8 @@ HINT = (
     "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
     f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
 )
+MAX_NORMAL_DEG = 30.0
+"""Maximum angle between the normals of maps' pixels that COLMAP fuses; its own 10 suits smoother normals."""
 STDERR = 2
 PROGRAM = """
 import sys, pycolmap
@@ -70,6 +74,31 @@ def write_workspace(
     for name, found in (depth_views or {}).items():
         write_array(_map_file(folder, "depth", name), found.depth)
         write_array(_map_file(folder, "normal", name), found.normals)
+
+
+def fuse_by_colmap(
+    views: Mapping[str, View],
+    pictures: Mapping[str, Array],
+    depth_views: Mapping[str, ViewDepth],
+    min_views: int,
+) -> tuple[Array, Array]:
+    """Fuse maps by COLMAP's stereo fusion; return points (n, 3) in the rig's frame, and colours (uint8 RGB).
+
+    Raises:
+        NotAvailableError: pycolmap is not installed.
+        ForeignError: COLMAP failed.
+    """
+    pycolmap = load_pycolmap("fusing maps")
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        folder = Path(scratch)
+        write_workspace(folder, views, pictures, depth_views)
+        options = pycolmap.StereoFusionOptions(min_num_pixels=min_views, max_normal_error=MAX_NORMAL_DEG)
+        with foreign_calls("COLMAP", "fusing maps"):
+            pycolmap.stereo_fusion(
+                folder / "fused.ply", folder, "COLMAP", "option-all", "geometric", options, output_type="ply"
+            )
+        cloud = read_ply(folder / "fused.ply")
+    return cloud.points, cloud.colours
 
 
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:

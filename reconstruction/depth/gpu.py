@@ -263,10 +263,16 @@ def find_engine() -> SweepEngine:
     try:
         if named or (named is None and has_gpu()):
             engine = open_gpu(find_adapters(), named or "")
+        elif named is None:
+            engine = SweepEngine("on the CPU (this machine has no GPU)")
     # A wgpu without its library, an old driver or a full memory may raise anything.
     except Exception as error:  # noqa: BLE001
-        if named or not isinstance(error, ImportError):
-            engine = SweepEngine(f"on the CPU ({_cause(error)})")
+        engine = SweepEngine(f"on the CPU ({_cause(error)})")
     if engine.note:
         talk(f"depth {engine.note}")
     return engine
+
+
+def is_requested() -> bool:
+    """Return whether the user names a GPU in the environment."""
+    return bool(os.environ.get(GPU))

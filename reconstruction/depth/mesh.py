@@ -11,13 +11,15 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
-from reconstruction.depth.fusion import FusedCloud, find_denied, project_points
+from reconstruction.depth.fusion import SLACK, FusedCloud, find_denied, project_points
 from reconstruction.depth.geometric_consistency import MIN_ISLAND_PX, remove_speckles
 from reconstruction.depth.sweep_matcher import ViewDepth
 
 NEIGHBOURS = 16
 SAME_SURFACE = 0.015
 """Maximum relative difference of depths that two views measured of one surface."""
+CONFIRMED = 2
+"""Number of other maps of its surface from which a point is kept, whatever further views measured."""
 MAX_JUMP = 0.01
 """Maximum relative difference of depths in a triangle; it is larger at edges, and at grazing angles."""
 MAX_WIDTH_PX = 960
@@ -78,8 +80,8 @@ def join_maps(
     """Return a mesh of all maps: points (n, 3), colours (n, 3) uint8 RGB, and triangles (m, 3) of indices.
 
     Each map is triangulated on its pixels, without triangles across a jump of depth. What an earlier map
-    contains is left out, except for a seam of one pixel. Each point is the mean of all maps that measured its
-    surface. Points that other views deny are left out, see `find_denied`.
+    contains is left out, except for a seam of one pixel. Points that other views deny (`find_denied`) and
+    few confirm are left out. Each other point is the mean of the maps that measured it to within `SLACK`.
     """
     small = {name: _reduce(views[name], depth_views[name], pictures[name]) for name in depth_views}
     views = {name: view for name, (view, _, _) in small.items()}
@@ -99,9 +101,13 @@ def join_maps(
         pixels = np.nonzero((depth > 0) & (seam > 0))
         points = surface[pixels]
         ratios = [_compare(points, views[other], depth_views[other])[1] for other in small if other != name]
+        denied = find_denied(points, found.normals[pixels] @ view.rotation, views, depth_views)
+        # Maps that measured this surface with a larger error would deny it.
+        denied &= np.count_nonzero(ratios, axis=0) < CONFIRMED
+        # A point moved by more than SLACK would contradict its own map.
+        ratios = [np.where(np.abs(ratio - 1) < SLACK, ratio, 0) for ratio in ratios]
         mean = (1 + np.sum(ratios, axis=0)) / (1 + np.count_nonzero(ratios, axis=0))
         points = view.centre + (points - view.centre) * mean[:, None]
-        denied = find_denied(points, found.normals[pixels] @ view.rotation, views, depth_views)
         index = np.full(depth.shape, -1)
         index[pixels] = np.where(denied, -1, np.arange(len(points)))
         corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1)

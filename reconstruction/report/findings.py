@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 from capture_app.common.text import count
 from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
-from reconstruction.report.study_report import reported, study_reports
+from reconstruction.report.study_report import Claim, reported, study_reports
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing
@@ -17,9 +18,11 @@ EACH_DELAYED = "each camera off by a different delay"
 """The offset condition of studies of all cameras, as a word and as a phrase."""
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """Measures that judge depth: correct distances if the truth is known, else any distance."""
+VAGUE_FRACTION = 0.6
+"""Width of a fraction's 95 % interval from which it is no headline."""
 CLEAR_FRACTION = 0.15
 """Lost fraction of the moving pixels from which the loss is reported as clear."""
-REPAIR = "reconstruct time --repair-drops pairs the pictures of an imported session again"
+REPAIR = "To pair the pictures of an imported session again: reconstruct time --repair-drops"
 MAX_NAMED = 4
 """Maximum number of cameras named in a sentence."""
 
@@ -44,9 +47,11 @@ def timing_sentences(timing: Timing) -> str:
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
     if timing.change:
-        remedy = REPAIR if timing.change.steps else "Import it with its own times: --times or --timestamps"
-        when = "at first" if timing.change.steps else "on average"
-        return f"{found} {timing.reason}, and {offset_text(timing)} {when} ({by}; 95 %). {remedy}."
+        if timing.change.steps:
+            found = f"These cameras were not synchronized throughout: {timing.reason}; before that"
+            return f"{found} it is {offset_text(timing)} ({by}; 95 %). {REPAIR}."
+        found = f"{found} {timing.reason}, and {timing.other} is {offset_text(timing)} on average"
+        return f"{found} ({by}; 95 %). Import it with its own times: --times or --timestamps."
     paired = f"{timing.option} pairs the pictures that belong together" if timing.option else ""
     if timing.jitter_ms is not None:
         shift = f" {paired} on average." if paired else ""
@@ -254,6 +259,11 @@ def _no_difference(timing: Timing | None, late: str) -> str:
             f"No clear difference was found between pictures of the same instant and pictures taken {late}: "
             "what moves here is too slow or too small for this delay."
         )
+    if timing is not None and timing.same_frame_ms is not None:
+        return (
+            f"No clear difference was found between pictures of the same frame and pictures taken {late}: "
+            "what moves here is too slow or too small for this delay."
+        )
     return (
         f"No clear difference was found between the pictures as recorded and pictures taken {late}. "
         "What moves here is too slow or too small for this delay, or the recordings were not synchronized "
@@ -267,7 +277,11 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     `tone` is the condition; `value` is in words and `fraction` (0..1) is drawn. `what` says what the value
     measures, and `when` names the condition's images.
     """
-    known = ((found, claim) for study, found in reported(result) if (claim := study.claim(found)) is not None)
+    known = (
+        (found, claim)
+        for study, found in reported(result)
+        if (claim := study.claim(found)) is not None and not _is_vague(found, claim)
+    )
     shown, claim = next(known, (None, None))
     if shown is None or claim is None:
         return (), ""
@@ -290,21 +304,29 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     return found, claim.note
 
 
+def _is_vague(found: StudyResult[Any], claim: Claim) -> bool:
+    """Return whether a claimed fraction's interval is too wide for a headline."""
+    known = (one.synced for one in found.measures if one.synced and one.synced.value == claim.values[0])
+    return claim.unit == wording.PERCENT and any(one.ends[1] - one.ends[0] > VAGUE_FRACTION for one in known)
+
+
 def describe_exactness(result: CompareResult) -> dict[str, str]:
     """Return this take's time `error` and the delay its motion tolerates (`tolerated`), with a `conclusion`.
 
     Both have a `*_source` that says how they were determined. Unknown values are stated as such.
     """
-    rig = result.rig_timing.cameras if result.rig_timing is not None else ()
-    offset = [one for one in (result.timing, *rig) if one is not None and one.offset]
-    furthest = max(offset, key=lambda one: abs(one.late_ms or 0.0), default=None)
+    offset = [one for one in timings_of(result) if one.offset]
+    furthest = max(offset, key=_largest_offset_ms, default=None)
     shown = furthest or result.timing
     measured = offset_text(shown) if shown is not None else ""
+    if shown is not None and shown.change:
+        measured = f"up to {wording.milliseconds(round(_largest_offset_ms(shown)))}"
     if result.sync_residual_us is not None and furthest is None:
         error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
         source += f"; {measured} by what moves" if measured else ""
     elif shown is not None and measured:
         error, source = measured, f"{shown.other} against {shown.reference}, by what moves"
+        source = f"{shown.reason}, by what moves" if shown.change else source
     else:
         error = wording.NOT_AVAILABLE
         source = result.unsynchronized.partition(":")[0] or "neither recorded nor measured"
@@ -319,12 +341,29 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
     }
 
 
+def _largest_offset_ms(timing: Timing) -> float:
+    """Return the size of the offset; if it changes, the largest, of its instants or between two steps."""
+    late_ms = [one.late_ms for one in timing.instants] if timing.change.drift else []
+    for step in timing.change.steps:
+        later = [one.late_ms for one in timing.instants if one.instant >= step.instant]
+        late_ms += [median(later)] if later else []
+    return max(map(abs, [*late_ms, timing.late_ms or 0.0]))
+
+
+def timings_of(result: CompareResult) -> list[Timing]:
+    """Return the judgements of the pair and of all cameras."""
+    rig = result.rig_timing.cameras if result.rig_timing is not None else ()
+    return [one for one in (result.timing, *rig) if one is not None]
+
+
 def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
     """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
+    apart = any(one.offset for one in timings_of(result))
     unknown = {
         "whether the pictures show one instant was not measured": result.timing is None,
-        "the pictures do not show one instant": not together,
+        "the pictures do not show one instant": apart,
+        "whether the pictures show one instant is not certain": not together,
         "depth against delay was not measured": tolerance is None,
     }
     if tolerance is None or not together:

@@ -304,10 +304,21 @@ class Dataset:
             target_ns = times[instant] + round(offset_ms * 1e6)
             nearest = min(range(len(times)), key=lambda k: abs(times[k] - target_ns))
             if not is_same_instant(times[nearest] - target_ns, self.period_ns):
+                reach = (
+                    f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
+                    f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there"
+                )
+                having = [
+                    number
+                    for number, at_ns in enumerate(times)
+                    if any(
+                        is_same_instant(other_ns - at_ns - round(offset_ms * 1e6), self.period_ns)
+                        for other_ns in times
+                    )
+                ]
                 raise BadInputError(
                     f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
-                    hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
-                    f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there",
+                    hint=f"{reach}; instant {having[0]} has one" if having else reach,
                 )
             chosen[camera] = nearest
         return chosen

@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from msgspec import Struct
@@ -15,6 +15,7 @@ from capture_app.session.importing.realigning import realign_session
 from capture_app.session.importing.realigning import repair_drops as repair_drops_of
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
+from reconstruction.session.conditions import DEFAULT_OFFSET_MS, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
@@ -115,7 +116,7 @@ def _common_times(
         moved = with_own_changes(measure_rig_offsets(rig, reference, progress))
     for name in unlit:
         why, by_light = moved[name].reason, lit[name].reason
-        both = why and by_light != NO_LAMP
+        both = why and by_light not in (NO_LAMP, why)
         lit[name] = CameraTime(reason=f"{why}; {by_light}") if both else moved[name]
     return lit, rig.source
 
@@ -123,10 +124,17 @@ def _common_times(
 @contextmanager
 def _calibrated(dataset: Dataset, progress: Progress) -> Iterator[Rig]:
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = Rig(dataset, Path(scratch))
+        rig = Rig(dataset, Path(scratch), comparison_step(dataset))
         progress.step("calibration")
         rig.calibrate()
         yield rig
+
+
+def comparison_step(dataset: Dataset) -> int:
+    """Return the step of a comparison, so that motion and the points at rest are the same."""
+    with suppress(BadInputError):
+        return nearest_frame_offset(dataset.instants_ns, dataset.period_ns, DEFAULT_OFFSET_MS).step
+    return 1
 
 
 def _aligned_time(found: CameraTimes) -> CameraTime:

@@ -148,6 +148,12 @@ def test_commands_and_choices_are_completed(
     assert {line.partition(",")[2] for line in capsys.readouterr().out.split()} == offered
 
 
+def test_cameras_are_also_listed_by_that_word(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(("cameras", "list", "--json")) == run(("cameras", "--json")) == ExitCode.OK
+    first, second = capfd.readouterr().out.rstrip().split("\n}\n")
+    assert f"{first}\n}}" == second
+
+
 def test_a_table_has_lines_on_a_terminal_only(capfd: pytest.CaptureFixture[str]) -> None:
     assert run(("cameras",)) == ExitCode.OK
     piped = capfd.readouterr().out

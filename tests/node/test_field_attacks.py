@@ -10,7 +10,7 @@ N3  lines that fill the log                node/leader/test_operator.py::test_th
 N4  another phase in each report           sync/rig/test_grid_votes.py::test_another_phase_in_each_report
 N4  a webcam with a bad clock              sync/rig/test_grid_votes.py::test_a_webcam_with_a_bad_clock
 N5  images, packets and chunks as bombs    end_to_end/test_bombs.py::test_a_picture_or_truth
-N5b a password asked for in clear          cameras/rtsp/test_rtsp_camera.py::test_a_password_is_not_sent
+N5b a password asked for in clear          plugins/cameras/rtsp/test_rtsp_camera.py::test_a_password_is_not
 N6  a foreign host or origin               end_to_end/screen/test_serve.py::test_the_screen_opens
 N7  invitations, the rig's end, keys       node/enrolment/test_below_relays.py::test_a_relay_neither_invites
 N7  a name of a camera paired here         node/enrolment/test_below_relays.py::test_a_relay_takes_no_name

@@ -18,10 +18,13 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import click
 import msgspec
+import numpy as np
 import pytest
 
 from capture_app.cameras.specs import open_camera
+from capture_app.commands.take import burst, record
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import (
@@ -32,6 +35,7 @@ from capture_app.common.errors import (
     NotAvailableError,
 )
 from capture_app.common.node_state import RELAY, NodeState
+from capture_app.common.take_limits import LIMITS
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
@@ -328,6 +332,14 @@ async def test_an_iteration_that_does_not_end_leaves_nothing_running(rig: FakeRi
         ({"repeat": 0}, "repeat"),
         ({"every_s": float("nan")}, "every_s"),
         ({"countdown_s": "3"}, "countdown_s of a take is '3'"),
+        ({"frames": 3.0}, "frames of a take is 3.0"),
+        ({"frames": np.float64(3)}, "frames of a take is"),
+        ({"nodes": "2"}, "nodes of a take is '2'"),
+        ({"at_leader_ns": 1 << 63}, "at_leader_ns"),
+        ({"frames": 2, "before": 3}, "3 of 2 frames cannot be taken before"),
+        ({"video": True, "before": 10}, "no frames from before"),
+        ({"seconds": 2.0, "before": 10}, "no frames from before"),
+        ({"note": 5}, "note"),
         ({"name": "../up"}, "not a valid name for a take"),
         ({"on_motion": (0.5, 0, 0.5, 1)}, "not a region"),
         ({"at_leader_ns": 5, "repeat": 2}, "at a given time"),
@@ -337,6 +349,31 @@ async def test_an_iteration_that_does_not_end_leaves_nothing_running(rig: FakeRi
 def test_an_impossible_plan_is_refused(plan: dict[str, Any], says: str) -> None:
     with pytest.raises(BadInputError, match=says):
         TakePlan(**plan)
+
+
+def test_numbers_of_numpy_are_taken_as_numbers() -> None:
+    numbers: dict[str, Any] = {"frames": np.int64(3), "before": np.uint8(1), "repeat": np.int32(2)}
+    plan = TakePlan(**numbers | {"every_s": np.float32(0.5), "countdown_s": 1})
+    assert plan == TakePlan(frames=3, before=1, repeat=2, every_s=0.5, countdown_s=1.0)
+    sent = msgspec.json.decode(msgspec.json.encode(plan.request()), type=BurstRequest)
+    assert (sent.frames, sent.before) == (3, 1)
+
+
+@pytest.mark.parametrize("field", LIMITS)
+def test_command_and_leader_have_the_limits_of_a_plan(field: str) -> None:
+    low, high = LIMITS[field]
+    values: dict[str, Any] = {"frames": 1000} if field == "before" else {}
+    for value in (low, high):
+        plan = TakePlan(**{**values, field: value})
+        msgspec.json.decode(msgspec.json.encode(plan.request()), type=BurstRequest)
+    with pytest.raises(BadInputError, match=f"{field} of a take"):
+        TakePlan(**{**values, field: high * 2 + 1})
+    typed = [of for command in (burst, record) for of in command.params if of.name == field]
+    limits = {
+        (of.type.min, of.type.max) for of in typed if isinstance(of.type, click.IntRange | click.FloatRange)
+    }
+    if field != "every_s":  # of `record` it is the time between frames
+        assert limits in (set(), {(low, high)})
 
 
 @asynccontextmanager

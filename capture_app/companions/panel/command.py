@@ -336,7 +336,7 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
 def panel() -> None:
     """Show a time code to all cameras, and measure their time differences from their pictures.
 
-    docs/panel.md has all steps.
+    First `show` it, on a screen that all cameras see; then take a burst, and `read` the session.
     """
 
 

@@ -321,11 +321,17 @@ class BurstSession:
         self._intake.check_open()
         instant = upload.record.instant
         number, suffix = self._choice.number(instant), check_image_path(upload.record)
+        delivery = self._delivery(upload.camera)
         upload = replace(
             upload,
-            record=replace(upload.record, instant=number, path=image_path(upload.camera, number, suffix)),
+            record=replace(
+                upload.record,
+                instant=number,
+                path=image_path(upload.camera, number, suffix),
+                # A node that was started again during a recording did not know how late its frames are.
+                late=delivery.plan.camera.is_late(upload.record.residual_ns),
+            ),
         )
-        delivery = self._delivery(upload.camera)
         if problem := size_problem(upload, delivery.plan.camera.facts):
             await self.give_up_camera(delivery.name, problem.what)
             raise problem

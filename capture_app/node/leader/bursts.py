@@ -19,6 +19,7 @@ from capture_app.common.errors import (
 )
 from capture_app.common.names import check_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.take_limits import check_before
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
@@ -172,11 +173,7 @@ class ActiveBursts:
         Raises IncompleteError where the nodes are not ready in time, and the errors of `order`.
         """
         frames, asked_ns, engine = request.frames or 0, self.now_ns(), self._engine
-        if request.before > frames:
-            raise BadInputError(
-                f"{request.before} of {request.frames} frames cannot be taken before the request",
-                hint="ask for more frames",
-            )
+        check_before(request.before, request.frames)
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
         if engine.grid is None:
             accepted = [follower.take_alone(request) for follower in self._options.followers]

@@ -112,7 +112,7 @@ def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]
     elif exporter.calibration == "required":
         raise BadInputError(
             f"{burst.session.folder} has no calibration, which {exporter.program} needs",
-            hint=f"put a {CALIBRATION} into the session (docs/session-format.md)",
+            hint=f"run reconstruct calibrate, or put a {CALIBRATION} into the session",
         )
     elif exporter.uncalibrated:
         burst.notes.append(exporter.uncalibrated)

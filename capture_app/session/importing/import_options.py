@@ -1,6 +1,7 @@
 """User's options for an import, and the times and the state of the clocks that follow from them."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -107,6 +108,7 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Return the times of files without a common clock: each video's own, with the user's corrections."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized:
+        _note_different_rates(sources)
         if not rates:
             sources[0].note = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
         return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
@@ -114,9 +116,35 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
         return _by_times("the recording", {one.name: _own(one, "video") for one in sources}, options)
     if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
         return timeline_by_times("the recording", {source.name: [TimedFrame(0, 0)] for source in sources})
+    names = ", ".join(one.name for one in sources if isinstance(one, Images))
+    if all(isinstance(one, Images) and one.kind == FOLDER and _named_by_time(one) for one in sources):
+        raise BadInputError(
+            f"the images of {names} are named by times, which may be of one clock or not",
+            hint="if one clock gave them, take them: --times name",
+        )
     raise BadInputError(
-        f"the images of {', '.join(one.name for one in sources if isinstance(one, Images))} have no times",
+        f"the images of {names} have no times",
         hint="add their rate, --fps, or a table, --timestamps; --times name or exif takes the images' own",
+    )
+
+
+def _named_by_time(source: Images) -> bool:
+    with suppress(BadInputError):
+        times_ns = [name_time_ns(file) for file in source.files[:2]]
+        return times_ns == sorted(set(times_ns))
+    return False
+
+
+def _note_different_rates(sources: Sequence[Source]) -> None:
+    """Note in its source that a video's rate differs from another's by over half a frame in its length."""
+    videos = [source for source in sources if isinstance(source, Video)]
+    slow, fast = (end(videos, key=lambda one: one.fps, default=None) for end in (min, max))
+    if slow is None or fast is None or (fast.fps - slow.fps) * len(slow.numbers) / slow.fps < 0.5:
+        return
+    slow.note = (
+        f"{slow.path.name} has {slow.fps:.4g} frames a second and {fast.path.name} {fast.fps:.4g}: with "
+        f"--synchronized they are a frame apart after {1 / (fast.fps - slow.fps):.0f} s; "
+        "leave it out unless one clock triggered both"
     )
 
 

@@ -104,7 +104,7 @@ def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[
 
 
 def _number(order: str, entry: Entry) -> int:
-    return int(struct.unpack_from(order + {3: "H"}.get(entry[0], "I"), entry[2])[0])
+    return int(struct.unpack_from(order + {3: "H", 16: "Q"}.get(entry[0], "I"), entry[2])[0])
 
 
 def _text(tiff: bytes, order: str, entry: Entry | None) -> str:

@@ -173,6 +173,8 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
         return (
             "nothing to compare: no two images of one instant"
             if spread_ns is None
+            else "not measured: no times were recorded, equal numbers are taken as one instant"
+            if not spread_ns
             else f"not measured: {duration(spread_ns)} apart by the recorded times, whose error is not known"
         )
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"

@@ -262,7 +262,8 @@ class SessionsView(ModeView):
             return True
         whole = entry.card.state == "complete" or what in ("analyse", "trash")
         may_change = not entry.is_sample or what not in ("rename", "note", "trash")
-        return whole and may_change and (what != "compare" or len(entry.card.cameras) > 1)
+        can_compare = len(entry.card.cameras) > 1 and entry.card.images > 1
+        return whole and may_change and (what != "compare" or can_compare)
 
     def action_on_session(self, what: str) -> None:
         """Do something with the selected session; while it is being saved, say so instead."""

@@ -9,6 +9,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.common.names import check_name, is_name
+from capture_app.common.take_limits import LIMITS
 from capture_app.common.text import duration, printable
 from capture_app.rig.motion_watch import WHOLE, Region
 from capture_app.rig.taking import TakePlan
@@ -20,7 +21,7 @@ from capture_app.tui.widgets.lines import Lines
 V = TypeVar("V")
 MAX_BEFORE = 60
 """Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
-MAX_FRAMES = 300
+MAX_FRAMES = int(LIMITS["frames"][1])
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """Durations of a recording; 0: until it is stopped."""
 REGIONS: dict[str, Region] = {

@@ -1,5 +1,6 @@
 """Images prepared for matching: undistorted, grey, with their noise level."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -8,15 +9,21 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.calibrated_rig import calibrated_views
+from reconstruction.calibration.consistency import RigCheck, check_rig
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
+from reconstruction.pairs import detect_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, dilate
 
 CACHED_IMAGES = 32
+EDGE_PX = 2
+"""Distance from pixels outside the original image within which nothing is matched."""
+CHECKED = 960, 800
+"""Longer side (px) and number of points of an image by which a calibration is checked."""
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which an image is empty."""
 MAP_BYTES_PER_PIXEL = 60
@@ -35,6 +42,16 @@ class InputImage:
     calibrated: CalibratedImage
     view: View
     """The view with the image's original distortion."""
+
+    @property
+    def outside(self) -> Array:
+        """The undistorted pixels (bool) that the original image does not contain, and those at its edge."""
+        if not self.view.distortion.any():
+            return np.zeros(self.colours.shape[:2], bool)
+        there = undistort_nearest(self.view, np.ones(self.colours.shape[:2], np.uint8))
+        # The edge of what is filled with black is no edge of an object.
+        inside = cv2.erode(there, np.ones((2 * EDGE_PX + 1,) * 2, np.uint8), borderValue=1)
+        return np.asarray(inside == 0)
 
 
 def undistort_nearest(view: View, image: Array) -> Array:
@@ -128,6 +145,20 @@ def load_input_images(
         known = replace(image.calibrated, moving=find_moving(image, motion))
         images[camera] = replace(image, calibrated=known)
     return images, left_out, calibration.source_words, calibration.unit
+
+
+def check_images(images: Mapping[str, InputImage]) -> RigCheck:
+    """Check the images' calibration against points at rest in them, of one instant."""
+    views = {camera: image.calibrated.view for camera, image in images.items()}
+    features = {}
+    for camera, image in images.items():
+        moving = image.calibrated.moving
+        features[camera] = detect_features(
+            cv2.cvtColor(image.colours, cv2.COLOR_BGR2GRAY),
+            *CHECKED,
+            allowed=None if moving is None else ~moving,
+        )
+    return check_rig(views, features)
 
 
 class UndistortedSession:

@@ -2,12 +2,12 @@
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import SourceView
@@ -36,7 +36,8 @@ class InstantDepth:
     reference and its sources, warped by all matched depth: the median over the sources, NaN = none sees it.
     `points` (n, 3) are float32 with `colours` (n, 3), uint8 RGB. `seen` (n, cameras), bool, marks the maps
     that each point was fused from, in the order of the images. `planes` (n, 4) are normal and distance of the
-    planes on which blank walls may be.
+    planes on which blank walls may be. `all_depth` and `all_normals` are the maps of all cameras, flat, one
+    after the other in the order of the images; empty if they were not kept.
     """
 
     depth: Array
@@ -46,6 +47,24 @@ class InstantDepth:
     colours: Array
     seen: Array
     planes: Array
+    all_depth: Array = field(default_factory=lambda: np.zeros(0))
+    all_normals: Array = field(default_factory=lambda: np.zeros(0))
+
+    def all_maps(self, views: Mapping[str, View]) -> dict[str, ViewDepth]:
+        """Return the maps of all cameras, whose views are in the order of the images."""
+        ends = np.cumsum([view.width * view.height for view in views.values()])
+        if not len(ends) or len(self.all_depth) != ends[-1]:
+            return {}
+        depths, normals = (
+            np.split(values.astype(np.float32), ends[:-1])
+            for values in (self.all_depth, self.all_normals.reshape(-1, 3))
+        )
+        return {
+            camera: ViewDepth(
+                depth.reshape(view.height, view.width), facing.reshape(view.height, view.width, 3)
+            )
+            for (camera, view), depth, facing in zip(views.items(), depths, normals, strict=True)
+        }
 
 
 def compute_instant_depth(
@@ -85,6 +104,8 @@ def compute_instant_depth(
         points=cloud.points,
         colours=cloud.colours,
         seen=cloud.seen,
+        all_depth=np.concatenate([found[camera].depth.ravel() for camera in images]),
+        all_normals=np.concatenate([found[camera].normals.ravel().astype(np.float16) for camera in images]),
     )
 
 

@@ -36,6 +36,7 @@ from reconstruction.depth.view_choice import (
 )
 from reconstruction.methods.multiview.input_images import (
     InputImage,
+    check_images,
     find_moving,
     load_input_images,
     undistorted_truth,
@@ -117,6 +118,7 @@ def model_instant(
     marks = {"begin": time.monotonic()}
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
+    check = check_images(images) if options.check else None
     images, sources, scene, maps = _match_instant(
         images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
     )
@@ -155,6 +157,8 @@ def model_instant(
         unit=unit,
         reference=reference,
         **_figures(next(view for view in scored if view.camera == reference)),
+        rest_error_px=None if check is None or check.error_px is None else round(check.error_px, 3),
+        rest_points=0 if check is None else check.points,
         movers_1cm=moving_score,
         moving_measured=measured_fraction(image, depth, motion) if options.page else None,
         nearest=min(nearest for nearest, _ in ranges),
@@ -314,7 +318,8 @@ def write_moment(
         "title": f"{result.session}, instant {result.instant}",
         "kicker": "One instant in space",
         "name": result.session,
-        "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
+        "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving} "
+        f"{result.basis[0].upper()}{result.basis[1:]}.",
         "numbers_in": (RESULT,),
         "cloud": view_clouds(clouds, out, result.reference, len(result.views)),
         "scripts": ("cloud.js",),

@@ -1,8 +1,10 @@
 """Choice of the depth matcher for all cameras: the plane sweep, or COLMAP's PatchMatch on a GPU."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
@@ -13,7 +15,7 @@ from reconstruction.depth.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.depth.gpu import find_engine
+from reconstruction.depth.gpu import find_engine, is_requested
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
@@ -45,7 +47,7 @@ class ChosenMatcher:
 
 
 def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
-    """Return the requested matcher, see `Matcher.engine`.
+    """Return the requested matcher, see `Matcher.engine`. GPU goes on with the CPU where there is none.
 
     Raises:
         NotAvailableError: PatchMatch is requested, and this machine cannot run it.
@@ -53,8 +55,8 @@ def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu[0]}")
-    engine = find_engine()
-    why = "asked for" if asked is Matcher.SWEEP else FINDS_MORE
+    engine = find_engine() if asked is Matcher.GPU or is_requested() else CPU
+    why = FINDS_MORE if asked is Matcher.AUTO else "asked for"
     return ChosenMatcher(why=why, engine=engine, quick=quick)
 
 
@@ -73,7 +75,7 @@ def match_cameras(
     """
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        return match_all_views(
+        found = match_all_views(
             calibrated,
             sources,
             depth_ranges,
@@ -82,11 +84,23 @@ def match_cameras(
             quick=matcher.quick,
             still=still,
         )
+        return {camera: _inside(images[camera], view) for camera, view in found.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)
     run_patch_match(matcher.gpu, workspace, *whole)
     return read_maps(workspace, images)
+
+
+def _inside(image: InputImage, found: ViewDepth) -> ViewDepth:
+    """Return a map without what was matched outside the original image, in black."""
+    if not (outside := image.outside).any():
+        return found
+    return replace(
+        found,
+        depth=np.where(outside, 0, found.depth),
+        normals=np.where(outside[..., None], 0, found.normals),
+    )
 
 
 def image_views(images: Mapping[str, InputImage]) -> dict[str, View]:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 RESULT = "multiview.json"
+FEW_PIXELS = 0.1
+"""Fraction of the pixels below which the result is doubtful."""
 
 
 class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
@@ -54,6 +56,8 @@ class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
     """Whether to clean the fused cloud, which needs Open3D."""
     workspace: bool = True
     """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
+    check: bool = True
+    """Whether to check the calibration by points at rest in the images."""
     quick: Annotated[
         bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
     ] = False
@@ -64,6 +68,14 @@ class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
     ] = False
     calibrated: Annotated[
         bool, command_flag("--calibrated", help="Refuse to run without a valid calibration of the rig.")
+    ] = False
+    refine: Annotated[
+        bool,
+        command_flag(
+            "--refine",
+            help="First fit the cameras' poses to points at rest, by COLMAP's bundle adjustment. Use it if "
+            "points at rest do not fit the calibration.",
+        ),
     ] = False
     depth: Annotated[bool, command_flag("--depth", help="With --instants, also save the depth maps.")] = False
     whole: Annotated[
@@ -134,6 +146,8 @@ class Multiview(Method):
         """Refuse without the packages or the GPU that the options need; see `Method.check`."""
         if self.options.workspace:
             require_reconstruction("pycolmap", "writing COLMAP's workspace")
+        if self.options.refine:
+            require_reconstruction("pycolmap", "refining a calibration")
         if self.options.mesh:
             require_reconstruction("open3d", "making a mesh")
         self.matcher  # noqa: B018
@@ -161,8 +175,12 @@ class Multiview(Method):
         if options.calibrated and dataset.calibration() is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
-                hint="run reconstruct calibrate first; docs/calibration.md shows how",
+                hint="run reconstruct calibrate first",
             )
+        if options.refine:
+            from reconstruction.calibration.refinement import refine_calibration
+
+            dataset.adopt_calibration(refine_calibration(dataset))
         offsets_ms = options.offsets_ms or condition.offsets_ms(dataset.cameras, options.instant)
         cloud = options.cloud and (options.mesh or (not options.quick and find_spec("open3d") is not None))
         options = msgspec.structs.replace(options, offsets_ms=offsets_ms, cloud=cloud)
@@ -188,6 +206,12 @@ class Multiview(Method):
         moving = "" if measured is None else f"; {100 * measured:.0f} % of moving pixels have depth"
         maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
         yield f"{maps} in {result.seconds:.1f} s{moving}"
+        yield result.basis
+        if result.coverage < FEW_PIXELS:
+            yield (
+                f"warning: only {100 * result.coverage:.0f} % of {result.reference}'s pixels have a depth: "
+                "the cameras hardly see the same, or this is another rig's calibration"
+            )
         if (right := result.within_2pct) is not None:
             yield f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth"
 

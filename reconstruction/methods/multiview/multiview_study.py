@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,6 +15,7 @@ from reconstruction.common.drawing import colour_depth, display_range, mark_movi
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.depth.colmap_workspace import fuse_by_colmap
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import find_rough_scene
@@ -22,7 +24,7 @@ from reconstruction.depth.view_choice import choose_reference_view, choose_sourc
 from reconstruction.methods.multiview.input_images import UndistortedSession
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.methods.multiview.instant_scoring import InstantScorer
-from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
+from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
 from reconstruction.methods.multiview.multiview_method import MultiviewOptions
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
@@ -51,6 +53,12 @@ MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
 TURNTABLE = Picture(
     key="multiview_turntable", title="All around", caption="The points of all cameras, from six places."
+)
+FUSED = Picture(
+    key="multiview_colmap",
+    title="Fused by COLMAP",
+    caption="The same distances, fused into points by COLMAP's stereo fusion, from six places. Dense "
+    "matching is by our sweep, or by COLMAP's PatchMatch where there is CUDA.",
 )
 SECTION = """
 {% from "figures.html" import figure with context %}
@@ -431,7 +439,26 @@ class MultiviewStudy(ConditionStudy):
         views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
         drawn = {side: {TURNTABLE.key: picture} for side, picture in draw_clouds(clouds, views).items()}
         pictures += write_pictures(drawn, (TURNTABLE,), folder)
+        pictures += self._show_by_colmap(one, maps, views, folder)
         return pictures, save_clouds(one.instant, maps, shot.calibrated.view, mask, folder)
+
+    def _show_by_colmap(
+        self, one: ShownInstant, maps: Mapping[str, InstantDepth], places: Sequence[View], folder: Path
+    ) -> tuple[Picture, ...]:
+        """Draw the same maps fused by COLMAP, from the same places; nothing where pycolmap is missing."""
+        if find_spec("pycolmap") is None:
+            return ()
+        clouds = {}
+        for side, shown in one.by_condition.items():
+            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items()}
+            views, colours = image_views(shots), image_colours(shots)
+            if not (all_maps := maps[side].all_maps(views)):
+                return ()
+            clouds[side] = fuse_by_colmap(views, colours, all_maps, min(MIN_CAMERAS, len(views)))
+        if len(clouds["synced"][0]) < MIN_POINTS:
+            return ()
+        drawn = {side: {FUSED.key: picture} for side, picture in draw_clouds(clouds, places).items()}
+        return write_pictures(drawn, (FUSED,), folder)
 
 
 def _draw_depth(

@@ -27,6 +27,7 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
+from reconstruction.calibration.refinement import refine_calibration
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.depth.still_scene import StillScene
@@ -215,6 +216,8 @@ def model_sequence(
     condition.check(dataset)
     chosen = _chosen_instants(dataset, options.instants)
     choose_calibration(dataset)
+    if options.refine:
+        dataset.adopt_calibration(refine_calibration(dataset))
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(),
@@ -313,6 +316,7 @@ def _make(
             cloud=False,
             workspace=False,
             quick=options.quick,
+            check=False,
         )
         found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import cv2
 import numpy as np
 
 from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.compare.study import ConditionStudy
+from reconstruction.compare.study import ConditionStudy, write_pictures
 from reconstruction.pairs import Features, size_above_features
 from reconstruction.report import wording
 from reconstruction.report.study_report import POINTS, MeasureText, StudyText
-from reconstruction.scores.study_result import StudyResult
+from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.conditions import ALL_APART, Condition
@@ -44,6 +46,12 @@ INSTANT_LIMITS = (3, 8)
 CONTROL_MARGIN_PX = 4
 """Distance from a moving object below which points are left out of the control."""
 PURPOSE = "triangulating points"
+POINTS_PICTURE = Picture(
+    key="triangulation_points",
+    title="Points by COLMAP",
+    caption="Each dot is a point that COLMAP matched and placed: bright is near, blue is far. What moves is "
+    "orange: with pictures of different instants its points are gone, or in the wrong place.",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,6 +177,14 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
     )
 
 
+def _depth_at(view: View, found: RigPoints, camera: int) -> tuple[Array, Array]:
+    """Return the pixels (n, 2) at which a camera sees points, inside its image, and their depth (n,)."""
+    mine = found.camera == camera
+    points = found.points[found.point[mine]]
+    pixels = found.pixel[mine].clip(0, (view.width - 1, view.height - 1))
+    return pixels, (points @ view.rotation.T + view.translation)[:, 2]
+
+
 class TriangulationStudy(ConditionStudy):
     """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
@@ -230,7 +246,7 @@ class TriangulationStudy(ConditionStudy):
             self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[dict[str, list[str]]]:
-        """Compare a condition, without pictures; see `ConditionStudy.compare`.
+        """Compare a condition; draw the instant with the most moving points into the folder.
 
         The facts name the calibrated cameras that take no part.
 
@@ -238,13 +254,16 @@ class TriangulationStudy(ConditionStudy):
             ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
         """
         tally = Tally()
-        found = 0
+        found, most, pictures = 0, -1.0, tuple[Picture, ...]()
         for one in self._instants(condition):
             self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
             points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
             found += len(points["synced"].points)
             measured = {side: self._measure(points[side], one, side) for side in points}
             tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
+            moving = float(np.sum(measured["synced"].means["mover_points"]))
+            if folder and moving > most:
+                most, pictures = moving, self._draw(one, points, folder)
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
         return StudyResult(
@@ -254,6 +273,7 @@ class TriangulationStudy(ConditionStudy):
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
             measures=tally.measures,
             per_instant=tally.per_instant,
+            pictures=pictures,
             facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
         )
 
@@ -283,6 +303,23 @@ class TriangulationStudy(ConditionStudy):
         first = list(complete[0].shown)[:2]
         by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
         return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
+
+    def _draw(self, one: ShownInstant, points: Mapping[str, RigPoints], folder: Path) -> tuple[Picture, ...]:
+        """Draw both conditions' points on the first camera's picture, coloured by their distance."""
+        camera = self.cameras[0]
+        view, photo = self.rig.views[camera], self.dataset.image(camera, one.instant)
+        moving = self.motion.moving(camera, one.instant)
+        seen = {side: _depth_at(view, found, list(one.shown).index(camera)) for side, found in points.items()}
+        limits = display_range(seen["synced"][1], moving[seen["synced"][0][:, 1], seen["synced"][0][:, 0]])
+        radius = max(2, round(view.width / 220))
+        drawn = {}
+        for side, (pixels, depth) in seen.items():
+            picture = mark_moving(photo, moving, np.zeros_like(moving)) // 2
+            colours = colour_depth(depth[None], *limits)[0].tolist()
+            for place in np.argsort(-depth):
+                cv2.circle(picture, pixels[place].tolist(), radius, colours[place], -1, cv2.LINE_AA)
+            drawn[side] = {POINTS_PICTURE.key: picture}
+        return write_pictures(drawn, (POINTS_PICTURE,), folder)
 
     def _points(self, shown: Mapping[str, int]) -> RigPoints:
         return self.rig.stages.arrays(

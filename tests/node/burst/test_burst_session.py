@@ -6,16 +6,27 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import create_numbered
-from capture_app.session.format.manifest import MissingImage
+from capture_app.session.format.manifest import MissingImage, PhaseRecord
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
 from tests.images import small_jpeg
-from tests.node.bursts import IMAGE, INSTANTS_NS, burst_session, pieces, receive_image, report, upload
+from tests.node.bursts import (
+    IMAGE,
+    INSTANTS_NS,
+    PERIOD_NS,
+    burst_session,
+    pieces,
+    receive_image,
+    report,
+    upload,
+)
 
 pytestmark = pytest.mark.virtual
 
@@ -43,6 +54,22 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
     assert session.finished.is_set()
     assert len(saved(session).manifest.images) == 4
     assert session.status.message == ""
+
+
+async def test_whether_an_image_is_late_goes_by_the_camera_as_first_reported(tmp_path: Path) -> None:
+    """A node that was started again during a recording does not know its phase, and calls nothing late."""
+    session = burst_session(tmp_path, "a")
+    told, phase = (
+        report("a", 0, 1),
+        PhaseRecord(residual_ns=0, period_ns=PERIOD_NS, drift_ppm=0.0, corrections=0, tolerance_ns=4),
+    )
+    known = replace(told.plan, camera=replace(told.plan.camera, phase=phase))
+    await session.accept_report(replace(told, plan=known), now_ns=0)
+    for instant in (0, 1):
+        await receive_image(session, upload("a", instant), pieces(IMAGE))
+    assert [image.late for image in Session.open(tmp_path / "burst-001").manifest.images] == [True, True]
+    problems = verify(Session.open(tmp_path / "burst-001"))
+    assert not [problem for problem in problems if "late" in str(problem)]
 
 
 async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> None:

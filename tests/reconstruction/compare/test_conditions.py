@@ -46,7 +46,7 @@ def test_the_reference_shows_the_same_picture_in_every_condition(boards: Session
     listed = instants_shown(dataset, Condition.parse("66,33,0"), "right", 1)
     assert listed == {"left": 2, "right": 1, "aside": 0}
     assert instants_shown(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
-    with pytest.raises(ValueError, match="no instant is -33 ms from instant 0"):
+    with pytest.raises(ValueError, match=r"no instant is -33 ms from instant 0.*; instant 1 has one"):
         instants_shown(dataset, Condition.parse("66,33,0"), "right", 0)
 
 

@@ -22,6 +22,7 @@ from reconstruction.depth.fusion import PosedMap, find_denied, fuse_posed_maps
 from reconstruction.depth.geometric_consistency import _valid_fraction
 from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.depth.kernels import load_kernels
+from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
@@ -31,6 +32,7 @@ from reconstruction.depth.sweep_matcher import (
     match_all_views,
     propose_inverse_depth,
 )
+from reconstruction.methods.multiview import matcher
 from reconstruction.methods.multiview.matcher import ChosenMatcher
 from tests.reconstruction.depth.array_engine import (
     ArrayEngine,
@@ -451,7 +453,11 @@ def looked_for() -> Iterator[None]:
 @pytest.mark.usefixtures("looked_for")
 @pytest.mark.parametrize(
     ("named", "note"),
-    [(None, ""), ("", ""), ("radeon", "on the CPU (import of wgpu.backends.wgpu_native.extras halted")],
+    [
+        (None, "on the CPU ("),
+        ("", ""),
+        ("radeon", "on the CPU (import of wgpu.backends.wgpu_native.extras halted"),
+    ],
 )
 def test_without_wgpu_the_cpu_sweeps_and_says_so_where_a_gpu_is_named(
     named: str | None, note: str, monkeypatch: pytest.MonkeyPatch
@@ -463,6 +469,19 @@ def test_without_wgpu_the_cpu_sweeps_and_says_so_where_a_gpu_is_named(
     found = find_engine()
     assert type(found) is type(CPU)
     assert found.note.startswith(note or CPU.note)
+
+
+@pytest.mark.parametrize(
+    ("asked", "named", "looked"), [("auto", "", 0), ("sweep", "", 0), ("gpu", "", 1), ("auto", "arc", 1)]
+)
+def test_a_gpu_is_used_only_on_request(
+    asked: str, named: str, looked: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[int] = []
+    monkeypatch.setattr(matcher, "find_engine", lambda: calls.append(1) or CPU)
+    monkeypatch.setenv(gpu.GPU, named)
+    assert matcher.choose_matcher(Matcher(asked)).name == "sweep"
+    assert len(calls) == looked
 
 
 @pytest.mark.usefixtures("looked_for")

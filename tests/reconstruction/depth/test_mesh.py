@@ -73,6 +73,21 @@ def test_points_are_the_mean_of_the_maps_without_what_others_deny() -> None:
     assert np.median(middle[:, 2]) == pytest.approx(2.005, abs=1e-4)
 
 
+def test_what_one_map_has_a_percent_nearer_is_not_torn_away() -> None:
+    views = {f"cam{k}": make_view((0.05 * k, 0, 0)) for k in range(3)}
+    shape = (240, 320)
+    facing = np.tile(np.array([0, 0, -1], np.float32), (*shape, 1))
+    maps = {
+        name: ViewDepth(np.full(shape, z, np.float32), facing)
+        for name, z in zip(views, (2, 1.974, 2), strict=True)
+    }
+    picture = np.zeros((*shape, 3), np.uint8)
+    points, _, triangles = join_maps(views, maps, dict.fromkeys(views, picture))
+    middle = np.abs(points[:, 0]) < 0.3
+    assert middle[triangles].all(1).sum() > 0.9 * 0.6 * 2 * 240 * (300 / 2)
+    assert np.abs(points[middle, 2] - 2).max() < 1e-3
+
+
 def test_wide_maps_give_fewer_triangles_of_the_same_place(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

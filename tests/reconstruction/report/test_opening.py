@@ -7,10 +7,21 @@ import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
-from reconstruction.report.findings import describe_exactness
+from reconstruction.report.findings import claims, describe_exactness
+from reconstruction.scores.study_result import Interval
 from reconstruction.scores.timing import RigTiming
+from reconstruction.time_offsets.crossings import InstantOffset
+from reconstruction.time_offsets.instant_votes import Change, Step
 from tests.reconstruction.report.conftest import ReadReport
-from tests.reconstruction.report.results import RESULT, TIMING, greys, whole_result, with_pictures
+from tests.reconstruction.report.results import (
+    RESULT,
+    STEREO,
+    TIMING,
+    changed,
+    greys,
+    whole_result,
+    with_pictures,
+)
 
 
 def shown(text: str) -> str:
@@ -96,3 +107,34 @@ def test_the_depth_picture_is_on_the_first_screen_and_not_again_below(
 )
 def test_a_ratio_is_told_to_two_digits(ratio: float, words: str) -> None:
     assert shown(wording.times(ratio)) == words
+
+
+def test_the_tile_says_that_nothing_is_certain_where_nothing_is(tmp_path: Path) -> None:
+    unsure = msgspec.structs.replace(TIMING, synchronized=False, same_frame_ms=9.0, reason="it is blurred")
+    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=unsure))
+    assert found["tolerated"] == wording.NOT_AVAILABLE
+    assert found["tolerated_source"] == "whether the pictures show one instant is not certain"
+
+
+def test_dropped_frames_are_the_time_error(tmp_path: Path) -> None:
+    change = Change(steps=(Step(3, 1, 3, 3),))
+    instants = tuple(InstantOffset(k, 0.1 + 33.3 * (k >= 3), 0.3, 20) for k in range(6))
+    dropped = msgspec.structs.replace(
+        TIMING,
+        synchronized=False,
+        offset=True,
+        change=change,
+        instants=instants,
+        reason=change.describe("cam3", "cam2"),
+    )
+    result = msgspec.structs.replace(whole_result(tmp_path), timing=dropped, rig_timing=None)
+    found = describe_exactness(result)
+    assert shown(found["error"]) == "up to 33 ms"
+    assert found["error_source"] == "cam3 is one frame later than cam2 from instant 3 on, by what moves"
+    assert found["tolerated_source"] == "the pictures do not show one instant"
+
+
+def test_a_fraction_that_may_be_anything_is_no_headline() -> None:
+    wide = changed(STEREO, {"mover_within_2pct": Interval(value=0.96, low=0.03, high=1.0)})
+    assert claims(msgspec.structs.replace(RESULT, studies=(STEREO,)))[0]
+    assert not claims(msgspec.structs.replace(RESULT, studies=(wide,)))[0]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.reading.decoding import size_of
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.image_files import image_size, read_image
@@ -34,6 +35,16 @@ def test_the_header_tells_the_size(tmp_path: Path, suffix: str, size: tuple[int,
         path.write_bytes(data[:cut])
         with pytest.raises(BadInputError, match="not an image"):
             read_image(path)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("kind", "value"), [(3, "H6x"), (4, "I4x"), (16, "Q")])
+def test_a_bigtiff_tells_its_size_in_either_byte_order(order: str, kind: int, value: str) -> None:
+    head = {"<": b"II", ">": b"MM"}[order] + struct.pack(f"{order}HHHQ", 43, 8, 0, 16)
+    entries = (
+        struct.pack(f"{order}HHQ{value}", tag, kind, 1, px) for tag, px in ((0x100, 640), (0x101, 480))
+    )
+    assert size_of(head + struct.pack(f"{order}Q", 2) + b"".join(entries)) == (640, 480)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes, with_own_changes
+from reconstruction.time_offsets.session_offsets import comparison_step
 from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 
 NOTHING = OffsetFit(reason="too little moves")
@@ -131,3 +132,11 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
         assert result.together(cameras) == together
         assert result.apart(cameras) != together
     assert not CompareResult(timing=pair).together("abc")
+
+
+def test_motion_is_that_of_a_comparison(scene: Scene, tmp_path: Path) -> None:
+    views = {name: make_view((x, 0, 0)) for name, x in (("a", -0.1), ("b", 0.1))}
+    dataset = Dataset.open(write_session(tmp_path, scene, views, instants=6, truth=False).folder)
+    assert comparison_step(dataset) == 2
+    short = Dataset.open(write_session(tmp_path / "short", scene, views, instants=1, truth=False).folder)
+    assert comparison_step(short) == 1

@@ -259,3 +259,37 @@ def test_a_time_out_of_range_is_named(at_ns: int) -> None:
     frames = sorted([TimedFrame(0, 0), TimedFrame(1, at_ns)], key=lambda frame: frame.leader_ns)
     with pytest.raises(BadInputError, match="camera a: the time of frame 1 is out of range"):
         timeline_by_times("x", {"a": frames, "b": [TimedFrame(0, 0), TimedFrame(1, 1)]})
+
+
+def write_avi(path: Path, fps: float, count: int) -> None:
+    path.parent.mkdir(exist_ok=True)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, (32, 24))
+    for number in range(count):
+        writer.write(np.full((24, 32, 3), number % 250, np.uint8))
+    writer.release()
+
+
+def test_videos_of_different_rates_are_not_silently_taken_as_synchronized(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, fps in (("left", 25.0), ("right", 24.0)):
+        write_avi(tmp_path / "rec" / f"{name}.avi", fps, 20)
+    command = ["sessions", "import", str(tmp_path / "rec"), "--synchronized", "--out", str(tmp_path)]
+    assert run([*command, "--name", "s"]) == 0
+    done = capsys.readouterr()
+    assert "right.avi has 24 frames a second and left.avi 25: with --synchronized they are" in done.err
+    assert run(["sessions", "show", str(tmp_path / "s")]) == 0
+    shown = capsys.readouterr().out
+    assert "0 ns apart" not in shown
+    assert "how far images of one instant are apart is not known" in shown
+    assert "no times were recorded" in shown
+
+
+def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:
+    for name in ("left", "right"):
+        (tmp_path / "rec" / name).mkdir(parents=True)
+        for number in range(3):
+            (tmp_path / "rec" / name / f"{1_700_000_000_000_000 + 33_333 * number}.jpg").write_bytes(jpeg(1))
+    with pytest.raises(BadInputError, match="named by times") as refused:
+        import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions())
+    assert "--times name" in str(refused.value)

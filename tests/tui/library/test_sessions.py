@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.manifest import MANIFEST, BurstRecord, MissingImage
 from capture_app.session.library.changes import set_note, trashed_sessions
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.reading.reader import Session
@@ -21,6 +21,7 @@ from capture_app.tui.rig_record import SessionsRequested
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.look import LookScreen
+from tests.session.conftest import camera_record
 from tests.tui.driving import settle, toasts, until
 from tests.tui.library.screen import choose, library, looks, names, rows, text, type_text, view
 from tests.tui.takes import make_take
@@ -191,6 +192,19 @@ async def test_where_the_times_error_is_not_known_nothing_is_claimed(sessions: P
         line = text(pilot.app).splitlines()[3 * names(pilot).index("four") + 1]
         assert "not measured" in line
         assert "0 ns" not in line
+
+
+async def test_a_session_without_images_is_not_compared(sessions: Path) -> None:
+    writer = SessionWriter.create(sessions, "empty")
+    cameras = [camera_record(name) for name in ("left", "right")]
+    gone = [
+        MissingImage(camera=one.name, instant=0, reason="the camera dropped the frame") for one in cameras
+    ]
+    writer.finish(cameras, BurstRecord(instants_ns=(5,), period_ns=33_000_000), gone, origin="simulated")
+    async with library(sessions) as pilot:
+        await choose(pilot, "empty")
+        assert view(pilot.app).check_action("on_session", ("compare",)) is False
+        assert view(pilot.app).check_action("on_session", ("look",)) is True
 
 
 async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:

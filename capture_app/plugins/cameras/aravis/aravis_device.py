@@ -350,7 +350,7 @@ class AravisDevice:
         if self._rate is None:
             raise CameraError(
                 f"{self.address} has no frame rate that can be set",
-                hint="use a camera with AcquisitionFrameRate: docs/hardware.md",
+                hint="use a camera with the feature AcquisitionFrameRate",
             )
         min_fps, max_fps = camera.get_frame_rate_bounds()
         rate = min(max(30.0, min_fps), max_fps) if fps is None else fps

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
-from reconstruction.depth.colmap_workspace import ENVIRONMENT
+from reconstruction.depth.colmap_workspace import ENVIRONMENT, fuse_by_colmap
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.methods.multiview.input_images import InputImage
@@ -275,6 +276,23 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
     shown = view_clouds(clouds, tmp_path, "middle", 3)
     assert shown["synced"]["points"] > 4000
     assert shown["offset"] is None
+
+
+def test_colmap_fuses_the_maps_of_all_cameras_that_an_instant_has() -> None:
+    views = {f"cam{k}": make_view((0.1 * k, 0, 0)) for k in range(3)}
+    flat = np.full(3 * 240 * 320, 2.0, np.float32)
+    facing = np.tile(np.array([0, 0, -1], np.float16), 3 * 240 * 320)
+    nothing = np.zeros(0)
+    without = InstantDepth(nothing, nothing, nothing, nothing, nothing, nothing, NO_PLANES)
+    found = replace(without, all_depth=flat, all_normals=facing)
+    maps = found.all_maps(views)
+    assert [one.depth.shape for one in maps.values()] == [(240, 320)] * 3
+    colours = {name: np.full((240, 320, 3), 90, np.uint8) for name in views}
+    points, painted = fuse_by_colmap(views, colours, maps, 3)
+    assert len(points) > 10_000
+    assert points[:, 2] == pytest.approx(2.0, abs=1e-3)
+    assert (painted == 90).all()
+    assert not without.all_maps(views)
 
 
 def test_a_cloud_is_held_against_true_surfaces() -> None:

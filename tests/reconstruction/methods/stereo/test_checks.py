@@ -97,6 +97,17 @@ def test_conditions_are_compared_by_stricter_checks_than_a_pair_alone() -> None:
     assert (pair.compute_filled_depth(left, lower).depth > 0).mean() > 0.9
 
 
+def test_a_reflection_that_one_camera_sees_keeps_its_depth() -> None:
+    """Before, none of it had one: the brightness differs, the texture does not."""
+    left, right, truth = wall_and_box(1, contrast=20.0, shift=10.0)
+    shine = np.zeros((HEIGHT, WIDTH), np.float32)
+    shine[30:80, 150:260] = 45.0
+    bright = np.clip(right + shine, 0, 255).astype(np.uint8)
+    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_filled_depth(left, bright).depth
+    off = np.abs(FOCAL_BASELINE / np.maximum(depth, 1e-6) - truth)[35:75, 170:260]
+    assert (off < 1).mean() > 0.9
+
+
 def test_half_a_pixel_at_an_edge_is_no_difference() -> None:
     edge = np.full((40, 40), 30, np.float32)
     edge[:, 20:] = 200

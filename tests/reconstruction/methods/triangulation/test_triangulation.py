@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -166,6 +167,10 @@ def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct
     assert table["rows"][0][:3] == ["Points in space", f"{synced:.0f}", f"{offset:.0f}"]
     late = found_study(result["conditions"][0], "triangulation")
     assert values(late, "offset")["mover_points"] < synced
+    (picture,) = points["pictures"]
+    dots = [cv2.imread(str(out / picture[side])) for side in ("synced", "offset")]
+    assert dots[0].shape == dots[1].shape == (240, 320, 3)
+    # Coloured dots on what moves are there only at one instant.
     page = (out / "report.html").read_text()
     assert "Points by COLMAP from 2 cameras" in page
     assert "fit by chance are in the wrong place" in page

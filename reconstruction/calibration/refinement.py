@@ -1,0 +1,158 @@
+"""Refinement of a calibration's poses by points at rest; the rig's place and scale are kept."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import structs
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.calibration.consistency import (
+    Track,
+    check_rig,
+    find_tracks,
+    reprojection_errors,
+    triangulate,
+)
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
+from reconstruction.pairs import Features
+from reconstruction.session.dataset import Dataset
+
+MAX_OFF_PX = 12.0
+"""Reprojection error beyond which a track is a wrong match, or the calibration another rig's."""
+LOSS_PX = 0.5
+"""Error from which a point's weight falls (Cauchy)."""
+MIN_POINTS_PER_CAMERA = 30
+
+
+def refine_calibration(dataset: Dataset) -> Calibration:
+    """Return the session's calibration with its poses refined by points at rest in its middle images.
+
+    Lenses stay as they are.
+
+    Raises:
+        NotApplicableError: there is no calibration, or it has too few points at rest to be refined by.
+        NotAvailableError: pycolmap is not installed.
+    """
+    if (calibration := dataset.calibration()) is None:
+        raise NotApplicableError(
+            f"{dataset.name} has no calibration to refine", hint="leave out --refine: images give one"
+        )
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig = Rig(dataset, Path(scratch))
+        rig.use_calibration(calibration)
+        refined = refine_views(rig.views, rig.middle_features)
+        before, after = (check_rig(views, rig.middle_features).error_px for views in (rig.views, refined))
+    if before is None or after is None or after >= before:
+        return calibration
+    cameras = {name: view.to_calibration() for name, view in refined.items()}
+    source = f"{calibration.source_words}, refined from {before:.2f} to {after:.2f} px by points at rest"
+    return structs.replace(calibration, cameras=calibration.cameras | cameras, source=source)
+
+
+def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) -> dict[str, View]:
+    """Return views with poses that fit static features best; the mean pose and the scale stay the same.
+
+    By COLMAP's bundle adjustment, with lenses held. The scale is the distances between the cameras.
+
+    Raises NotApplicableError where a camera shares too few points.
+    """
+    pycolmap = load_pycolmap("refining a calibration")
+    tracks = [track for track in find_tracks(views, features) if _is_plausible(views, track)]
+    counts = {name: sum(name in track for track in tracks) for name in views}
+    if poor := [name for name, number in counts.items() if number < MIN_POINTS_PER_CAMERA]:
+        raise NotApplicableError(
+            f"{poor[0]} shares only {counts[poor[0]]} points at rest with other cameras; "
+            f"{MIN_POINTS_PER_CAMERA} are needed to refine its pose",
+            hint="leave out --refine, or calibrate with a board",
+        )
+    with foreign_calls("pycolmap", "refining a calibration"):
+        model, numbers = _model(pycolmap, views, tracks)
+        config = pycolmap.BundleAdjustmentConfig()
+        for number in numbers.values():
+            config.add_image(number)
+            config.set_constant_cam_intrinsics(number)
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+        options = pycolmap.BundleAdjustmentOptions(print_summary=False)
+        options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+        options.ceres.loss_function_scale = LOSS_PX
+        pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
+        poses = {name: model.images[number].cam_from_world().matrix() for name, number in numbers.items()}
+    found = {
+        name: replace(view, rotation=poses[name][:, :3], translation=poses[name][:, 3])
+        for name, view in views.items()
+    }
+    return _in_place(found, views)
+
+
+def _is_plausible(views: Mapping[str, View], track: Track) -> bool:
+    point = _point(views, track)
+    return bool(np.isfinite(point).all()) and all(
+        reprojection_errors(views[name], point[None], at[None])[0] < MAX_OFF_PX for name, at in track.items()
+    )
+
+
+def _point(views: Mapping[str, View], track: Track) -> Array:
+    points = triangulate([views[name] for name in track], np.array([[at] for at in track.values()]))
+    return np.asarray(points[0])
+
+
+def _model(pycolmap: Any, views: Mapping[str, View], tracks: list[Track]) -> tuple[Any, dict[str, int]]:
+    """Return COLMAP's model of undistorted cameras and points, and each camera's number in it."""
+    model, numbers = pycolmap.Reconstruction(), {name: number for number, name in enumerate(views, 1)}
+    seen: dict[str, list[Array]] = {name: [] for name in views}
+    for track in tracks:
+        for name, at in track.items():
+            seen[name].append(at)
+    for name, view in views.items():
+        middle = np.array([view.width, view.height]) / 2
+        camera = pycolmap.Camera(
+            camera_id=numbers[name],
+            model="SIMPLE_PINHOLE",
+            width=view.width,
+            height=view.height,
+            params=[view.focal, *middle],
+        )
+        rays = view.rays(np.array(seen[name]))
+        image = pycolmap.Image(
+            name=name,
+            keypoints=rays[:, :2] / rays[:, 2:] * view.focal + middle,
+            camera_id=numbers[name],
+            image_id=numbers[name],
+        )
+        model.add_camera_with_trivial_rig(camera)
+        pose = pycolmap.Rigid3d(np.column_stack([view.rotation, view.translation]))
+        model.add_image_with_trivial_frame(image, pose)
+    places = dict.fromkeys(views, 0)
+    for track in tracks:
+        elements = pycolmap.Track()
+        for name in track:
+            elements.add_element(numbers[name], places[name])
+            places[name] += 1
+        model.add_point3D(_point(views, track), elements, np.zeros(3, np.uint8))
+    return model, numbers
+
+
+def _in_place(views: Mapping[str, View], before: Mapping[str, View]) -> dict[str, View]:
+    """Return the views turned, moved and scaled as a whole to where they were before."""
+    centres, old = (np.array([of[name].centre for name in views]) for of in (views, before))
+    middle, old_middle = centres.mean(0), old.mean(0)
+    size, old_size = float(np.linalg.norm(centres - middle)), float(np.linalg.norm(old - old_middle))
+    scale = old_size / size if size else 1.0
+    # The mean rotation in the chordal sense (Hartley et al. 2013).
+    left, _, right = np.linalg.svd(
+        sum(before[name].rotation.T @ view.rotation for name, view in views.items())
+    )
+    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    placed = {}
+    for name, view in views.items():
+        rotation = view.rotation @ turn.T
+        centre = old_middle + scale * turn @ (view.centre - middle)
+        placed[name] = replace(view, rotation=rotation, translation=-rotation @ centre)
+    return placed

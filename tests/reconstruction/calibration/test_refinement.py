@@ -1,0 +1,111 @@
+"""Poses that are pixels off are refined by points at rest, and depth says what it rests on."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.common.errors import NotApplicableError
+from reconstruction.calibration.consistency import check_rig, triangulate
+from reconstruction.calibration.refinement import refine_views
+from reconstruction.common.geometry import View
+from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
+from reconstruction.methods.multiview.result import describe_basis
+from reconstruction.pairs import Features
+from tests.reconstruction.conftest import make_view
+
+VIEWS = {
+    f"cam{k}": make_view((x, y, 0.0), yaw=-5 * x)
+    for k, (x, y) in enumerate([(-0.3, 0), (-0.1, 0.05), (0.1, -0.05), (0.3, 0)])
+}
+
+
+def seen(count: int = 300, noise_px: float = 0.1) -> dict[str, Features]:
+    """Points that all cameras see, each with a descriptor of its own."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-0.8, -0.6, 2.0), (0.8, 0.6, 5.0), (count, 3))
+    descriptors = rng.random((count, 128), np.float32)
+    return {
+        name: Features(
+            view.project(points @ view.rotation.T + view.translation) + rng.normal(0, noise_px, (count, 2)),
+            descriptors,
+            np.ones(count),
+        )
+        for name, view in VIEWS.items()
+    }
+
+
+def spoilt(px: float) -> dict[str, View]:
+    rng, found = np.random.default_rng(1), {}
+    for name, view in VIEWS.items():
+        rotation = cv2.Rodrigues(rng.normal(0, px / view.focal, 3))[0] @ view.rotation
+        found[name] = replace(view, rotation=rotation, translation=-rotation @ view.centre)
+    return found
+
+
+def error_px(views: dict[str, View], features: dict[str, Features]) -> float:
+    found = check_rig(views, features).error_px
+    assert found is not None
+    return found
+
+
+def depth_error(views: dict[str, View], features: dict[str, Features]) -> float:
+    """The median relative error of points triangulated by the first and the last camera, as seen by it."""
+    depths = []
+    for of in (views, VIEWS):
+        first, last = of["cam0"], of["cam3"]
+        pixels = np.stack([features[name].positions for name in ("cam0", "cam3")])
+        depths.append((triangulate([first, last], pixels) @ first.rotation.T + first.translation)[:, 2])
+    return float(np.median(np.abs(depths[0] / depths[1] - 1)))
+
+
+@pytest.mark.parametrize("px", [0.5, 2.0])
+def test_poses_that_are_off_fit_again(px: float) -> None:
+    views, features = spoilt(px), seen()
+    assert error_px(views, features) > 0.3 * px
+    refined = refine_views(views, features)
+    assert error_px(refined, features) < 0.15
+    assert depth_error(refined, features) < 0.01
+    assert depth_error(views, features) > 0.015 * px
+    spread = [np.std([view.centre for view in of.values()], axis=0) for of in (views, refined)]
+    assert np.linalg.norm(spread[1]) == pytest.approx(np.linalg.norm(spread[0]), rel=1e-6)
+
+
+def test_a_camera_with_few_points_is_not_refined() -> None:
+    few = seen()
+    few["cam2"] = Features(few["cam2"].positions[:9], few["cam2"].descriptors[:9], np.ones(9))
+    with pytest.raises(NotApplicableError, match="cam2 shares only"):
+        refine_views(VIEWS, few)
+
+
+@pytest.mark.parametrize(
+    ("px", "text"),
+    [
+        (0.21, "points at rest fit within 0.21 px (1,200 matches); at such a misfit, 81 to 84 %"),
+        (0.7, "warning: this depth is inaccurate: points at rest fit within 0.70 px"),
+        (0.7, "calibrate the rig again, or try --refine"),
+        (2.4, "warning: this depth is not a measurement"),
+        (None, "could not be checked"),
+    ],
+)
+def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
+    assert text in describe_basis(px, 1200)
+
+
+def test_depth_of_few_pixels_is_no_success() -> None:
+    result = SimpleNamespace(
+        views=VIEWS,
+        fused_points=900,
+        seconds=1.0,
+        moving_measured=None,
+        within_2pct=None,
+        basis="",
+        coverage=0.02,
+        reference="cam1",
+    )
+    lines = [*Multiview(MultiviewOptions())._instant_lines(result)]
+    assert lines[-1].startswith("warning: only 2 % of cam1's pixels have a depth")
+    result.coverage = 0.8
+    assert len([*Multiview(MultiviewOptions())._instant_lines(result)]) == len(lines) - 1

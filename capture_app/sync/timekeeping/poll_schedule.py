@@ -54,7 +54,8 @@ GAIN, NO_GAIN_TIMEOUT_NS = 0.9, 3_000_000_000
 SETTLED_NS = 1_000_000_000
 """An error that meets its link's target will not soon shrink further after so long without gain.
 
-Twice as long after the start, it need not have stopped to shrink. On the paper's link, messages are faster after the first second: nodes wait for these.
+Twice as long after the start, it may still shrink. On the paper's link, messages are faster after the first
+second: nodes wait for these.
 """
 LINK_MARGIN, MAX_LINK_TARGET_NS = 1.5, 1_000_000
 """What a link can bear: this multiple of the asymmetry's part of the error, as the delays add a tenth to a

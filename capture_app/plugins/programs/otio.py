@@ -42,7 +42,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
 EXPORTER = Exporter(
     write=write,
-    help="a timeline for editors, and a video of each camera",
+    help="a timeline for video editors, with videos",
     program="OpenTimelineIO",
     packages={**VIDEOS, "opentimelineio": "otio"},
 )

@@ -273,7 +273,7 @@ def _own_pinholes(burst: ExportedBurst, cameras: Cameras) -> dict[str, CameraCal
 
 EXPORTER = Exporter(
     write=write,
-    help="trainers of Gaussian splats: pinhole images, binary model",
+    help="pinhole images for trainers of Gaussian splats",
     program="Gaussian splatting",
     options=_Options,
     calibration="required",

@@ -26,9 +26,9 @@ from capture_app.plugins.cameras.sim.scenes.stages import DEFINITIONS
 from reconstruction.common.geometry import Array, View
 from reconstruction.compare.moments import see_moments
 from reconstruction.depth.camera_paths import find_subject
-from reconstruction.depth.gaussians import make_gaussians, render_gaussians
 from reconstruction.depth.seen_moment import Moment
 from reconstruction.depth.view_blending import render
+from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.reconstructed_session import open_session
 from reconstruction.scores.picture_quality import psnr, ssim

@@ -10,9 +10,9 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.compiling import GAUSSIANS
-from reconstruction.depth.gaussians import Gaussians, Projected, bands, draw, project
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.seen_moment import Moment
+from reconstruction.methods.splat.gaussians import Gaussians, Projected, bands, draw, project
 
 RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""

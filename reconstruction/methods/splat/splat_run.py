@@ -13,7 +13,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import chosen_instants, require_calibration, see_moments
-from reconstruction.depth.gaussians import (
+from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,
     read_splats,

@@ -11,7 +11,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction import open_session
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.depth.gaussians import (
+from reconstruction.methods.splat.gaussians import (
     Gaussians,
     Projected,
     draw,

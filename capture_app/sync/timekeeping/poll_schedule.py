@@ -39,7 +39,7 @@ MIN_EXCHANGES = 10
 have bursts of long delays."""
 ESTIMATE_EVERY_NS = 1_000_000_000
 """Interval of a relay's estimates: drift adds 0.03 us within it, and thousands of them share one machine."""
-LEAVE_AT = 2.0
+LEAVE_AT = 1.5
 """Factor on the target error at which a good clock stops being good.
 
 On recorded WiFi, the error of three cameras varied from 0.7 to 1.64 times the target within two minutes.

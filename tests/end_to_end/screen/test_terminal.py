@@ -39,7 +39,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         await terminal.shows("Starting the screen")
         await terminal.shows("Add cameras", "Try 5 simulated cameras")
         terminal.press("-", "-", "-")
-        await terminal.shows("Simulate 2 cameras")
+        await terminal.shows("Try 2 simulated cameras")
         terminal.press("s")
         await terminal.shows("2 cameras ready")
 

@@ -134,6 +134,8 @@ class ActiveBursts:
         """Sessions of earlier runs, or finished ones of this run, that are being completed."""
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
+        self._frames_of_ended: dict[int, int] = {}
+        """Instants of the bursts that ended earlier than ordered, by number."""
         self._last_number = 0
         self._last_folders: dict[str, int] = {}
         """Number of the newest session, by name prefix."""
@@ -335,9 +337,12 @@ class ActiveBursts:
         """Order no further instants of a session than every node can have learned of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
+            self._frames_of_ended[session.burst.number] = frames
             ended = self._engine.orders.end(session.burst, frames, self.now_ns())
             self._pump.turn()
-            if not session.finished.is_set():
+            if session.finished.is_set():
+                session.burst = ended
+            else:
                 await session.end(ended)
 
     async def find_session(self, report: CameraReport, pin: str) -> BurstSession | ReportAck:
@@ -356,6 +361,10 @@ class ActiveBursts:
             raise CancelledBurstError(f"burst {report.burst} was cancelled")
         if session is None or session.finished.is_set():
             session = await self.resumed.reopen(report, self.now_ns())
+            frames = self._frames_of_ended.get(report.burst) if of_this_run else None
+            if frames is not None and frames < session.burst.frames:
+                # It was saved without its cameras, which were away when it ended and still take frames.
+                await session.end(self._engine.orders.end(session.burst, frames, self.now_ns()))
         session.check_machine(report.camera, pin)
         return session
 

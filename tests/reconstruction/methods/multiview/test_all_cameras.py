@@ -126,6 +126,7 @@ def test_compare_tells_of_all_cameras_in_every_condition(
         "multiview_depth",
         "multiview_movers",
         "multiview_turntable",
+        "multiview_colmap",
     ]
     for picture in whole["pictures"]:
         assert (out / picture["synced"]).is_file()

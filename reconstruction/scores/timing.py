@@ -220,7 +220,7 @@ def _largest_by_slope_ms(instants: Sequence[InstantOffset], late_ms: float) -> f
     if len(instants) < MIN_INSTANTS:
         return 0.0
     slope_ms, sd_ms, middle = fit_slope(instants)
-    if abs(slope_ms) < SIGMAS * sd_ms:
+    if abs(slope_ms) < ODD_SIGMAS * sd_ms:
         return 0.0
     ends = (late_ms + slope_ms * (instants[k].instant - middle) for k in (0, -1))
     return max(ends, key=abs)

@@ -257,6 +257,9 @@ class ActiveBursts:
                 },
             )
         except SimulshotError as error:
+            # On a slow disk, nodes may have learned of it meanwhile.
+            self._cancelled.add(number)
+            self._engine.orders.cancel(burst, self.now_ns())
             await session.finish_now(error.what, silent=False)
             raise
         self._pump.turn()

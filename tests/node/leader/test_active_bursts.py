@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
+from capture_app.common.errors import BadInputError, CancelledBurstError, DiskFullError, IncompleteError
 from capture_app.common.timeouts import (
     AFTER_LAST_INSTANT_NS,
     CAMERA_DISCONNECTED_NS,
@@ -102,6 +102,24 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
+
+
+async def test_a_burst_that_could_not_be_written_down_is_forgotten_by_its_nodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a slow disk writes its plan, the order may leave with other datagrams."""
+
+    async def fail(*_: object) -> None:
+        raise DiskFullError("the disk is full", hint="make room")
+
+    engine = engine_of("a", "b")
+    async with bursts_of(tmp_path, engine) as bursts:
+        monkeypatch.setattr(BurstSession, "write_plan", fail)
+        with pytest.raises(DiskFullError):
+            await order(bursts)
+        assert {t.count for t in triggers_sent(engine)} == {0}
+        with pytest.raises(CancelledBurstError):
+            await bursts.find_session(replace(report("a", 0, 1), burst=1), "")
 
 
 async def test_what_was_confirmed_of_a_cancelled_burst_is_kept(tmp_path: Path) -> None:

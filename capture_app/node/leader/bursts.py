@@ -258,9 +258,7 @@ class ActiveBursts:
             )
         except SimulshotError as error:
             # On a slow disk, nodes may have learned of it meanwhile.
-            self._cancelled.add(number)
-            self._engine.orders.cancel(burst, self.now_ns())
-            await session.finish_now(error.what, silent=False)
+            await self._cancel(session, error.what)
             raise
         self._pump.turn()
         return session
@@ -317,9 +315,12 @@ class ActiveBursts:
             raise BadInputError(
                 f"burst {number} is not under way", hint="capture-app sessions list shows saved ones"
             )
-        self._cancelled.add(number)
+        await self._cancel(session, "the burst was cancelled")
+
+    async def _cancel(self, session: BurstSession, reason: str) -> None:
+        self._cancelled.add(session.burst.number)
         self._engine.orders.cancel(session.burst, self.now_ns())
-        await session.finish_now("the burst was cancelled", silent=False)
+        await session.finish_now(reason, silent=False)
 
     async def end(self, number: int | None = None) -> None:
         """End a recording or a long burst now; None: the newest one. Raises BadInputError.
@@ -340,13 +341,17 @@ class ActiveBursts:
         """Order no further instants of a session than every node can have learned of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
-            self._frames_of_ended[session.burst.number] = frames
-            ended = self._engine.orders.end(session.burst, frames, self.now_ns())
-            self._pump.turn()
-            if session.finished.is_set():
-                session.burst = ended
-            else:
-                await session.end(ended)
+            await self._end_after(session, frames)
+
+    async def _end_after(self, session: BurstSession, frames: int) -> None:
+        """End a session's burst after so many instants, for its nodes and itself."""
+        self._frames_of_ended[session.burst.number] = frames
+        ended = self._engine.orders.end(session.burst, frames, self.now_ns())
+        self._pump.turn()
+        if session.finished.is_set():
+            session.burst = ended
+        else:
+            await session.end(ended)
 
     async def find_session(self, report: CameraReport, pin: str) -> BurstSession | ReportAck:
         """Return the burst of a report, from this run or an earlier one whose session lacks images.
@@ -367,7 +372,7 @@ class ActiveBursts:
             frames = self._frames_of_ended.get(report.burst) if of_this_run else None
             if frames is not None and frames < session.burst.frames:
                 # It was saved without its cameras, which were away when it ended and still take frames.
-                await session.end(self._engine.orders.end(session.burst, frames, self.now_ns()))
+                await self._end_after(session, frames)
         session.check_machine(report.camera, pin)
         return session
 

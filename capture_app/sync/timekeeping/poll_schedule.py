@@ -42,7 +42,7 @@ ESTIMATE_EVERY_NS = 1_000_000_000
 LEAVE_AT = 1.5
 """Factor on the target error at which a good clock stops being good.
 
-On recorded WiFi, the error of three cameras varied from 0.7 to 1.64 times the target within two minutes.
+An estimated error varies by as much from one second to the next.
 """
 AHEAD_NS = 500_000_000
 """Time ahead at which the clock's error is judged: when the frames of a burst ordered now are taken.

@@ -57,6 +57,12 @@ class View:
         """The same view without lens distortion, as undistorted images have it."""
         return replace(self, distortion=np.zeros(5))
 
+    def undistort_image(self, image: Array) -> Array:
+        """Return an image of this view as `undistorted` sees it; the image itself without distortion."""
+        if not self.distortion.any():
+            return image
+        return np.asarray(cv2.undistort(image, self.matrix, self.distortion, None, self.matrix))
+
     @property
     def centre(self) -> Array:
         """The camera's position in the rig, (3,)."""

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.errors import IncompleteError
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.format.calibration import Calibration
@@ -35,18 +35,6 @@ def require_calibration(dataset: Dataset) -> Calibration:
             hint=f"reconstruct calibrate {dataset.session.folder}",
         )
     return calibration
-
-
-def chosen_instants(dataset: Dataset, instant: int, instants: Sequence[int] | None) -> Sequence[int]:
-    """Return the instants of a method's options: `instants`, empty = all, or without them `instant` alone.
-
-    Raises BadInputError if there is no such instant.
-    """
-    number = len(dataset.instants_ns)
-    chosen = [instant] if instants is None else sorted({*instants}) or range(number)
-    if missing := [one for one in chosen if one >= number]:
-        raise BadInputError(f"the session has no instant {missing[0]}", hint=f"it has 0 to {number - 1}")
-    return chosen
 
 
 def see_moments(

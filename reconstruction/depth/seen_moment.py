@@ -48,17 +48,12 @@ Moment = Mapping[str, SeenView]
 """The cameras of one moment by name."""
 
 
-def undistort(view: View, image: Array) -> tuple[View, Array]:
-    """Return a view without distortion, and its image."""
-    if not view.distortion.any():
-        return view, image
-    return view.undistorted, np.asarray(cv2.undistort(image, view.matrix, view.distortion, None, view.matrix))
-
-
 def read_moment(files: Mapping[str, Path], views: Mapping[str, View], images: Mapping[str, Array]) -> Moment:
     """Read maps that `reconstruct multiview` wrote, by camera; `images` are the cameras' own (BGR)."""
     return {
-        camera: _seen(*undistort(views[camera], images[camera]), read_arrays(file))
+        camera: _seen(
+            views[camera].undistorted, views[camera].undistort_image(images[camera]), read_arrays(file)
+        )
         for camera, file in files.items()
     }
 

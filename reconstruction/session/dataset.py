@@ -287,15 +287,26 @@ class Dataset:
         known = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
         return max(known) / 1000 if known and len(known) == len(self._records) else None
 
+    def chosen_instants(self, asked: Sequence[int] | None) -> list[int]:
+        """Return the instants asked for, in order and once each; None or none = all.
+
+        Raises BadInputError if there is no such instant.
+        """
+        count = len(self.instants_ns)
+        chosen = sorted({*(asked or range(count))})
+        for instant in chosen:
+            if not 0 <= instant < count:
+                raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {count - 1}")
+        return chosen
+
     def nearest_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
         """Return each camera's instant: the requested one, or the one nearest to its offset from it.
 
         Raises:
             BadInputError: there is no such instant, or a wrong number of offsets.
         """
+        self.chosen_instants([instant])
         times = self.instants_ns
-        if not 0 <= instant < len(times):
-            raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {len(times) - 1}")
         if not offsets_ms:
             return dict.fromkeys(self.cameras, instant)
         self.require_offset_each(offsets_ms)

@@ -80,9 +80,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     Raises:
         BadInputError: the image is empty.
     """
-    colours = image
-    if view.distortion.any():
-        colours = cv2.undistort(image, view.matrix, view.distortion, None, view.matrix)
+    colours = view.undistort_image(image)
     grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
     if float(grey.std()) < MIN_CONTRAST:
         raise BadInputError(

@@ -214,7 +214,7 @@ def model_sequence(
     matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)
     condition.check(dataset)
-    chosen = _chosen_instants(dataset, options.instants)
+    chosen = dataset.chosen_instants(options.instants)
     choose_calibration(dataset)
     if options.refine:
         dataset.adopt_calibration(refine_calibration(dataset))
@@ -275,15 +275,6 @@ def model_sequence(
 def cloud_file(instant: int) -> str:
     """Return the path of an instant's cloud; the names form a sequence that viewers can play."""
     return f"{CLOUDS}/{instant:06d}.ply"
-
-
-def _chosen_instants(dataset: Dataset, asked: Sequence[int] | None) -> list[int]:
-    count = len(dataset.instants_ns)
-    chosen = sorted(set(asked or range(count)))
-    for instant in chosen:
-        if not 0 <= instant < count:
-            raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {count - 1}")
-    return chosen
 
 
 def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:

@@ -12,7 +12,7 @@ from capture_app.console.terminal import Progress
 from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import chosen_instants, require_calibration, see_moments
+from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,
@@ -116,7 +116,7 @@ def make_splats(
     learned: _Learned | None = None
     for one in see_moments(
         dataset,
-        chosen_instants(dataset, options.instant, options.instants),
+        dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
         time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,

@@ -16,7 +16,7 @@ from capture_app.session.reading.take_sheet import encode_animation
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import chosen_instants, require_calibration, see_moments
+from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.depth.camera_paths import find_subject, orbit, read_path, swing
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
 from reconstruction.depth.view_blending import render
@@ -82,7 +82,7 @@ def render_views(
     seen, left_out = list[int](), dict[str, str]()
     for one in see_moments(
         dataset,
-        chosen_instants(dataset, options.instant, options.instants),
+        dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
         time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,

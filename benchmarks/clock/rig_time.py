@@ -1,4 +1,4 @@
-"""The rig's time as operators read it, against the truth: `python -m benchmarks.clock.rig_time [--count 200]`.
+"""The rig's time as operators read it, against the truth: `python -m benchmarks.clock.rig_time`.
 
 Real sockets of the loopback, and a leader with a simulated clock in a process of its own: its clock is known,
 and wrong by hours and 30 ppm.
@@ -58,8 +58,8 @@ def report(name: str, errors_ns: list[int], bars_ns: list[int]) -> None:
     """Print the errors of times, and how many are within their bounds."""
     errors, bars = np.abs(errors_ns) / 1e3, np.array(bars_ns) / 1e3
     print(
-        f"{name}: {len(errors)} times, error RMS {np.sqrt((errors**2).mean()):.0f} us, largest {errors.max():.0f} us;"
-        f" bound {np.median(bars):.0f} us (median), held by {100 * (errors <= bars).mean():.1f} %"
+        f"{name}: {len(errors)} times, error RMS {np.sqrt((errors**2).mean()):.0f} us, "
+        f"largest {errors.max():.0f} us; bound {np.median(bars):.0f} us (median), held by {100 * (errors <= bars).mean():.1f} %"
     )
 
 

@@ -49,4 +49,7 @@ class CameraReading:
             return read(exposure_ns=exposure_ns, row_time_ns=row_time_ns)
         row_time_ns = median(one.shutter.row_time_ns for one in self._learned)
         error_ns = median(one.row_time_error_ns for one in self._learned) / math.sqrt(_LEARN)
-        return replace(read(exposure_ns=exposure_ns, row_time_ns=row_time_ns), row_time_error_ns=error_ns)
+        # The first readings' uncertainty includes that of the shutter.
+        least_ns = median(one.uncertainty_ns for one in self._learned)
+        found = read(exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+        return replace(found, row_time_error_ns=error_ns, uncertainty_ns=max(found.uncertainty_ns, least_ns))

@@ -1,7 +1,7 @@
 """Detection of a panel in an image by the ArUco markers of its frame."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -67,21 +67,32 @@ class PanelNotFoundError(Exception):
 
 
 def panels_seen(grey: NDArray[np.uint8]) -> list[str]:
-    """Return the names of all panels with MIN_MARKERS markers in a grey image, in one quick look.
+    """Return the names of all panels with MIN_MARKERS markers in a grey image, in a quick look.
 
     A panel of a name that is seen twice is named twice.
     """
-    seen = Counter(
-        (panel.name, number)
-        for number, _ in _markers(_detector(), grey, 1.0)
-        if (panel := PANEL_OF_MARKER.get(number)) is not None
-    )
-    times = Counter(name for name, _ in seen), Counter(name for (name, _), count in seen.items() if count > 1)
-    return sorted(
-        Counter(
-            {name: 1 + (times[1][name] >= MIN_MARKERS) for name, n in times[0].items() if n >= MIN_MARKERS}
-        ).elements()
-    )
+    found: list[str] = []
+    for seen, scale in _looks(grey):
+        markers = Counter(number for number, _ in _markers(_detector(), seen, scale))
+        found = [
+            name
+            for name, numbers in _by_panel(markers).items()
+            for times in range(1, max(markers.values()) + 1)
+            if sum(markers[number] >= times for number in numbers) >= MIN_MARKERS
+        ]
+        # An image without any marker is not searched further: most of a video's are such.
+        if found or not _by_panel(markers):
+            break
+    return sorted(found)
+
+
+def _by_panel(numbers: Iterable[int]) -> dict[str, list[int]]:
+    """Return the marker numbers of each panel, by its name."""
+    by_panel: dict[str, list[int]] = {}
+    for number in numbers:
+        if (panel := PANEL_OF_MARKER.get(number)) is not None:
+            by_panel.setdefault(panel.name, []).append(number)
+    return by_panel
 
 
 def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
@@ -132,12 +143,8 @@ def _markers(
 
 def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
     """Return the markers of the panel that has the most visible ones."""
-    by_panel: dict[str, dict[int, Floats]] = {}
-    for number, corners in markers.items():
-        panel = PANEL_OF_MARKER.get(number)
-        if panel is not None:
-            by_panel.setdefault(panel.name, {})[number] = corners
-    return max(by_panel.values(), key=len, default={})
+    panels = [{n: markers[n] for n in numbers} for numbers in _by_panel(markers).values()]
+    return max(panels, key=len, default={})
 
 
 def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:

@@ -23,7 +23,7 @@ from capture_app.session.alignment.clock_line import CRYSTAL_PPM
 from capture_app.session.format.common_times import CameraTimes
 
 STEPS = 20
-COMMON_TICKS = 0.03
+COMMON_TICKS = 0.04
 """Standard deviation of a visit's common error, in refreshes, whatever the places in the refresh."""
 PHASE_SHARE = 1.0
 """Part of a reading's error that readings at one place in the refresh have in common."""
@@ -41,9 +41,8 @@ def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
     tracks = reference, camera
     sizes = [len(of.own_s) for of in tracks]
     is_camera = np.repeat([0.0, 1.0], sizes)
-    own, shown, sd = (
-        np.concatenate([getattr(of, name) for of in tracks]) for name in ("own_s", "shown_s", "sd_s")
-    )
+    own, shown = (np.concatenate([getattr(of, name) for of in tracks]) for name in ("own_s", "shown_s"))
+    sd = np.concatenate([_reading_sds(of) for of in tracks])
     epoch = float(np.average(camera.own_s, weights=camera.sd_s**-2))
     middle = float(shown.mean())
     visits, visit_sd = _visits(reference, camera)
@@ -75,6 +74,17 @@ def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
         epoch_local_ns=round((epoch + shift) * 1e9),
         source="panel",
     )
+
+
+def _reading_sds(track: PanelTrack) -> Floats:
+    """Return each reading's standard deviation, s: as stated, or that of its visit's scatter if larger."""
+    sd_s = track.sd_s.copy()
+    for number in np.unique(track.visit):
+        mine = track.visit == number
+        late_s = track.own_s[mine] - track.shown_s[mine]
+        scatter_s = 1.4826 * float(np.median(np.abs(late_s - np.median(late_s))))
+        sd_s[mine] = np.maximum(sd_s[mine], scatter_s)
+    return np.asarray(sd_s)
 
 
 def _visits(*tracks: PanelTrack) -> tuple[Floats, Floats]:

@@ -57,9 +57,10 @@ async def measure(leader: Address, count: int) -> None:
 def report(name: str, errors_ns: list[int], bars_ns: list[int]) -> None:
     """Print the errors of times, and how many are within their bounds."""
     errors, bars = np.abs(errors_ns) / 1e3, np.array(bars_ns) / 1e3
+    rms, inside = np.sqrt((errors**2).mean()), 100 * (errors <= bars).mean()
     print(
-        f"{name}: {len(errors)} times, error RMS {np.sqrt((errors**2).mean()):.0f} us, "
-        f"largest {errors.max():.0f} us; bound {np.median(bars):.0f} us (median), held by {100 * (errors <= bars).mean():.1f} %"
+        f"{name}: {len(errors)} times, error RMS {rms:.0f} us, largest {errors.max():.0f} us; "
+        f"bound {np.median(bars):.0f} us (median), holds for {inside:.1f} %"
     )
 
 

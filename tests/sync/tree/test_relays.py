@@ -10,6 +10,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.timekeeping.poll_schedule import ESTIMATE_EVERY_NS
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.datagrams import Hello
 from tests.sync.rig.rigs import checked_error_ns
@@ -163,6 +164,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
         assert abs(error_ns) < 1_000_000
     rig.tree.revive("root")
     rig.run_until(rig.all_ready)
+    rig.run(ESTIMATE_EVERY_NS / S)
     rig.check_burst()
 
 

@@ -120,7 +120,7 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
-    from capture_app.node.leader.followers import make_followers
+    from capture_app.node.followers import make_followers
     from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log

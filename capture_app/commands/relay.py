@@ -54,7 +54,7 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
-    from capture_app.node.leader.followers import make_followers
+    from capture_app.node.followers import make_followers
     from capture_app.node.relay_node import RelayOptions
     from capture_app.protocol.log import Log
 

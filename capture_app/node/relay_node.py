@@ -25,8 +25,8 @@ from capture_app.net.discovery import announced
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import Asked, Enrolment, is_node
+from capture_app.node.followers import SharedGrid
 from capture_app.node.joining import JoinWatch, KeyRequester
-from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import fitted, node_statuses, page_of

@@ -14,8 +14,8 @@ from capture_app.net.discovery import announced
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import Enrolment
+from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.service import LeaderService

@@ -7,7 +7,7 @@ from pathlib import Path
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.timeouts import RETURN_NS
-from capture_app.node.leader.followers import RigFollower
+from capture_app.node.followers import Follower
 from capture_app.protocol.log import Log
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
@@ -20,7 +20,7 @@ class PortOptions:
     host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
     port: int = DEFAULT_PORT
     """Port for UDP and TCP; 0 for a free one."""
-    followers: Sequence[RigFollower] = ()
+    followers: Sequence[Follower] = ()
     """Other programs that follow the rig's grid, started and closed together with it."""
     trust: Trust = field(default_factory=Trust.of_user)
     """This process's identity and the machines that it accepts and follows."""

@@ -169,7 +169,7 @@ async def _run_leader(
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with node.announced(among):
+        async with node.announced(among=among):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())

@@ -76,7 +76,7 @@ async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
 
     async with (
         await RelayNode.start(options) as node,
-        node.announced(),
+        node.announced(name=options.name),
     ):
         talk(f"relay at {node.address}, below {', or '.join(map(str, options.parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")

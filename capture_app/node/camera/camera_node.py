@@ -16,17 +16,17 @@ from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address, resolve
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control
-from capture_app.common.clock import HostRate, SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
-from capture_app.net.udp import Pump, client_socket
+from capture_app.net.udp import client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.device_profiles import link_key, mode_key
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
-from capture_app.node.joining import JoinWatch, KeyRequester
-from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
+from capture_app.node.endpoint import Endpoint
+from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
@@ -64,7 +64,7 @@ class CameraNode:
         opened at the start, BadInputError for an unusable spool or machine key. Later failures are retried.
         """
         options = self.options
-        self._last_state, self._is_leaving = None, False
+        self._last_state = None
         # Anyone who knows the number can speak for this camera, so it has too many bits to be guessed.
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
@@ -111,43 +111,33 @@ class CameraNode:
             samples=self._samples,
         )
         self._failover = Failover(self._engine, peers)
-        self._sealed = None if options.trust.is_open else SealedClient(self._failover)
-        self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
-        self._keys = KeyRequester(
-            None if self._sealed is None else self._sealed.keys,
-            KeyRequest(name=options.name, instance=instance),
-            self._engine,
-            options.trust,
-            self._pump,
-        )
-        self._camera.connect(self._engine, self._pump)
+        sealed = SealedClient(self._failover)
+        self._refusals = sealed.refusals
+        self._endpoint = Endpoint(options, self._failover, sealed, self._drain)
+        self._following = self._endpoint.follow(self._engine, sealed.leader_keys, options.leaders)
+        self._camera.connect(self._engine, self._endpoint.pump)
         self._viewfinder = Viewfinder(
             options, instance, self._camera, self._engine, self._uploader, self._samples
         )
         self._camera.receivers.append(self._viewfinder.add_frame)
-        self._host_rate = HostRate()
 
     async def _take_part(self, sock: socket.socket) -> None:
         """Take part over a UDP socket until cancelled."""
-        self._pump.start(sock)
+        self._endpoint.pump.start(sock)
         try:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
                     for work in (
-                        self._keys.run(),
+                        self._following.run(),
                         self._camera.keep_open(),
                         self._camera.carry_out_commands(),
                         self._camera.controls.run(),
                         self._uploader.run(),
                         self._viewfinder.run(),
-                        JoinWatch(self.options.leaders, self.options.log).run(self._engine),
                     ):
                         tasks.create_task(work)
         finally:
-            self._is_leaving = True
-            self._engine.leave()
-            self._pump.turn()
-            self._pump.close()
+            await self._endpoint.stop()
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
@@ -157,21 +147,16 @@ class CameraNode:
 
     # Events of the engine
 
-    def _drain(self) -> None:
-        if self._is_leaving:
-            return
+    def _drain(self, now_ns: int) -> None:
         self._camera.collect_commands()
-        self._engine.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
-        self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        if self._sealed is not None:
-            for refused in self._sealed.refusals.take_events(self._clock.now_ns()):
-                self._log.say(str(refused))
+        for refused in self._refusals.take_events(now_ns):
+            self._log.say(str(refused))
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
-            report = self._engine.report(self._clock.now_ns())
+            report = self._engine.report(now_ns)
             words = state.with_error(report.uncertainty_ns)
             self._log.say(f"{words}: {report.message}" if report.message else words)
             if state is NodeState.READY:

@@ -39,7 +39,7 @@ def off_this_thread(written: list[Path], before: Callable[[], object] = lambda: 
 
 def join(leader: LeaderNode, name: str) -> None:
     join_many(leader, "pin-of-one", [name])
-    leader._pump.turn()
+    leader.pump.turn()
 
 
 async def test_names_that_come_during_a_write_share_the_next_one(

@@ -12,8 +12,8 @@ from tests.documentation.pages import PAGES, ROOT, blocks, inline_commands
 MAKEFILE = (ROOT / "Makefile").read_text()
 TARGETS = set(re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE))
 NAMED = {
-    kind.lower(): set(re.findall(rf"^{kind}_([\w-]+) :=", MAKEFILE, re.MULTILINE))
-    for kind in ("TEST", "BENCH", "PICTURES")
+    target: set(re.findall(rf"^{target.upper()}_([\w-]+) :=", MAKEFILE, re.MULTILINE))
+    for target in ("test", "bench", "pictures")
 }
 """What KIND or NAME may say to `test`, `bench` and `pictures`."""
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
@@ -34,12 +34,11 @@ def problem(line: str, *, whole: bool = True) -> str:
     line = re.sub(r"^(\w+=\S+ +)+", "", line).removeprefix(".venv/bin/")
     program, _, rest = line.partition(" ")
     if program == "make":
-        targets, names = (
-            [word for word in rest.split() if "=" not in word],
-            re.findall(r"(?:KIND|NAME)=(\S+)", rest),
-        )
+        targets = [word for word in rest.split() if "=" not in word]
         missing = [word for word in targets if word not in TARGETS]
-        missing += [name for name in names if name not in NAMED[targets[0]]]
+        missing += [
+            name for name in re.findall(r"(?:KIND|NAME)=(\S+)", rest) if name not in NAMED[targets[0]]
+        ]
         return f"the Makefile has no {missing[0]}" if missing else ""
     if program == "pip":
         extras = set(",".join(re.findall(r"\[([\w,-]+)\]", rest)).split(",")) - {""}

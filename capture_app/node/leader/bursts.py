@@ -33,7 +33,7 @@ from capture_app.node.leader.readiness import (
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
-from capture_app.protocol.status import BurstAhead, BurstStatus
+from capture_app.protocol.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered
@@ -278,15 +278,18 @@ class ActiveBursts:
         }
 
     @property
-    def ahead(self) -> tuple[BurstAhead, ...]:
+    def ahead(self) -> tuple[BurstStatus, ...]:
         """Ordered bursts that begin later than `SOON_NS` from now."""
         soon_ns = self.now_ns() + SOON_NS
         return tuple(
-            BurstAhead(
+            BurstStatus(
                 burst=of.burst.number,
                 name=of.status.name,
-                first_leader_ns=of.burst.instants_ns[0],
+                cameras=len(of.burst.clients),
                 instants=of.burst.frames,
+                received=0,
+                expected=of.burst.frames * len(of.burst.clients),
+                first_leader_ns=of.burst.instants_ns[0],
             )
             for of in self._bursts.values()
             if not of.finished.is_set() and of.burst.instants_ns[0] > soon_ns

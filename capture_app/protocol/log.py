@@ -55,7 +55,7 @@ def event_line(event: RigEvent) -> tuple[str, bool]:
     match event:
         case events.NodeChanged(change=change, where=where):
             return _NODE_LINES[change].format(event, where or "this leader"), change in ("lost", "refused")
-        case events.BurstAnswered(name, burst, refusal):
+        case events.TriggerAnswered(name, burst, refusal):
             return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
         case HostOffRate():
             return off_rate_line(event), bool(event.fast_ppm)
@@ -117,9 +117,9 @@ def event_record(event: RigEvent) -> dict[str, object]:
                 "lost": {"reason": reason},
             }
             return {"event": f"node-{change}", "name": name, **fields.get(change, {})}
-        case events.BurstAnswered(name, burst, refusal=""):
+        case events.TriggerAnswered(name, burst, refusal=""):
             return {"event": "burst-accepted", "name": name, "burst": burst}
-        case events.BurstAnswered(name, burst, refusal):
+        case events.TriggerAnswered(name, burst, refusal):
             return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
         case HostOffRate(name, fast_ppm=0.0):
             return {"event": "host-at-rate", "name": name}

@@ -9,7 +9,7 @@ from msgspec import structs
 
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import BurstAnswered, ForeignTrigger
+from capture_app.sync.rig.events import ForeignTrigger, TriggerAnswered
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.datagrams import (
     Goodbye,
@@ -279,7 +279,7 @@ def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None
     rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.principal)
     assert rig.engine.next_event() is None
     rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.principal)
-    assert rig.engine.next_event() == BurstAnswered("a", 1)
+    assert rig.engine.next_event() == TriggerAnswered("a", 1)
 
 
 def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:

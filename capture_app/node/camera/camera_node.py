@@ -20,7 +20,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import client_socket
-from capture_app.node.camera.burst_upload import BurstUpload, Spool
+from capture_app.node.camera.burst_upload import Spool, Upload
 from capture_app.node.camera.device_profiles import link_key, mode_key
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
@@ -222,7 +222,7 @@ class CameraNode:
             events=tuple(self._happened),
         )
         self._happened.clear()
-        upload = BurstUpload(
+        upload = Upload(
             report,
             streamed=streamed,
             video=picked.trigger.video,

@@ -36,7 +36,7 @@ from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck,
 from capture_app.protocol.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import LEFT
@@ -397,7 +397,7 @@ class ActiveBursts:
         for session in (*self._bursts.values(), *self.resumed.sessions()):
             await session.give_up_camera(camera, reason)
 
-    def note_answer(self, answer: BurstAnswered) -> None:
+    def note_answer(self, answer: TriggerAnswered) -> None:
         """Note whether a node takes part in a burst."""
         if answer.refusal and (session := self._bursts.get(answer.burst)):
             self._background.start(

@@ -17,7 +17,7 @@ from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
 from capture_app.protocol.status import RigStatus
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.trust.known_machines import CameraNames
@@ -106,7 +106,7 @@ class LeaderNode(PortEndpoint):
 
     def _drain(self, now_ns: int) -> None:
         while (event := self.engine.next_event()) is not None:
-            if isinstance(event, BurstAnswered):
+            if isinstance(event, TriggerAnswered):
                 self.bursts.note_answer(event)
             else:
                 self.service.roster_changed.set()

@@ -15,7 +15,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState
+from capture_app.node.leader.watchers import LeaderState
 from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
@@ -42,7 +42,7 @@ class LeaderNode(PortEndpoint):
             else LocalNodes(self.own_address, options.spool, self.log, self.address.host, options.trust)
         )
         viewfinders = Viewfinders()
-        self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
+        self._rig = LeaderState(self.address, options, engine, self.bursts, viewfinders, self._local)
         self.service = LeaderService(
             options, engine, self.pump, self._rig, self.bursts, self._local, viewfinders, self.enrolment
         )

@@ -25,7 +25,7 @@ from capture_app.node.enrolment import Asked, is_node
 from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import fitted, node_statuses, page_of
-from capture_app.protocol.log import follower_line
+from capture_app.protocol.event_text import relay_line
 from capture_app.protocol.messages import (
     FromLeader,
     NodeStream,
@@ -210,7 +210,7 @@ class RelayNode(PortEndpoint):
                 self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
                 self.options.log.note(event)
-            elif line := follower_line(event, Address(*self._engine.member.leader)):
+            elif line := relay_line(event, Address(*self._engine.member.leader)):
                 self.options.log.say(line)
 
     def _change_upstream(self, upstream: Address | None) -> None:

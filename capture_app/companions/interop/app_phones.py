@@ -13,7 +13,8 @@ from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.followers import Follower, SharedGrid
-from capture_app.protocol.log import FollowerEvent, Log
+from capture_app.protocol.event_text import FollowerEvent
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES

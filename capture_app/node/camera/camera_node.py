@@ -26,28 +26,18 @@ from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.endpoint import Endpoint
+from capture_app.protocol.event_text import client_line, client_record
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig import events, status_text
+from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
-from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES = 300
-_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
-_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
-    events.Joined: ("joined", ("leader",)),
-    events.ForeignTrigger: ("foreign-trigger", ("leader", "burst")),
-    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
-    events.AlignmentFailed: ("alignment-failed", ("reason",)),
-    clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
-}
-"""Each event's name in the log, and the fields that are copied from it."""
 
 
 class CameraNode:
@@ -187,8 +177,8 @@ class CameraNode:
             self._engine.timekeeper.clock.asymmetry = link.asymmetry
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})
-        if words := event_words(event):
+        self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
+        if words := client_line(event):
             self._log.say(words)
 
     def _upload(self, picked: FramesSelected[CapturedFrame]) -> None:
@@ -274,43 +264,3 @@ def camera_record(
             tolerance_ns=tolerance_ns,
         ),
     )
-
-
-def event_line(event: events.ClientEvent[Any]) -> dict[str, EventValue]:
-    """Return an event as a flat JSON object."""
-    match event:
-        case events.LeaderNotice(what, text):
-            return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
-        case clock_events.ClockSynced(time_map):
-            return {
-                "event": "clock-synced",
-                "offset_ns": time_map.offset_ns,
-                "hard_bound_ns": round(time_map.hard_bound_ns),
-            }
-        case clock_events.ClockChanged(jumped):
-            return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
-        case clock_events.ClockRateUnusual(None):
-            return {"event": "clock-rate-usual"}
-        case events.PhaseCorrected(command, before):
-            return {
-                "event": "phase-corrected",
-                "command": type(command).__name__,
-                **msgspec.to_builtins(command),
-                "phase_error_ns": None if before is None else before.error_ns,
-            }
-    name, taken = _EVENT_FIELDS.get(type(event), (type(event).__name__, ()))
-    return {"event": name} | {field: getattr(event, field) for field in taken}
-
-
-def event_words(event: events.ClientEvent[Any]) -> str:
-    """Return the log line of an event; empty for none."""
-    match event:
-        case events.LeaderNotice("said"):
-            return f"the leader says: {event.text}"
-        case events.LeaderNotice():
-            return f"{_LEADER_LINES[event.what]}: {event.text}"
-        case events.AlignmentFailed():
-            return f"alignment-failed: {event.reason}"
-        case events.ForeignTrigger():
-            return f"refused a trigger for burst {event.burst}: it is from a leader that is not followed"
-    return status_text.of_event(event)

@@ -17,7 +17,7 @@ from capture_app.net.server import TransferServer
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import Enrolment
 from capture_app.node.followers import Follower, SharedGrid
-from capture_app.node.joining import Following
+from capture_app.node.joining import Joining
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ToLeader
 from capture_app.sync.rig.failover import Failover
@@ -53,21 +53,21 @@ class PortOptions(EndpointOptions):
 
 
 class Endpoint:
-    """An engine on a UDP socket, with sealed datagrams unless the rig is open; it may `follow` leaders."""
+    """An engine on a UDP socket, with sealed datagrams unless the rig is open; it may `join` leaders."""
 
     def __init__(
         self,
         options: EndpointOptions,
         engine: Leader | Relay | Succession | Failover,
         sealed: SealedClient | SealedLeader,
-        *looks: Callable[[int], None],
+        *handlers: Callable[[int], None],
     ) -> None:
-        """`looks` are called with the time (ns of this process's clock) when there may be new events."""
+        """`handlers` are called with the time, ns of this process's clock, when there may be new events."""
         self._clock, self._trust, self.log = options.clock, options.trust, options.log
-        self._leave, self._looks = engine.leave, looks
+        self._leave, self._handlers = engine.leave, handlers
         self.pump = Pump(engine if self._trust.is_open else sealed, self._clock, self._turned)
 
-    def follow(
+    def join(
         self,
         time: TimeClient,
         keys: LeaderKeys,
@@ -75,25 +75,25 @@ class Endpoint:
         *,
         is_relay: bool = False,
         succession: Succession | None = None,
-    ) -> Following:
-        """Follow `leaders` with the membership `time`; the caller runs what is returned (`Following.run`)."""
-        following = Following(
+    ) -> Joining:
+        """Join `leaders` with the membership `time`; the caller runs what is returned (`Joining.run`)."""
+        joining = Joining(
             time, keys, self.pump, self._trust, self.log, leaders, is_relay=is_relay, succession=succession
         )
-        self._looks = (following.look, *self._looks)
-        return following
+        self._handlers = (joining.look, *self._handlers)
+        return joining
 
     async def stop(self) -> None:
         """Say goodbye to all peers, and close the socket."""
-        self._looks = ()
+        self._handlers = ()
         self._leave()
         self.pump.turn()
         self.pump.close()
 
     def _turned(self) -> None:
         now_ns = self._clock.now_ns()
-        for look in self._looks:
-            look(now_ns)
+        for handle in self._handlers:
+            handle(now_ns)
 
 
 class PortEndpoint(Endpoint):

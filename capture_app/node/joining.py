@@ -28,8 +28,8 @@ UNANSWERED = 2
 """Number of unanswered hellos after which the path to the leaders is examined."""
 
 
-class Following:
-    """What a process does to follow leaders: it requests datagram keys, and logs why no leader answers."""
+class Joining:
+    """What a process does to join leaders: it requests datagram keys, and logs why no leader answers."""
 
     def __init__(
         self,

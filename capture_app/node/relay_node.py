@@ -66,7 +66,7 @@ class RelayNode(PortEndpoint):
         """Assemble the parts for a bound port; call `start` instead."""
         sealed = SealedRelay(engine)
         super().__init__(options, engine, sealed, bound, self._drain)
-        self._following = self.follow(engine.member.time, sealed.leader_keys, options.parents, is_relay=True)
+        self._joining = self.join(engine.member.time, sealed.leader_keys, options.parents, is_relay=True)
         self.options, self._engine = options, engine
         # The relay cannot know which of its networks its nodes are on.
         hosts = own_hosts(bound[1].family) if options.host in ANY_HOST else []
@@ -103,7 +103,7 @@ class RelayNode(PortEndpoint):
         )
         relay = cls(options, engine, bound)
         await relay.start_serving(relay._serve, relay.shared_grid)
-        relay._tasks = [asyncio.create_task(relay._following.run())]
+        relay._tasks = [asyncio.create_task(relay._joining.run())]
         return relay
 
     async def stop(self) -> None:

@@ -14,7 +14,7 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.clock import HostClock
 from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.node.joining import Following
+from capture_app.node.joining import Joining
 from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
@@ -51,9 +51,9 @@ async def sealed_node(
         node.time = member.time
     node.sealed = SealedClient(engine)
     clock = HostClock()
-    pump = Pump(node.sealed, clock, lambda: following.look(clock.now_ns()))
-    following = Following(node.time, node.sealed.leader_keys, pump, trust, Log())
-    asking = asyncio.create_task(following.run())
+    pump = Pump(node.sealed, clock, lambda: joining.look(clock.now_ns()))
+    joining = Joining(node.time, node.sealed.leader_keys, pump, trust, Log())
+    asking = asyncio.create_task(joining.run())
     pump.start(client_socket(socket.AF_INET))
     try:
         yield node

@@ -104,7 +104,7 @@ class CameraNode:
         sealed = SealedClient(self._failover)
         self._refusals = sealed.refusals
         self._endpoint = Endpoint(options, self._failover, sealed, self._drain)
-        self._following = self._endpoint.follow(self._engine, sealed.leader_keys, options.leaders)
+        self._joining = self._endpoint.join(self._engine, sealed.leader_keys, options.leaders)
         self._camera.connect(self._engine, self._endpoint.pump)
         self._viewfinder = Viewfinder(
             options, instance, self._camera, self._engine, self._uploader, self._samples
@@ -118,7 +118,7 @@ class CameraNode:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
                     for work in (
-                        self._following.run(),
+                        self._joining.run(),
                         self._camera.keep_open(),
                         self._camera.carry_out_commands(),
                         self._camera.controls.run(),
@@ -174,7 +174,7 @@ class CameraNode:
             self._viewfinder.set_leader(leader)
             self._samples.clear()
             link = self.options.profiles.read(link_key(self.options.name, leader.host))
-            self._engine.timekeeper.clock.asymmetry = link.asymmetry
+            self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})

@@ -77,7 +77,7 @@ class RankedLeader(Endpoint):
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
         sealed = SealedClient(engine)
         super().__init__(options, engine, sealed, self._look)
-        self._following = self.follow(engine.member.time, sealed.leader_keys, succession=engine)
+        self._joining = self.join(engine.member.time, sealed.leader_keys, succession=engine)
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None
@@ -87,7 +87,7 @@ class RankedLeader(Endpoint):
 
         `sock` is an unbound UDP socket.
         """
-        asking = [asyncio.create_task(work) for work in (self._ask_whom(), self._following.run())]
+        asking = [asyncio.create_task(work) for work in (self._ask_whom(), self._joining.run())]
         self.pump.start(sock)
         try:
             while self._serving is None or not self._serving.done():
@@ -143,7 +143,7 @@ class RankedLeader(Endpoint):
             await asyncio.sleep(ASK_EVERY_S)
             if (leader := self._engine.leader) is None:
                 continue
-            self._following.ask_again(leader)
+            self._joining.ask_again(leader)
             # Whether the leader is alive is noticed by its datagrams.
             with contextlib.suppress(SimulshotError):
                 async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:

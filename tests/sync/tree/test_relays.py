@@ -8,7 +8,7 @@ from msgspec import structs
 from benchmarks.simulated.clock_tree import ROOT
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
-from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
+from capture_app.sync.rig.events import LeaderNotice, NodeChanged, TriggerAnswered
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.timekeeping.poll_schedule import ESTIMATE_EVERY_NS
 from capture_app.sync.wire.codec import decode
@@ -141,7 +141,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
     rig.run(0.5)
     rig.kill("relay")
     rig.run(9.0)
-    assert [(e.name, e.refusal) for e in rig.events if isinstance(e, BurstAnswered)] == [("cam", "")]
+    assert [(e.name, e.refusal) for e in rig.events if isinstance(e, TriggerAnswered)] == [("cam", "")]
     (ready,) = camera.ready
     assert ready.trigger.burst == burst.number
     assert len(ready.frames) == 2

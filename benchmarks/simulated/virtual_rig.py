@@ -13,6 +13,7 @@ from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.wireless import WIFI
 from capture_app.common.clock import NodeClock
 from capture_app.common.node_state import NodeState
+from capture_app.common.stagger import Stagger
 from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of
 from capture_app.plugins.cameras.sim.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.phase.actuators import InjectionProfile
@@ -127,14 +128,15 @@ class VirtualRig:
         period_ns: int | None = None,
         align_row: float | None = None,
         max_delay_ns: int = 0,
+        stagger: Stagger | None = None,
     ) -> None:
-        """Build the rig; `period_ns`, `align_row` and `max_delay_ns` are the leader's, see `LeaderConfig`."""
+        """Build the rig; `period_ns`, `align_row`, `max_delay_ns` and `stagger` are as in `RigConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
         self._time = VirtualTime()
         self._leader_timer = Timer(self._time, self._pump_leader)
-        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns)
+        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger)
         self._config = LeaderConfig(0, 0, rig)
         self.leader = self._new_leader()
         for spec in specs:

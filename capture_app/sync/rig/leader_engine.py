@@ -12,7 +12,7 @@ from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.errors import BadInputError
-from capture_app.common.node_state import NodeState
+from capture_app.common.node_state import RELAY, WITHOUT_CAMERA, NodeState
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig import status_text
@@ -21,7 +21,7 @@ from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.relay_summary import RelaySummary
 from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
-from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases
+from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases, relays_above
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
 from capture_app.sync.wire.codec import (
@@ -51,6 +51,7 @@ from capture_app.sync.wire.datagrams import (
     UnknownMember,
     UpstreamMap,
     Welcome,
+    camera_key,
 )
 
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
@@ -73,6 +74,8 @@ MIN_FRACTION = 0.025
 200 nodes over a cable are then ready after 7.9 s, and 40 nodes at their rate over WiFi after 26 s. On the
 paper's link, where one message in eighty is quick, 12 of 40 are ready after 37 s (all simulated).
 """
+RETURN_NS = 5_000_000_000
+"""Time after a takeover in which staggered cameras keep their delays: they join one after the other."""
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""
 
@@ -113,6 +116,7 @@ class Leader:
         self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
         if config.grid is not None:
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(config.grid), True
+            self.current.delays_ns = {} if config.rig.stagger is None else None
         self.impostures = 0
         """Messages whose seal belongs to another machine than the one they name."""
         self._summary = summary
@@ -123,7 +127,9 @@ class Leader:
         self.orders = Orders(config.instance, self.roster)
         """Bursts ordered from the members."""
         self._review_is_due = False
-        """Whether the set of cameras that the grid was chosen for may have changed."""
+        """Whether the set of cameras that the grid and delays were chosen for may have changed."""
+        self._delays_due_ns: int | None = None
+        """Time from which cameras that were taken over get new delays; None before the first one is here."""
         self._update_due_ns = 0
         self._times: deque[tuple[bytes, Address, int]] = deque()
         """Pending time replies, each with the arrival time of its request."""
@@ -137,6 +143,11 @@ class Leader:
     def grid(self) -> FrameGrid | None:
         """Grid of instants that all cameras are moved onto; None before the first camera."""
         return self.current.grid
+
+    @property
+    def is_staggered(self) -> bool:
+        """Whether the cameras of this rig, or of the rig above a relay, have planned delays."""
+        return self.config.rig.stagger is not None or bool(self.current.delays_ns)
 
     @property
     def poll_interval_ns(self) -> int:
@@ -191,6 +202,7 @@ class Leader:
         if self.roster.owners.pop(name, None) is None and member is None:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
         self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
+        self._review_is_due = True
 
     def leave(self) -> None:
         """Ask the members to join another leader, as this one is about to stop."""
@@ -203,10 +215,10 @@ class Leader:
         for lost in self.roster.mark_silent_lost(now_ns):
             self._events.append(lost)
             self._review_is_due = True
-        self._events.extend(self.roster.forget_long_lost(now_ns))
-        # The root decides the grid of a relay.
-        if self._review_is_due and self._summary is None and self._review_grid(now_ns):
-            self.acknowledge_all()
+        for forgotten in self.roster.forget_long_lost(now_ns):
+            self._events.append(forgotten)
+            self._review_is_due = True
+        self._review_if_due(now_ns)
         self._events.extend(self.orders.expire(now_ns))
         for members, trigger in self.orders.triggers_due(now_ns):
             self.send_trigger(members, trigger)
@@ -270,7 +282,8 @@ class Leader:
 
     def acknowledge(self, member: Member) -> None:
         """Acknowledge a member's newest heartbeat, with the current configuration."""
-        self.send(member, HeartbeatAck(member.number, self.current.message(self.poll_interval_ns)))
+        config = self.current.message(self.poll_interval_ns, self._staggered(member))
+        self.send(member, HeartbeatAck(member.number, config))
 
     def acknowledge_all(self) -> None:
         """Send every member that is not below a relay the current configuration."""
@@ -318,8 +331,8 @@ class Leader:
         member.last_heard_ns = now_ns
         # A relay reports the loss also of a client that has sent only hellos.
         is_lost = isinstance(message, Heartbeat) and message.report.state is NodeState.LOST
-        if not is_lost and self.roster.confirm(member) and not self.current.is_held(member.camera):
-            self._review_is_due = True
+        if not is_lost and self.roster.confirm(member):
+            self._review_is_due |= self.is_staggered or not self.current.is_held(member.camera)
         return member
 
     def _pass_up(
@@ -340,19 +353,62 @@ class Leader:
             jumps_ns = {} if self.current.grid_choice is None else self.current.grid_choice.jumps_ns
             if member.name in jumps_ns:
                 member.report = status_text.jumped(member.report, jumps_ns[member.name])
+        if self.is_staggered:
+            # A camera that has just joined must not count as ready with a delay that it is about to lose.
+            self._review_if_due(now_ns)
         if member.via is None and not is_new:
             self.acknowledge(member)
 
-    def _review_grid(self, now_ns: int) -> bool:
-        """Change the grid's period if another suits more cameras, except near a burst; return whether it did.
+    def _review_if_due(self, now_ns: int) -> None:
+        # The root decides the grid of a relay.
+        if self._review_is_due and self._summary is None and self._review_grid(now_ns):
+            self.acknowledge_all()
 
-        A camera that has sent only hellos has no vote if a confirmed one is present.
+    def _review_grid(self, now_ns: int) -> bool:
+        """Change the grid's period if another suits more cameras, and the delays, except near a burst.
+
+        Return whether anything has changed. A camera that has sent only hellos has no vote if a confirmed one
+        is present.
         """
         if self.orders.is_busy(now_ns):
             return False
         self._review_is_due = False
         voters = self.roster.cameras() or self.roster.cameras(even_unconfirmed=True)
-        return self.current.follow_cameras(voters, now_ns)
+        has_changed = self.current.follow_cameras(voters, now_ns)
+        return (self.is_staggered and self._plan_delays(now_ns)) or has_changed
+
+    def _plan_delays(self, now_ns: int) -> bool:
+        """Plan the delays of the cameras on the grid; return whether they have changed.
+
+        A camera that is lost keeps its place until it is forgotten, so that a fault of its link moves no
+        other one. A camera that signs off gives it up.
+        """
+        stagger, grid, current = self.config.rig.stagger, self.grid, self.current
+        if stagger is None or grid is None:
+            return False
+        if current.delays_ns is None:
+            self._delays_due_ns = self._delays_due_ns or now_ns + RETURN_NS
+            self._review_is_due = now_ns < self._delays_due_ns
+            if self._review_is_due:
+                return False
+        places = [
+            name
+            for name, member in self.roster.members.items()
+            if member.is_confirmed
+            and member.lost != LEFT
+            and member.camera.kind not in WITHOUT_CAMERA
+            and current.is_held(member.camera)
+        ]
+        planned = {camera_key(name): ns for name, ns in stagger.plan_ns(places, grid.period_ns).items()}
+        has_changed, current.delays_ns = planned != current.delays_ns, planned
+        return has_changed
+
+    def _staggered(self, member: Member) -> list[str]:
+        """Return the cameras whose planned delays a member is to know: itself, or those below a relay."""
+        if not self.is_staggered or member.camera.kind != RELAY:
+            return [member.name]
+        members = self.roster.members
+        return [name for name, below in members.items() if member in relays_above(below, members)]
 
     def _update_grid(self, now_ns: int) -> bool:
         """Shift the grid's phase to suit cameras that can only be restarted, except near a burst.
@@ -427,7 +483,7 @@ class Leader:
             instance=hello.instance,
             client=member.number,
             transfer_port=self.config.transfer_port,
-            config=self.current.message(self.poll_interval_ns),
+            config=self.current.message(self.poll_interval_ns, self._staggered(member)),
             slot=member.slot,
         )
         self._outbox.append((encode(welcome), address))

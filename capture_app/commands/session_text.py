@@ -97,7 +97,8 @@ def _describe_scatter(session: Session) -> Iterator[str]:
     if not differences_ns:
         return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    apart = f"{by}images of one instant are {_describe_differences(differences_ns)}"
+    what = f"staggered: {manifest.steps}; beside these, images" if manifest.is_staggered else "images"
+    apart = f"{by}{what} of one instant are {_describe_differences(differences_ns)}"
     if by and not any(differences_ns):
         apart = "how far images of one instant are apart is not known"
     yield from (
@@ -149,7 +150,7 @@ def _true_differences_ns(session: Session) -> list[int]:
     # The offset between simulated and real cameras of one rig is unknown.
     if {camera.name for camera in session.manifest.cameras} <= {image.camera for image in images}:
         for image in images:
-            times_ns[image.instant].append(image.true_ns)
+            times_ns[image.instant].append(image.true_ns - session.camera(image.camera).delay_ns)
     return [max(of) - min(of) for of in times_ns.values() if len(of) > 1]
 
 

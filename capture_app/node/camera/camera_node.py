@@ -228,6 +228,7 @@ class CameraNode:
                     tolerance_ns,
                     camera.device_clock,
                     self._camera.controls.held,
+                    self._engine.delay_ns,
                 ),
                 reported=True,
                 picking=streamed,
@@ -256,17 +257,19 @@ def camera_record(
     tolerance_ns: int,
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
+    delay_ns: int = 0,
 ) -> CameraRecord:
     """Return a camera's manifest record for a burst; `corrections` counts the phase corrections before it.
 
     `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
-    timestamps by one; `held` are the controls that a user set.
+    timestamps by one; `held` are the controls that a user set, `delay_ns` is its planned delay.
     """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
         name=name,
         facts=facts,
         held=dict(held) if held else msgspec.UNSET,
+        delay_ns=delay_ns,
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,

@@ -143,7 +143,7 @@ def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     """Check an image's times against its instant, its camera's clock, and the timestamp delay."""
     burst, camera = session.manifest.burst, session.camera(record.camera)
-    residual_ns = record.leader_ns - burst.instants_ns[record.instant]
+    residual_ns = record.leader_ns - burst.instants_ns[record.instant] - camera.delay_ns
     start_ns = camera.facts.exposure_start_ns(
         record.leader_ns - record.alignment_offset_ns, record.exposure_ns
     )

@@ -283,7 +283,7 @@ class SessionWriter:
                 note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),
             )
-            data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
+            data = encode_manifest(self.folder, manifest, self.videos.in_order(len(burst.instants_ns)))
             remove_leftovers(self.folder)
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.

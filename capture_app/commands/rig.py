@@ -12,8 +12,10 @@ from capture_app.commands.shared_options import (
     open_option,
     rig_port_option,
     sessions_option,
+    stagger_option,
 )
 from capture_app.common.address import Address
+from capture_app.common.stagger import Stagger
 from capture_app.console.terminal import answer, json_option, table
 from capture_app.console.usage import examples
 
@@ -31,13 +33,22 @@ def rig() -> None:
 @rig_port_option
 @sessions_option
 @cameras_option
+@stagger_option
 @open_option
 @json_option
-def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
+def start(
+    host: str,
+    port: int | None,
+    sessions: Path,
+    cameras: tuple[str, ...],
+    stagger: Stagger | None,
+    as_json: bool,
+) -> None:
     """Start a rig that keeps running, and print its address."""
     from capture_app.rig.process import start_rig
 
-    started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
+    starting = start_rig(sessions=sessions, host=host, port=port, cameras=cameras, stagger=stagger)
+    started = asyncio.run(starting)
     until = f"it runs until: capture-app rig stop --leader {started.leader}"
     answer(as_json, started, [started.leader], said=until)
 

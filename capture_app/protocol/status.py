@@ -148,6 +148,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """One sentence: why the rig is not ready and the remedy, or its accuracy."""
     now_ns: int
     period_ns: int | None
+    stagger: str = ""
+    """Planned order of the cameras' frames: "even, steps of 8.33 ms"; empty if all are at one instant."""
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
     """Number of nodes after this page, by name; `message` summarizes them."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
 from capture_app.protocol.log import Log
@@ -44,6 +45,8 @@ class LeaderOptions(PortOptions):
     """Maximum delay of a burst that is requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
     """Phase of the instants relative to whole periods of leader time; None: set by the cameras."""
+    stagger: Stagger | None = None
+    """Planned order of the cameras' frames; None: all at the same instant."""
     resume: Sequence[Path] | None = None
     """Interrupted sessions to finish; None for all."""
     continued: Continued | None = None

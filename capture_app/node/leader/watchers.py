@@ -71,6 +71,7 @@ class RigState:
             advice=rig_advice(members, str(self._address), now_ns, self._rates.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
+            stagger=engine.current.describe_stagger(),
             message=words,
             further=further,
             nodes=node_statuses(

@@ -7,12 +7,13 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
+from typing import Self
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import is_name, natural_order
 from capture_app.common.text import duration
 
-EVEN = "even"
+EVEN, OFF = "even", "off"
 MAX_DELAY_NS = 500_000_000
 """Maximum planned delay: the frames of a burst are selected within a second of its last instant."""
 
@@ -25,7 +26,7 @@ class Stagger:
     """Delay of each named camera, 0 for the others; None: the k-th of N cameras has k/N of a period."""
 
     @classmethod
-    def parse(cls, text: str) -> "Stagger":
+    def parse(cls, text: str) -> Self:
         """Parse `even`, or a delay for each camera: `cam0=0ms,cam1=8.3ms`. Raises BadInputError."""
         if text.strip() == EVEN:
             return cls()
@@ -45,6 +46,11 @@ class Stagger:
             delays_ns[name] = round(ms * 1e6)
         return cls(delays_ns)
 
+    @classmethod
+    def parse_or_off(cls, text: str) -> Self | None:
+        """Parse as `parse` does, and `off` as None. Raises BadInputError."""
+        return None if text.strip() == OFF else cls.parse(text)
+
     def __str__(self) -> str:
         """Return the text that `parse` reads."""
         delays_ns = self.delays_ns
@@ -56,11 +62,6 @@ class Stagger:
             return {name: self.delays_ns.get(name, 0) for name in cameras}
         ordered = sorted(cameras, key=natural_order)
         return {name: place * period_ns // len(ordered) for place, name in enumerate(ordered)}
-
-    def describe(self, delays_ns: Iterable[int]) -> str:
-        """Describe the planned delays: "even, steps of 8.33 ms"."""
-        kind = EVEN if self.delays_ns is None else "as listed"
-        return f"{kind}, {describe_steps(delays_ns)}"
 
 
 def describe_steps(delays_ns: Iterable[int]) -> str:

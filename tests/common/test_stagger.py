@@ -17,6 +17,13 @@ def test_listed_delays_are_as_they_are_listed() -> None:
     assert plan_ns == {"cam1": 8_300_000, "cam2": 16_700_000, "cam3": 0}
 
 
+@pytest.mark.parametrize("text", ["even", "cam0=0.0ms,cam1=8.3ms"])
+def test_an_order_is_written_as_it_is_read(text: str) -> None:
+    assert str(Stagger.parse(text)) == text
+    assert Stagger.parse_or_off(text) == Stagger.parse(text)
+    assert Stagger.parse_or_off("off") is None
+
+
 @pytest.mark.parametrize(
     "text",
     ["", "odd", "cam0", "cam0=", "cam0=x", "cam0=-1ms", "cam0=nan", "cam0=501ms", "cam0=1,cam0=2", "=3ms"],
@@ -28,6 +35,6 @@ def test_anything_else_is_refused_with_what_is_possible(text: str) -> None:
 
 
 def test_the_steps_are_described_in_milliseconds() -> None:
-    assert Stagger().describe([0, 8_333_333, 16_666_666, 25_000_000]) == "even, steps of 8.33 ms"
+    assert describe_steps([0, 8_333_333, 16_666_666, 25_000_000]) == "steps of 8.33 ms"
     assert describe_steps([0, 0, 8_000_000, 20_000_000]) == "steps of 8 to 12 ms"
     assert describe_steps([0, 0]) == "no steps"

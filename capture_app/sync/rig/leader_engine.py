@@ -6,13 +6,14 @@ Time replies are stamped when they leave, and are sent before all other datagram
 import random
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import RELAY, WITHOUT_CAMERA, NodeState
+from capture_app.common.stagger import Stagger
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig import status_text
@@ -65,6 +66,8 @@ MAX_POLL_INTERVAL_NS = 60_000_000_000
 us."""
 WAITED_FRACTION = 1.0 / 64.0
 """Weight of one request in the mean delay, which some 64 requests determine: 0.13 s at MIN_FRACTION."""
+MOVES = "it moves to its planned delay"
+"""Message of a staggered camera until it reports again."""
 LOADED_NS = 2_000_000
 """Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
 overloaded."""
@@ -145,11 +148,6 @@ class Leader:
         return self.current.grid
 
     @property
-    def is_staggered(self) -> bool:
-        """Whether the cameras of this rig, or of the rig above a relay, have planned delays."""
-        return self.config.rig.stagger is not None or bool(self.current.delays_ns)
-
-    @property
     def poll_interval_ns(self) -> int:
         """Shortest mean interval of a client's time requests that this leader can serve, in ns; 0: any."""
         poll_interval_ns = round(
@@ -203,6 +201,12 @@ class Leader:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
         self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
         self._review_is_due = True
+
+    def set_stagger(self, stagger: Stagger | None, now_ns: int) -> None:
+        """Take frames in another planned order, None for all at one instant; after a burst under way."""
+        self.current.config = replace(self.current.config, stagger=stagger)
+        self._review_is_due = True
+        self._review_if_due(now_ns)
 
     def leave(self) -> None:
         """Ask the members to join another leader, as this one is about to stop."""
@@ -332,7 +336,7 @@ class Leader:
         # A relay reports the loss also of a client that has sent only hellos.
         is_lost = isinstance(message, Heartbeat) and message.report.state is NodeState.LOST
         if not is_lost and self.roster.confirm(member):
-            self._review_is_due |= self.is_staggered or not self.current.is_held(member.camera)
+            self._review_is_due |= self.current.is_staggered or not self.current.is_held(member.camera)
         return member
 
     def _pass_up(
@@ -353,7 +357,7 @@ class Leader:
             jumps_ns = {} if self.current.grid_choice is None else self.current.grid_choice.jumps_ns
             if member.name in jumps_ns:
                 member.report = status_text.jumped(member.report, jumps_ns[member.name])
-        if self.is_staggered:
+        if self.current.is_staggered:
             # A camera that has just joined must not count as ready with a delay that it is about to lose.
             self._review_if_due(now_ns)
         if member.via is None and not is_new:
@@ -375,7 +379,7 @@ class Leader:
         self._review_is_due = False
         voters = self.roster.cameras() or self.roster.cameras(even_unconfirmed=True)
         has_changed = self.current.follow_cameras(voters, now_ns)
-        return (self.is_staggered and self._plan_delays(now_ns)) or has_changed
+        return (self.current.is_staggered and self._plan_delays(now_ns)) or has_changed
 
     def _plan_delays(self, now_ns: int) -> bool:
         """Plan the delays of the cameras on the grid; return whether they have changed.
@@ -383,29 +387,37 @@ class Leader:
         A camera that is lost keeps its place until it is forgotten, so that a fault of its link moves no
         other one. A camera that signs off gives it up.
         """
-        stagger, grid, current = self.config.rig.stagger, self.grid, self.current
-        if stagger is None or grid is None:
+        grid, current = self.grid, self.current
+        if grid is None:
             return False
         if current.delays_ns is None:
             self._delays_due_ns = self._delays_due_ns or now_ns + RETURN_NS
             self._review_is_due = now_ns < self._delays_due_ns
             if self._review_is_due:
                 return False
-        places = [
-            name
+        places = {
+            name: member
             for name, member in self.roster.members.items()
             if member.is_confirmed
             and member.lost != LEFT
             and member.camera.kind not in WITHOUT_CAMERA
             and current.is_held(member.camera)
-        ]
-        planned = {camera_key(name): ns for name, ns in stagger.plan_ns(places, grid.period_ns).items()}
-        has_changed, current.delays_ns = planned != current.delays_ns, planned
-        return has_changed
+        }
+        stagger, before = current.config.stagger, current.delays_ns
+        planned_ns = {} if stagger is None else stagger.plan_ns(places, grid.period_ns)
+        current.delays_ns = planned = {camera_key(name): delay_ns for name, delay_ns in planned_ns.items()}
+        # After a takeover they have their delays already.
+        known = planned if before is None else before
+        for name, member in places.items():
+            key, is_ready = camera_key(name), member.report.state in (NodeState.READY, NodeState.DEGRADED)
+            if is_ready and known.get(key, 0) != planned.get(key, 0):
+                # Until it reports again it must not count as ready.
+                member.report = structs.replace(member.report, state=NodeState.ALIGNING, message=MOVES)
+        return planned != before
 
     def _staggered(self, member: Member) -> list[str]:
         """Return the cameras whose planned delays a member is to know: itself, or those below a relay."""
-        if not self.is_staggered or member.camera.kind != RELAY:
+        if not self.current.is_staggered or member.camera.kind != RELAY:
             return [member.name]
         members = self.roster.members
         return [name for name, below in members.items() if member in relays_above(below, members)]

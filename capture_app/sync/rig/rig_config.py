@@ -94,13 +94,10 @@ class CurrentConfig:
         self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))
         return True
 
-    def describe_stagger(self) -> str:
-        """Describe the planned order of the cameras' frames: "even, steps of 8.33 ms"; empty if in step."""
-        return (
-            ""
-            if self.config.stagger is None
-            else self.config.stagger.describe((self.delays_ns or {}).values())
-        )
+    @property
+    def is_staggered(self) -> bool:
+        """Whether cameras have planned delays, or will have some, or are still to lose them."""
+        return self.config.stagger is not None or bool(self.delays_ns)
 
     def message(self, poll_interval_ns: int, cameras: Collection[str] = ()) -> RigConfigMessage:
         """Return the message to a client, whose time requests are `poll_interval_ns` apart on average.

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from capture_app.cameras.specs import open_camera
 from capture_app.cli import app
 from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.common.stagger import Stagger
 from capture_app.node.camera.camera_node import CameraNode
@@ -20,6 +21,7 @@ from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.orders import StaggerCameras
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.array_access import OpenSession, open_session
 from capture_app.session.reading.take_sheet import TakeSheet, contact_sheet
@@ -65,7 +67,7 @@ async def take(leader: LeaderNode, request: BurstRequest) -> OpenSession:
 
 @pytest.mark.parametrize("video", [False, True])
 async def test_a_session_tells_instants_and_the_sequence(leader: LeaderNode, video: bool) -> None:
-    assert leader.status().stagger == "even, steps of 8.33 ms"
+    assert leader.status().order == "stagger: even, steps of 8.33 ms"
     session = await take(leader, BurstRequest(frames=5, video=video))
     assert verify(session) == []
     assert session.is_staggered
@@ -92,6 +94,22 @@ async def test_nothing_says_that_its_images_are_of_one_moment(leader: LeaderNode
     assert contact_sheet(sheet, 64).any()
     shown = CliRunner().invoke(app, ["sessions", "show", str(session.folder)]).output
     assert "staggered: steps of 8.33 ms; beside these, images of one instant are" in shown
+
+
+async def test_an_operator_can_put_a_rig_in_step_and_stagger_it_again(leader: LeaderNode) -> None:
+    link = RigLink(leader.own_address)
+    for order, delays_ns in (
+        ("", {0}),
+        ("cam1=5.0ms", {0, 5_000_000}),
+        ("even", {place * STEP_NS for place in range(4)}),
+    ):
+        await link.order(StaggerCameras(order=order))
+        assert leader.status().stagger == order
+        session = await take(leader, BurstRequest(frames=2, wait_ready_s=30.0))
+        assert {camera.delay_ns for camera in session.manifest.cameras} == delays_ns
+        assert verify(session) == []
+    with pytest.raises(BadInputError, match="stagger"):
+        await link.order(StaggerCameras(order="odd"))
 
 
 async def test_a_wrong_delay_in_a_manifest_is_found(leader: LeaderNode) -> None:

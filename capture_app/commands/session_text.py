@@ -75,6 +75,9 @@ def session_lines(session: Session) -> Iterator[str]:
         stamp = camera.facts.stamp
         if stamp is not None and not stamp.is_exact:
             yield f"{camera.name} stamps its frames {describe_stamp(stamp)}"
+        for of in camera.widened:
+            lasting = duration(of.until_local_ns - of.from_local_ns)
+            yield f"{camera.name}, times of {lasting}: {of.reason}"
     missing = defaultdict[tuple[str, str], list[str]](list)
     for one in manifest.missing:
         missing[one.camera, one.reason].append(str(one.instant))

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
@@ -28,7 +29,7 @@ from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.joining import JoinWatch, KeyRequester
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord, WidenedTimes
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events, status_text
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -46,6 +47,7 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
+    clock_events.TimesDoubted: ("times-doubted", ("from_local_ns", "until_local_ns", "error_ns")),
 }
 """Each event's name in the log, and the fields that are copied from it."""
 
@@ -93,6 +95,8 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
+        self._stepped: clock_events.TimesDoubted | None = None
+        """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         self._engine: Client[CapturedFrame] = Client(
@@ -202,6 +206,9 @@ class CameraNode:
             self._engine.timekeeper.clock.asymmetry = link.asymmetry
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
+        if isinstance(event, clock_events.TimesDoubted):
+            self._uploader.widen_times(widened_times(event))
+            self._stepped = event if event.jumped else self._stepped
         self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})
         if words := event_words(event):
             self._log.say(words)
@@ -246,6 +253,10 @@ class CameraNode:
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )
         upload.extend(picked)
+        stepped = self._stepped
+        if stepped is not None and any(frame.local_ns <= stepped.until_local_ns for frame in picked.frames):
+            first_ns = min(frame.local_ns for frame in picked.frames)
+            upload.widen_times(replace(widened_times(stepped), from_local_ns=first_ns))
         self._uploader.add_burst(upload)
 
 
@@ -291,6 +302,17 @@ def camera_record(
             uncertainty_ns=round(1.96 * phase.sigma_ns),
             tolerance_ns=tolerance_ns,
         ),
+    )
+
+
+def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
+    """Return the record of times that were found to be wrong, for a burst's manifest."""
+    return WidenedTimes(
+        from_local_ns=event.from_local_ns,
+        until_local_ns=event.until_local_ns,
+        uncertainty_ns=event.error_ns,
+        hard_bound_ns=event.hard_bound_ns,
+        reason=status_text.why_doubted(event),
     )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -39,6 +39,7 @@ NO_INSTANT = -1
 """Instant number of a frame that belongs to no instant of the recording."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
+T = TypeVar("T", bound="ImageRecord")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 MAX_INTEGER, MAX_REAL = 2**63, 1e15
 """Limits of all numbers in a manifest, so that their sums and products stay finite."""
@@ -82,6 +83,21 @@ class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Largest phase error that is left uncorrected; an image further from its instant is `late`."""
 
 
+class WidenedTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An interval of a camera's clock whose times were found afterwards to be less accurate, and why."""
+
+    from_local_ns: TimeNs
+    until_local_ns: TimeNs
+    uncertainty_ns: Count
+    """95 % error of the times in the interval."""
+    hard_bound_ns: Count
+    reason: Sentence
+
+
+MAX_WIDENED = 64
+"""Maximum number of such intervals of a camera in one burst."""
+
+
 class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One camera of the rig: its properties, and the state of its clock and phase during the burst."""
 
@@ -93,11 +109,25 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """Controls that a user had set, each in its unit; the camera chose the others."""
     delay_ns: Count = 0
     """Planned time of its images after their instants; not 0 for a camera of a staggered rig."""
+    widened: Annotated[tuple[WidenedTimes, ...], Meta(max_length=MAX_WIDENED)] = ()
+    """Intervals in which a clock was wrong before that was noticed; its images' errors include them."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
         if not (self.facts.width and self.facts.height):
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
+
+    def widen(self, image: T) -> T:
+        """Return an image's record with the errors of the intervals in `widened` that it was taken in."""
+        for of in self.widened:
+            if image.local_ns is not None and of.from_local_ns <= image.local_ns <= of.until_local_ns:
+                bound_ns = image.hard_bound_ns
+                image = msgspec.structs.replace(
+                    image,
+                    uncertainty_ns=max(image.uncertainty_ns or 0, of.uncertainty_ns),
+                    hard_bound_ns=None if bound_ns is None else max(bound_ns, of.hard_bound_ns),
+                )
+        return image
 
     def is_late(self, residual_ns: int) -> bool:
         """Return whether an image taken `residual_ns` from its instant exceeds the camera's tolerance."""
@@ -330,7 +360,7 @@ def sync_record(
     bound_ns: int | None = 0
     number = substituted = late = 0
     for instant, group in groupby(images, key=lambda image: image.instant):
-        of = list(group)
+        of = [by_name[image.camera].widen(image) for image in group]
         number += len(of)
         spreads_ns[instant] = _spread([image.leader_ns - by_name[image.camera].delay_ns for image in of])
         if (rows := _row_scatter([(by_name[image.camera], image) for image in of])) is not None:

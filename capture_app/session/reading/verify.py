@@ -195,6 +195,8 @@ def _clock_error(
         clock.uncertainty_ns if record.uncertainty_ns is None else max(0, record.uncertainty_ns - stamp_ns)
     )
     allowed_ns = own_ns + _ROUNDING_NS
+    # The clock record is from before; these changes were noticed later.
+    allowed_ns += sum(of.uncertainty_ns for of in camera.widened if record.local_ns >= of.from_local_ns)
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
@@ -217,7 +219,7 @@ def _journal(session: Session) -> Iterator[Problem]:
     for image in session.stored_manifest.images:
         if (listed := saved.pop((image.camera, image.instant), None)) is None:
             yield _contradiction(JOURNAL, f"has no entry for {image.path}")
-        elif listed != image:
+        elif session.camera(listed.camera).widen(listed) != image:
             yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
     for listed in saved.values():
         yield _contradiction(MANIFEST, f"lacks {listed.path}, which the journal has")

@@ -124,6 +124,12 @@ def of_event(event: object) -> str:
     return ""
 
 
+def why_doubted(event: clock_events.TimesDoubted) -> str:
+    """Describe why times of an interval were wrong."""
+    what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
+    return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"
+
+
 def rate(watch: RateWatch, now_ns: int) -> str:
     """Describe an unusual rate of this node's clock, by its host or against the leader's; empty if none."""
     if watch.host_slewing_ppm:

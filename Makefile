@@ -21,6 +21,7 @@
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench-folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
+# make bench-stagger   a drawn ball's path by four cameras in step and staggered, and errors and readiness of such rigs (6 min)
 # make bench-seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; SEEDS=0-299)
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
@@ -57,7 +58,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel bench-seeds paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel bench-stagger bench-seeds paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -146,6 +147,10 @@ bench-rig: $(VENV)/.installed
 
 bench-phones: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)
+
+bench-stagger: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.stagger.ball_path $(BENCH)
+	$(BIN)/python -m benchmarks.stagger.rig_errors $(BENCH)
 
 bench-seeds: $(VENV)/.installed-dev
 	$(BIN)/python -m tests.virtual $(or $(SEEDS),0-9999)

@@ -32,6 +32,7 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
+    clock_events.TimesDoubted: ("times-doubted", ("from_local_ns", "until_local_ns", "error_ns")),
 }
 """Each event's name in the log, and the fields that are copied from it."""
 
@@ -168,6 +169,12 @@ def client_line(event: events.ClientEvent[Any]) -> str:
         case events.ForeignTrigger():
             return f"refused a trigger for burst {event.burst}: it is from a leader that is not followed"
     return _clock_line(event)
+
+
+def why_doubted(event: clock_events.TimesDoubted) -> str:
+    """Describe why times of an interval were wrong."""
+    what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
+    return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"
 
 
 def _clock_line(event: object) -> str:

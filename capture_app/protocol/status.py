@@ -8,6 +8,7 @@ from capture_app.common.bounds import Count, FilePath, Message, Pixels, Real, Se
 from capture_app.common.camera_facts import CameraFacts, ControlState
 from capture_app.common.names import Name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.stagger import EVEN
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.datagrams import Report
 
@@ -140,6 +141,10 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """One sentence: why the rig is not ready and the remedy, or its accuracy."""
     now_ns: int
     period_ns: int | None
+    stagger: str = ""
+    """Planned order of the cameras' frames, as the option --stagger; empty if all are at one instant."""
+    steps: str = ""
+    """Planned steps between frames of a staggered rig: "steps of 8.33 ms"; empty for any other."""
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
     """Number of nodes after this page, by name; `message` summarizes them."""
@@ -154,6 +159,12 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """Folder of the sessions, on the leader's machine."""
     disk_free_bytes: int | None = None
     """Free space of that folder's disk."""
+
+    @property
+    def order(self) -> str:
+        """The planned order in words: "stagger: even, steps of 8.33 ms"; empty if all are at one instant."""
+        kind = f"{EVEN}, " if self.stagger == EVEN else ""
+        return f"stagger: {kind}{self.steps}" if self.stagger else ""
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

@@ -20,6 +20,7 @@ from capture_app.common.address import LOOPBACK_HOSTS, Address, own_hosts, parse
 from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.passwords import reveal_password
+from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.rig_link import ask_status, give_order
@@ -119,7 +120,13 @@ async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> 
 
 
 async def start_rig(
-    *, sessions: Path, host: str, port: int | None = None, cameras: Sequence[str] = (), is_owned: bool = False
+    *,
+    sessions: Path,
+    host: str,
+    port: int | None = None,
+    cameras: Sequence[str] = (),
+    stagger: Stagger | None = None,
+    is_owned: bool = False,
 ) -> LeaderRecord:
     """Start a rig in the background and return it when it answers.
 
@@ -128,7 +135,7 @@ async def start_rig(
     which the rig's process ended.
     """
     log = _new_log()
-    process = _spawn(sessions, host, port, cameras, log, is_owned)
+    process = _spawn(sessions, host, port, cameras, stagger, log, is_owned)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(RIG_START_TIMEOUT_S):
             while process.poll() is None:
@@ -182,7 +189,13 @@ def _new_log() -> Path:
 
 
 def _spawn(
-    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path, is_owned: bool
+    sessions: Path,
+    host: str,
+    port: int | None,
+    cameras: Sequence[str],
+    stagger: Stagger | None,
+    log: Path,
+    is_owned: bool,
 ) -> subprocess.Popen[bytes]:
     arguments = (
         *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
@@ -190,6 +203,7 @@ def _spawn(
         *(["--or-free-port"] if port is None else ["--port", str(port)]),
         *(["--until-eof"] if is_owned else []),
         *(f"--camera={camera}" for camera in cameras),
+        *([] if stagger is None else ["--stagger", str(stagger)]),
     )
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program

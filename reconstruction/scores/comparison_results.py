@@ -98,6 +98,8 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     actual_offset_ms: float = 0.0
     unsynchronized: str = ""
     """Why no condition is called synchronized: the time offsets between the cameras are unknown."""
+    staggered: str = ""
+    """Planned steps of a staggered session, whose images are not of one instant; empty for any other."""
     verdict: str = ""
     """One or two plain sentences for a reader who does not know what synchronization is."""
     calibration: str = "none"

@@ -82,6 +82,8 @@ class Timing(Struct, frozen=True, kw_only=True):
 
     None if they are already paired as well as possible.
     """
+    planned_ms: float = 0.0
+    """Planned delay of the other camera; not 0 if the cameras were staggered on purpose."""
     instants: tuple[InstantOffset, ...] = ()
     moving_cameras: dict[str, float] = {}
     """Cameras that moved while recording, with their motion in px from frame to frame."""
@@ -112,7 +114,8 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
-    return without_common_times(timing, dataset.unsynchronized)
+    timing = without_common_times(timing, dataset.unsynchronized)
+    return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
@@ -255,6 +258,14 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
         timing,
         f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
     )
+
+
+def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
+    """Return the judgement of cameras that are staggered by `planned_ms`; unless 0, never synchronized."""
+    if not planned_ms:
+        return timing
+    reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
+    return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:

@@ -33,7 +33,14 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.journal import lines_of_file
-from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
+from capture_app.session.format.manifest import (
+    JOURNAL,
+    MAX_WIDENED,
+    ImageRecord,
+    MissingImage,
+    WidenedTimes,
+    image_path,
+)
 from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, SelectedFrame
 
 REPORT = "report.json"
@@ -357,6 +364,20 @@ class Upload:
         if picked.ended and not self.ended:
             self.ended = True
             self.report = replace(self.report)
+
+    def widen_times(self, times: WidenedTimes) -> None:
+        """Report that a clock was wrong in an interval; beyond MAX_WIDENED the last interval grows."""
+        camera = self.report.plan.camera
+        known = camera.widened
+        if len(known) == MAX_WIDENED:
+            known, last = known[:-1], known[-1]
+            times = replace(
+                times,
+                from_local_ns=min(last.from_local_ns, times.from_local_ns),
+                uncertainty_ns=max(last.uncertainty_ns, times.uncertainty_ns),
+                hard_bound_ns=max(last.hard_bound_ns, times.hard_bound_ns),
+            )
+        self.report = self.report.with_plan(camera=replace(camera, widened=(*known, times)))
 
     def commit(self, requested: Collection[int] | None) -> list[Path]:
         """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
@@ -26,15 +27,16 @@ from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.endpoint import Endpoint
-from capture_app.protocol.event_text import client_line, client_record
+from capture_app.protocol.event_text import client_line, client_record, why_doubted
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord, WidenedTimes
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
+from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES = 300
@@ -83,6 +85,8 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
+        self._stepped: clock_events.TimesDoubted | None = None
+        """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         self._engine: Client[CapturedFrame] = Client(
@@ -177,6 +181,9 @@ class CameraNode:
             self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
+        if isinstance(event, clock_events.TimesDoubted):
+            self._uploader.widen_times(widened_times(event))
+            self._stepped = event if event.jumped else self._stepped
         self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
         if words := client_line(event):
             self._log.say(words)
@@ -203,6 +210,7 @@ class CameraNode:
                     tolerance_ns,
                     camera.device_clock,
                     self._camera.controls.held,
+                    self._engine.delay_ns,
                 ),
                 reported=True,
                 picking=streamed,
@@ -220,6 +228,10 @@ class CameraNode:
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )
         upload.extend(picked)
+        stepped = self._stepped
+        if stepped is not None and any(frame.local_ns <= stepped.until_local_ns for frame in picked.frames):
+            first_ns = min(frame.local_ns for frame in picked.frames)
+            upload.widen_times(replace(widened_times(stepped), from_local_ns=first_ns))
         self._uploader.add_burst(upload)
 
 
@@ -231,17 +243,19 @@ def camera_record(
     tolerance_ns: int,
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
+    delay_ns: int = 0,
 ) -> CameraRecord:
     """Return a camera's manifest record for a burst; `corrections` counts the phase corrections before it.
 
     `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
-    timestamps by one; `held` are the controls that a user set.
+    timestamps by one; `held` are the controls that a user set, `delay_ns` is its planned delay.
     """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
         name=name,
         facts=facts,
         held=dict(held) if held else msgspec.UNSET,
+        delay_ns=delay_ns,
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,
@@ -263,4 +277,15 @@ def camera_record(
             uncertainty_ns=round(1.96 * phase.sigma_ns),
             tolerance_ns=tolerance_ns,
         ),
+    )
+
+
+def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
+    """Return the record of times that were found to be wrong, for a burst's manifest."""
+    return WidenedTimes(
+        from_local_ns=event.from_local_ns,
+        until_local_ns=event.until_local_ns,
+        uncertainty_ns=event.error_ns,
+        hard_bound_ns=event.hard_bound_ns,
+        reason=why_doubted(event),
     )

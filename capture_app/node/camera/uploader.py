@@ -37,6 +37,7 @@ from capture_app.protocol.messages import (
     ReportAck,
     SpoolSpace,
 )
+from capture_app.session.format.manifest import WidenedTimes
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
@@ -347,6 +348,12 @@ class Uploader:
             upload.extend(picked)
         self._changed.set()
         self._to_encode.set()
+
+    def widen_times(self, times: WidenedTimes) -> None:
+        """Report to the leader that a clock was wrong, for every burst that is not finished."""
+        for upload in self._bursts:
+            upload.widen_times(times)
+        self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
         """Drop a burst that its leader has cancelled; below a relay, once that leader has signed it."""

@@ -67,6 +67,7 @@ class LeaderNode(PortEndpoint):
                     align_row=options.align_row,
                     max_delay_ns=options.max_delay_ns,
                     grid_phase_ns=options.grid_phase_ns,
+                    stagger=options.stagger,
                 ),
                 continues=None if continued is None else continued.upstream_map,
                 grid=None if continued is None else continued.grid,

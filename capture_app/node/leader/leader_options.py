@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RETURN_NS
 from capture_app.node.endpoint import PortOptions
 from capture_app.sync.tree.succession import Continued
@@ -24,6 +25,8 @@ class LeaderOptions(PortOptions):
     """Maximum delay of a burst that is requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
     """Phase of the instants relative to whole periods of leader time; None: set by the cameras."""
+    stagger: Stagger | None = None
+    """Planned order of the cameras' frames; None: all at the same instant."""
     resume: Sequence[Path] | None = None
     """Interrupted sessions to finish; None for all."""
     continued: Continued | None = None

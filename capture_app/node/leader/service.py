@@ -11,14 +11,16 @@ from capture_app.common.camera_facts import PHONE
 from capture_app.common.errors import (
     BadInputError,
     DiskError,
+    IncompleteError,
     NetworkError,
     NotAvailableError,
     SimulshotError,
     TryAgainError,
     UnknownMachineError,
 )
+from capture_app.common.stagger import Stagger
 from capture_app.common.tasks import end
-from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
+from capture_app.common.timeouts import BUSY_TIMEOUT_S, DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import (
     MAX_PAYLOAD_BYTES,
     Channel,
@@ -48,6 +50,8 @@ WorkingOn = dict[tuple[int, int, str], BurstSession]
 
 
 STILL_SAVING_EVERY_S = 5.0
+LOOKS = 50
+"""Number of looks at a burst under way within BUSY_TIMEOUT_S."""
 
 
 class ImageAnswers(asyncio.Queue[tuple[messages.ImageUpload, "asyncio.Future[str]"]]):
@@ -284,19 +288,35 @@ class LeaderService:
                 names = await self._nodes().add_simulated(order, taken=self._taken())
             case orders.RemoveCamera(name=name):
                 await self._remove(name)
-            case orders.CancelBurst(burst=burst):
-                await self._bursts.cancel(burst)
-            case orders.EndBurst(burst=number):
-                await self._bursts.end(number)
+            case orders.CancelBurst() | orders.EndBurst():
+                await self._end_burst(order)
             case orders.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
                 for follower in self._options.followers:
                     follower.expose(exposure_ns, iso)
+            case orders.StaggerCameras():
+                await self._stagger(Stagger.parse(order.order) if order.order else None)
             case orders.InvitePhone():
                 return await self._nodes().phones.invitation()
             case orders.StopRig():
                 self._options.log.add("stopped by an operator")
                 self.stop_requested.set()
         return orders.Done(names=names)
+
+    async def _end_burst(self, order: orders.CancelBurst | orders.EndBurst) -> None:
+        if isinstance(order, orders.CancelBurst):
+            await self._bursts.cancel(order.burst)
+        else:
+            await self._bursts.end(order.burst)
+
+    async def _stagger(self, stagger: Stagger | None) -> None:
+        """Change the planned order; a burst that has just been taken is awaited."""
+        for _ in range(LOOKS):
+            if not self._engine.orders.is_busy(now_ns := self._options.clock.now_ns()):
+                self._engine.set_stagger(stagger, now_ns)
+                self._pump.turn()
+                return
+            await asyncio.sleep(BUSY_TIMEOUT_S / LOOKS)
+        raise IncompleteError("a burst is under way", hint="stagger the rig when it is over")
 
     def _nodes(self) -> LocalNodes:
         if self._local is None:

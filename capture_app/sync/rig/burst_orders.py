@@ -29,7 +29,8 @@ TRIGGER_LEAD_NS = 500_000_000
 TRIGGER_AGAIN_NS = 50_000_000
 """Interval of a trigger that is not acknowledged: ten repetitions fit into TRIGGER_LEAD_NS."""
 AFTER_BURST_NS = 1_000_000_000
-"""Time after a burst's last instant in which the grid must not move: clients still select frames."""
+"""Time after a burst's last instant in which neither the grid nor a planned delay of up to
+`stagger.MAX_DELAY_NS` may change: clients still select frames."""
 MAX_LEAD_NS = 24 * 3_600_000_000_000
 """Maximum time between the order of a burst and its start, in the future or the past."""
 NO_ANSWER = "it does not answer"
@@ -185,7 +186,8 @@ class Orders:
             self._open_bursts[number] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
             )
-        self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
+        over_ns = burst.instants_ns[-1] + burst.period_ns
+        self._busy_until_ns[burst.number] = max(now_ns, over_ns) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
         """Whether a burst is under way or ordered."""

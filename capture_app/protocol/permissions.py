@@ -44,6 +44,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.EndBurst,
         orders.InvitePhone,
         orders.ExposeAppPhones,
+        orders.StaggerCameras,
         orders.StopRig,
         pairing_messages.Invite,
     ),

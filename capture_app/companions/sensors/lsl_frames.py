@@ -19,7 +19,7 @@ from capture_app.common.clock import NodeClock
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.tasks import end
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.node.followers import Follower, SharedGrid
 from capture_app.protocol.log import Log
 from capture_app.session.format.journal import FRAMES_SUFFIX, record_of_line
 from capture_app.session.format.manifest import JOURNAL, RIG, VIDEOS, FrameRecord, ImageRecord
@@ -30,7 +30,7 @@ LOOK_EVERY_S = 0.1
 READINGS = 5
 
 
-class LslFrames(RigFollower):
+class LslFrames(Follower):
     """Outlet of frame times between `start` and `close`."""
 
     def __init__(self) -> None:

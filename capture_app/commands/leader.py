@@ -124,7 +124,7 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
-    from capture_app.node.leader.followers import make_followers
+    from capture_app.node.followers import make_followers
     from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
@@ -174,7 +174,7 @@ async def _run_leader(
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with node.announced(among):
+        async with node.announced(among=among):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())

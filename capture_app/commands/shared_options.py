@@ -29,7 +29,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 PHONES = "phones"
 """Command that a leader runs to accept phones as cameras."""
 FOLLOWERS = "simulshot.followers"
-"""Group of entry points: other programs that follow a rig, see `capture_app.node.leader.followers`."""
+"""Group of entry points: other programs that follow a rig, see `capture_app.node.followers`."""
 
 
 ADDRESS = ParsedType("host:port", parse_address)

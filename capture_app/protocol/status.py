@@ -89,7 +89,7 @@ class CameraTransfer(Struct, frozen=True, kw_only=True):
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
-    """Burst under way or just saved."""
+    """Burst that is ordered, under way or just saved."""
 
     burst: int
     name: str
@@ -106,6 +106,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     """Progress of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()
     """Instants skipped because a camera had no frame; later ones replaced them."""
+    first_leader_ns: int = 0
+    """First instant of a burst that begins later, in leader time; else 0."""
 
 
 class FollowerStatus(Struct, frozen=True, kw_only=True):
@@ -122,16 +124,6 @@ class FollowerStatus(Struct, frozen=True, kw_only=True):
     round_trip_ns: int | None = None
     samples: int = 0
     last_seen_ns: int = 0
-
-
-class BurstAhead(Struct, frozen=True, kw_only=True):
-    """Ordered burst that begins later."""
-
-    burst: int
-    name: str
-    first_leader_ns: int
-    """First instant, in leader time."""
-    instants: int
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):
@@ -159,7 +151,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     app_phones: tuple[FollowerStatus, ...] = ()
     """Phones with libsoftwaresync or RecSync; their images stay on them."""
     burst: BurstStatus | None = None
-    ahead: tuple[BurstAhead, ...] = ()
+    ahead: tuple[BurstStatus, ...] = ()
     """Bursts that begin much later, and can be cancelled."""
     sessions: tuple[str, ...] = ()
     """Paths of the newest sessions saved by this leader, newest last."""

@@ -28,7 +28,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
 
-class RunningRig(Struct, frozen=True, kw_only=True):
+class LeaderRecord(Struct, frozen=True, kw_only=True):
     """Record of a leader's process, which exists while it runs."""
 
     pid: int
@@ -74,7 +74,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
 
     If the folder cannot be written, that is the only consequence.
     """
-    rig = RunningRig(
+    rig = LeaderRecord(
         pid=os.getpid(),
         leader=str(address),
         sessions=str(sessions.absolute()),
@@ -92,7 +92,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
             path.unlink()
 
 
-def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[RunningRig]:
+def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[LeaderRecord]:
     """Return the rigs of this machine whose processes run, newest first; remove stale records.
 
     Only those with that folder and port, if they are given.
@@ -100,7 +100,7 @@ def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[
     rigs = []
     for path in rigs_folder().glob("*.json"):
         with contextlib.suppress(OSError, ValueError, RecursionError):
-            rig = msgspec.json.decode(path.read_bytes(), type=RunningRig)
+            rig = msgspec.json.decode(path.read_bytes(), type=LeaderRecord)
             if not _runs(rig.pid):
                 path.unlink()
             elif port in (None, 0, rig.address.port) and (
@@ -110,7 +110,7 @@ def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[
     return sorted(rigs, key=lambda rig: -rig.started_unix_ns)
 
 
-async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> RunningRig | None:
+async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> LeaderRecord | None:
     """Return the newest rig of this machine that answers, with that folder and port if they are given."""
     for rig in list_rigs(sessions=sessions, port=port):
         with contextlib.suppress(SimulshotError):
@@ -127,7 +127,7 @@ async def start_rig(
     cameras: Sequence[str] = (),
     stagger: Stagger | None = None,
     is_owned: bool = False,
-) -> RunningRig:
+) -> LeaderRecord:
     """Start a rig in the background and return it when it answers.
 
     It outlives this process unless `is_owned`. Without a `port` it takes the default one, or a free one.

@@ -12,7 +12,7 @@ from reconstruction.report import wording
 from reconstruction.report.study_report import Claim, reported, study_reports
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.scores.timing import SessionTiming, Timing
 
 UNSYNCHRONIZED = "unsynchronized"
 EACH_DELAYED = "each camera off by a different delay"
@@ -82,7 +82,7 @@ def _offset_sentences(timing: Timing, by: str) -> str:
     return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {paired}."
 
 
-def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
+def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
     if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
         return ""

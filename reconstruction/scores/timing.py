@@ -118,7 +118,7 @@ def measure_pair_timing(
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
-def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTiming":
+def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
     first = next(name for name, one in found.items() if one.sd_ms == 0)
@@ -133,7 +133,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTimin
         for name, one in found.items()
         if name != first
     )
-    return RigTiming(reference=first, cameras=tuple(judged))
+    return SessionTiming(reference=first, cameras=tuple(judged))
 
 
 def judge_timing(
@@ -329,7 +329,7 @@ def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
     return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
-class RigTiming(Struct, frozen=True, kw_only=True):
+class SessionTiming(Struct, frozen=True, kw_only=True):
     """Time offsets of all cameras against a reference; each entry of `cameras` is one camera."""
 
     reference: str

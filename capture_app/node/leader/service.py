@@ -31,13 +31,13 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.enrolment import Asked, Enrolment, is_node
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.camera_settings import RigSettings
+from capture_app.node.leader.camera_settings import CameraSettings
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.memory_shares import MemoryShares
 from capture_app.node.leader.snapshots import fitted_burst
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState, Watcher
+from capture_app.node.leader.watchers import LeaderState, Watcher
 from capture_app.protocol import messages, orders
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
@@ -104,7 +104,7 @@ class LeaderService:
         options: LeaderOptions,
         engine: Leader,
         pump: Pump,
-        rig: RigState,
+        rig: LeaderState,
         bursts: ActiveBursts,
         local: LocalNodes | None,
         viewfinders: Viewfinders,
@@ -116,7 +116,7 @@ class LeaderService:
         self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
-        self._settings = RigSettings(options.sessions, viewfinders, options.log)
+        self._settings = CameraSettings(options.sessions, viewfinders, options.log)
         self.roster_changed = asyncio.Event()
         """Set whenever a node has joined, was lost, or was removed."""
         self._memory = MemoryShares(2 * MAX_PAYLOAD_BYTES)

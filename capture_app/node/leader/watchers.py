@@ -37,7 +37,7 @@ KEEPALIVE_S = 3.0
 """Maximum interval between two statuses, so that an operator notices a leader that was lost silently."""
 
 
-class RigState:
+class LeaderState:
     """State of the whole rig, as its leader knows it."""
 
     def __init__(
@@ -114,7 +114,9 @@ class RigState:
 class Watcher:
     """Sender of a rig's changes to one operator; it costs nothing while no one watches."""
 
-    def __init__(self, channel: Channel[ToLeader], rig: RigState, log: Log, viewfinders: Viewfinders) -> None:
+    def __init__(
+        self, channel: Channel[ToLeader], rig: LeaderState, log: Log, viewfinders: Viewfinders
+    ) -> None:
         self._request = NO_PREVIEWS
         self._unacknowledged: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""

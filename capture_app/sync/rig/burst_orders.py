@@ -9,7 +9,7 @@ from capture_app.common.timeouts import TRIGGER_GIVE_UP_NS
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import CameraPhase
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
     MAX_FRAMES,
@@ -87,7 +87,7 @@ class BurstOrder:
 
 
 @dataclass(slots=True)
-class _OpenBurst:
+class _OpenTrigger:
     """Trigger of a burst, and the members that have not answered it yet, by their numbers."""
 
     trigger: Trigger
@@ -107,7 +107,7 @@ class Orders:
     def __init__(self, leader: int, roster: Roster) -> None:
         """`leader` is the leader's instance number; `roster` holds the cameras that take bursts."""
         self._leader, self._roster = leader, roster
-        self._open_bursts: dict[int, _OpenBurst] = {}
+        self._open_bursts: dict[int, _OpenTrigger] = {}
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
 
@@ -183,7 +183,7 @@ class Orders:
         members = {member.number: member for member in self._roster.cameras() if member.name in clients}
         self._open_bursts.pop(number, None)
         if members:
-            self._open_bursts[number] = _OpenBurst(
+            self._open_bursts[number] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
             )
         self._busy_until_ns[burst.number] = (
@@ -195,7 +195,7 @@ class Orders:
         self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
         return bool(self._busy_until_ns)
 
-    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
+    def take_ack(self, member: Member, ack: TriggerAck) -> TriggerAnswered | None:
         """Record a member's answer; return None if it had already answered, or if the order has expired."""
         burst = self._open_bursts.get(ack.burst)
         if ack.leader != self._leader or burst is None or member.number not in burst.members:
@@ -204,9 +204,9 @@ class Orders:
         if burst.cancels and ack.refusal != CANCELLED:
             return None
         self._close(ack.burst, burst, member.number)
-        return None if burst.cancels or burst.again else BurstAnswered(member.name, ack.burst, ack.refusal)
+        return None if burst.cancels or burst.again else TriggerAnswered(member.name, ack.burst, ack.refusal)
 
-    def expire(self, now_ns: int) -> list[BurstAnswered]:
+    def expire(self, now_ns: int) -> list[TriggerAnswered]:
         """Drop and report the orders of members that are lost or exceed the answer timeout."""
         refused = []
         for number, burst in list(self._open_bursts.items()):
@@ -217,7 +217,7 @@ class Orders:
                     self._close(number, burst, client)
                     if not burst.cancels and not burst.again:
                         why = member.lost or NO_ANSWER
-                        refused.append(BurstAnswered(member.name, number, why, is_silent=True))
+                        refused.append(TriggerAnswered(member.name, number, why, is_silent=True))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
@@ -231,7 +231,7 @@ class Orders:
         """Leader time in ns at which the next trigger is due."""
         return min((burst.due_ns for burst in self._open_bursts.values()), default=NEVER_NS)
 
-    def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
+    def _close(self, number: int, burst: _OpenTrigger, client: int) -> None:
         del burst.members[client]
         if not burst.members:
             del self._open_bursts[number]

@@ -33,7 +33,7 @@ from capture_app.sync.rig.frame_selection import (
     RING_NS,
     CameraGrid,
     F,
-    PendingBursts,
+    FrameSelection,
     RingBuffer,
     is_possible_burst,
 )
@@ -122,9 +122,13 @@ class Client(TimeClient, Generic[F]):
         """Planned time of this camera's frames after the rig's instants, in a staggered rig."""
         self._root: int | None = None
         self._foreign_leader: int | None = None
-        self._bursts: PendingBursts[F] = PendingBursts()
+        self._bursts: FrameSelection[F] = FrameSelection()
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
+
+    def set_path_asymmetry(self, asymmetry: PathAsymmetry | None) -> None:
+        """Correct the path to the present leader by its known asymmetry; None if none is known."""
+        self.timekeeper.clock.asymmetry = asymmetry
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add an asymmetry that was measured on top of the path's known one; return the sum.

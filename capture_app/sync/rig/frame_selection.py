@@ -265,7 +265,7 @@ class CameraGrid:
 
 
 @dataclass(slots=True)
-class _PendingBurst(Generic[F]):
+class _Selection(Generic[F]):
     """Burst whose frames are selected as they arrive, as they may leave the ring buffer before its end."""
 
     trigger: Trigger
@@ -325,11 +325,11 @@ class _PendingBurst(Generic[F]):
         return FramesSelected(self.trigger, picks, gaps, time_map, phase, further, self.reported)
 
 
-class PendingBursts(Generic[F]):
+class FrameSelection(Generic[F]):
     """Pending bursts by root instance and burst number, whichever relay forwarded the trigger."""
 
     def __init__(self) -> None:
-        self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
+        self._pending: dict[tuple[int, int], _Selection[F]] = {}
         self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
     def __bool__(self) -> bool:
@@ -353,7 +353,7 @@ class PendingBursts(Generic[F]):
         key = trigger.leader, trigger.burst
         if key in self._done:
             return
-        known = self._pending.setdefault(key, _PendingBurst(trigger))
+        known = self._pending.setdefault(key, _Selection(trigger))
         if known.trigger.streamed and trigger.count < known.trigger.count:
             known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
 

@@ -8,7 +8,7 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.clock.time_map import SIGMAS_95
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.timekeeping import clock_events
+from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.datagrams import Report
@@ -107,24 +107,7 @@ def degraded(
     return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {why}; {remedy}{enough}"
 
 
-def of_event(event: object) -> str:
-    """Describe a clock event; empty for events that need no report."""
-    match event:
-        case clock_events.ClockChanged(jumped=True):
-            return "a clock was changed: synchronizing again"
-        case clock_events.StepRefused():
-            return (
-                f"{count(event.times, 'answer')} of the leader contradicted all other answers and did not"
-                " count: a device on the network may alter them"
-            )
-        case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
-            return fast_clock(fast_ppm)
-        case clock_events.ClockChanged():
-            return RATE_CHANGED
-    return ""
-
-
-def why_doubted(event: clock_events.TimesDoubted) -> str:
+def why_doubted(event: TimesDoubted) -> str:
     """Describe why times of an interval were wrong."""
     what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
     return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"

@@ -146,7 +146,7 @@ class Timekeeper:
             self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
-        doubted, hidden_ns, samples = self.clock.beyond_chance, self.clock.hidden_ns, self.clock.samples
+        samples = self.clock.samples
         if self.clock.add(sample):
             self._agreed_ns = now_ns if self.clock.samples > samples else self._agreed_ns
         else:
@@ -159,11 +159,6 @@ class Timekeeper:
             if not self._stepped:
                 self.events.append(ClockChanged(jumped=True))
             self._stepped = True
-        if self.clock.beyond_chance and not doubted:
-            # Require the target itself again, without the hysteresis of a clock that was good enough.
-            self.target.met = self.target.target_ns is None
-        if self.clock.hidden_ns > hidden_ns:
-            self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._reported_steps and now_ns >= self._report_steps_ns:
             self.events.append(StepRefused(self.clock.refused_steps - self._reported_steps))
             self._reported_steps, self._report_steps_ns = (
@@ -232,7 +227,7 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.map_to_leader = own
-        if self.clock.samples < self.schedule.min_samples or (self._stepped and self.clock.is_settling):
+        if self.clock.samples < self.schedule.min_samples:
             return
         self._stepped = False
         time_map = asked.root_map(own)

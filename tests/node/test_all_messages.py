@@ -71,6 +71,7 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.RemoveCamera(name="cam"),
         orders.CancelBurst(burst=1),
         orders.EndBurst(burst=1),
+        orders.StaggerCameras(order="even"),
         orders.StopRig(),
         orders.InvitePhone(),
         orders.ControlsRequest(camera="cam", values={Control.GAIN: 2.0}),

@@ -36,7 +36,7 @@ from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
-from capture_app.sync.timekeeping import clock_events
+from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES = 300
@@ -85,7 +85,7 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
-        self._stepped: clock_events.TimesDoubted | None = None
+        self._stepped: TimesDoubted | None = None
         """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
@@ -181,7 +181,7 @@ class CameraNode:
             self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        if isinstance(event, clock_events.TimesDoubted):
+        if isinstance(event, TimesDoubted):
             self._uploader.widen_times(widened_times(event))
             self._stepped = event if event.jumped else self._stepped
         self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
@@ -280,7 +280,7 @@ def camera_record(
     )
 
 
-def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
+def widened_times(event: TimesDoubted) -> WidenedTimes:
     """Return the record of times that were found to be wrong, for a burst's manifest."""
     return WidenedTimes(
         from_local_ns=event.from_local_ns,

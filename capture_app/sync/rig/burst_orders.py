@@ -186,8 +186,9 @@ class Orders:
             self._open_bursts[number] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
             )
-        over_ns = burst.instants_ns[-1] + burst.period_ns
-        self._busy_until_ns[burst.number] = max(now_ns, over_ns) + AFTER_BURST_NS
+        self._busy_until_ns[burst.number] = (
+            max(now_ns, burst.instants_ns[-1] + burst.period_ns) + AFTER_BURST_NS
+        )
 
     def is_busy(self, now_ns: int) -> bool:
         """Whether a burst is under way or ordered."""

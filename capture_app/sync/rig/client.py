@@ -304,9 +304,11 @@ class Client(TimeClient, Generic[F]):
     def _grid(self) -> CameraGrid | None:
         """Grid of the current leader, or of the last one, whose bursts may still be pending."""
         config = self.followed
-        if config is None:
-            return None
-        return CameraGrid.of_camera(self.camera, config, self.aligner.phase, self.delay_ns)
+        return (
+            None
+            if config is None
+            else CameraGrid.of_camera(self.camera, config, self.aligner.phase, self.delay_ns)
+        )
 
     @property
     def _can_move(self) -> bool:

@@ -222,8 +222,9 @@ class CameraGrid:
     @property
     def grid_of_stamps(self) -> FrameGrid:
         """Grid that the frames' timestamps should match."""
-        grid = self.rig_grid
-        return FrameGrid(grid.anchor_leader_ns - self.offset_ns + self.delay_ns, grid.period_ns)
+        return FrameGrid(
+            self.rig_grid.anchor_leader_ns - self.offset_ns + self.delay_ns, self.rig_grid.period_ns
+        )
 
     def target_ns(self, time_map: TimeMap, instant_ns: int) -> int:
         """Return the target timestamp, in local time, of a frame for an instant of leader time."""

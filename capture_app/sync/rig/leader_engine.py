@@ -132,7 +132,7 @@ class Leader:
         self._review_is_due = False
         """Whether the set of cameras that the grid and delays were chosen for may have changed."""
         self._delays_due_ns: int | None = None
-        """Time from which cameras that were taken over get new delays; None before the first one is here."""
+        """Time from which cameras that were taken over get new delays; None before any delays are planned."""
         self._update_due_ns = 0
         self._times: deque[tuple[bytes, Address, int]] = deque()
         """Pending time replies, each with the arrival time of its request."""
@@ -286,8 +286,10 @@ class Leader:
 
     def acknowledge(self, member: Member) -> None:
         """Acknowledge a member's newest heartbeat, with the current configuration."""
-        config = self.current.message(self.poll_interval_ns, self._staggered(member))
-        self.send(member, HeartbeatAck(member.number, config))
+        self.send(
+            member,
+            HeartbeatAck(member.number, self.current.message(self.poll_interval_ns, self._staggered(member))),
+        )
 
     def acknowledge_all(self) -> None:
         """Send every member that is not below a relay the current configuration."""
@@ -387,14 +389,11 @@ class Leader:
         A camera that is lost keeps its place until it is forgotten, so that a fault of its link moves no
         other one. A camera that signs off gives it up.
         """
-        grid, current = self.grid, self.current
-        if grid is None:
+        current = self.current
+        self._delays_due_ns = self._delays_due_ns or now_ns + RETURN_NS
+        self._review_is_due = current.delays_ns is None and now_ns < self._delays_due_ns
+        if self._review_is_due or self.grid is None:
             return False
-        if current.delays_ns is None:
-            self._delays_due_ns = self._delays_due_ns or now_ns + RETURN_NS
-            self._review_is_due = now_ns < self._delays_due_ns
-            if self._review_is_due:
-                return False
         places = {
             name: member
             for name, member in self.roster.members.items()
@@ -404,7 +403,7 @@ class Leader:
             and current.is_held(member.camera)
         }
         stagger, before = current.config.stagger, current.delays_ns
-        planned_ns = {} if stagger is None else stagger.plan_ns(places, grid.period_ns)
+        planned_ns = {} if stagger is None else stagger.plan_ns(places, self.grid.period_ns)
         current.delays_ns = planned = {camera_key(name): delay_ns for name, delay_ns in planned_ns.items()}
         # After a takeover they have their delays already.
         known = planned if before is None else before

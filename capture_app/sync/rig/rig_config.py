@@ -121,5 +121,5 @@ class CurrentConfig:
         )
 
     def _delays_of(self, cameras: Collection[str], delays_ns: Mapping[int, int]) -> dict[int, int]:
-        planned = ((key, delays_ns.get(key, 0)) for key in map(camera_key, cameras))
-        return dict(islice(((key, delay_ns) for key, delay_ns in planned if delay_ns), MAX_DELAYS))
+        planned = ((key, delays_ns[key]) for key in map(camera_key, cameras) if delays_ns.get(key))
+        return dict(islice(planned, MAX_DELAYS))

@@ -1,10 +1,11 @@
 """A recording during which the leader's machine was suspended: what its session says of the times."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 from click.testing import CliRunner
@@ -21,6 +22,8 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.array_access import OpenSession, open_session
 from capture_app.session.reading.verify import verify
+from capture_app.sync.timekeeping.poll_schedule import SteadySchedule
+from tests.virtual.rig import RARE
 from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
@@ -49,6 +52,13 @@ class SuspendedClock:
 @pytest.fixture
 def clock() -> SuspendedClock:
     return SuspendedClock()
+
+
+@pytest.fixture(autouse=True)
+def rare_requests() -> Iterator[None]:
+    """Nodes ask for the time twice a second, as among thousands: a change is noticed after a second."""
+    with patch.object(SteadySchedule.__init__, "__kwdefaults__", dict(RARE)):
+        yield
 
 
 @pytest.fixture
@@ -93,11 +103,12 @@ async def test_its_frames_have_wider_bars_and_the_reason(
     session = await running
     assert verify(session) == []
     touched = [image for image in session.manifest.images if (image.uncertainty_ns or 0) >= SLEPT_NS]
-    assert {image.camera for image in touched} == {*NAMES}
+    assert touched
+    assert all(camera.widened for camera in session.manifest.cameras)
     for image in touched:
         assert image.local_ns is not None
         # A video's frames are timed as they are taken: some, until a few answers of the leader agree.
-        assert image.local_ns <= woke_ns + S
+        assert image.local_ns <= woke_ns + 3 * S
         assert not request_.video or image.local_ns >= woke_ns - S
     untouched = [image for image in session.manifest.images if image not in touched]
     assert untouched, "what was taken after it is right"

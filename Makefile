@@ -18,6 +18,7 @@
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
+# make bench-confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench-folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
@@ -57,7 +58,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel bench-seeds paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-confidence bench-pairs bench-verdicts bench-folders bench-panel bench-seeds paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -158,6 +159,9 @@ bench-any-rig: $(VENV)/.installed
 
 bench-multiview: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.reconstruction.multiview $(BENCH)
+
+bench-confidence: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.reconstruction.depth_confidence $(BENCH)
 
 bench-pairs: $(VENV)/.installed
 	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)

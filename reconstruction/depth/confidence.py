@@ -27,7 +27,9 @@ JUMP = 0.04
 FAR_FROM_EDGES_PX = 20
 CLOSELY, BESIDE_EDGE = 0.5, 0.75
 """Weights of the views that agree closely, and of the neighbourhood of an edge, beside those that agree."""
-RIGHT = {-0.75: 0.37, 0.0: 0.45, 0.25: 0.62, 0.5: 0.72, 0.75: 0.83, 1.0: 0.91, 1.25: 0.97, 1.5: 0.99}
+AGAINST = 0.25
+"""Number of views that are taken to disagree, so that one view is less evidence than several."""
+RIGHT = {-0.75: 0.39, 0.0: 0.51, 0.25: 0.65, 0.5: 0.76, 0.75: 0.85, 1.0: 0.94, 1.25: 0.98, 1.5: 0.99}
 """Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
 ASSUMED_MISFIT_PX = 0.25
 """Misfit of a calibration that could not be checked."""
@@ -85,9 +87,8 @@ def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> 
         able += sees
         close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
-    views = np.maximum(able, 1)
     beside = 1 / (1 + _distance_to_edges(level))
-    return Support((agreeing + CLOSELY * close) / views - BESIDE_EDGE * beside, worth)
+    return Support((agreeing + CLOSELY * close) / (able + AGAINST) - BESIDE_EDGE * beside, worth)
 
 
 def _agreement(relative: float) -> Agreement:

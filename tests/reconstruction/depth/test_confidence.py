@@ -44,14 +44,14 @@ def test_evidence_is_the_fraction_of_views_that_agree_and_of_those_that_agree_cl
 ) -> None:
     here = supports({0.0: wall(), -0.1: wall(others[0]), 0.1: wall(others[1])})[0]
     # 0.75 / 21 is what remains of the nearest edge's weight at 20 px.
-    assert here.evidence[INNER] == pytest.approx(evidence - 0.75 / 21, abs=1e-4)
+    assert here.evidence[INNER] == pytest.approx(2 * evidence / 2.25 - 0.75 / 21, abs=1e-4)
 
 
 def test_views_that_cannot_see_a_surface_do_not_count() -> None:
     hidden = wall()
     hidden[:, :] = 0.8
     here = supports({0.0: wall(), -0.1: wall(), 0.1: hidden})[0]
-    assert here.evidence[INNER] == pytest.approx(1.5 - 0.75 / 21, abs=1e-4)
+    assert here.evidence[INNER] == pytest.approx(1.5 / 1.25 - 0.75 / 21, abs=1e-4)
     # Beyond the right picture's left end only the left camera sees.
     assert supports({0.0: wall(), 3.0: wall()})[0].evidence[INNER].max() < 0
 

@@ -37,32 +37,27 @@ def describe_gaps(sources: Sequence[Source], timeline: Timeline) -> Iterator[str
 def describe_times(times_ns: Sequence[int]) -> str:
     """Describe the frames that are missing or came twice by ascending times (ns); "" if there are none."""
     steps_ns = [after - before for before, after in pairwise(times_ns)]
-    if len(steps_ns) < MIN_STEPS or statistics.median(steps_ns) <= 0:
+    period_ns = statistics.median(steps_ns) if len(steps_ns) >= MIN_STEPS else 0
+    if not period_ns:
         return ""
-    period_ns = statistics.median(steps_ns)
     regular = sum(abs(step - period_ns) <= REGULAR * period_ns for step in steps_ns) / len(steps_ns)
     if regular < MIN_REGULAR:
         return ""
+
+    def describe(what: str, found: Mapping[int, int]) -> str:
+        frame, total = min(found), sum(found.values())
+        frames = f"{count(total, 'frame')} {'is' if total == 1 else 'are'} {what}"
+        places = "" if len(found) == 1 else f" in {len(found)} places, the first"
+        at_s, step_ms = (times_ns[frame] - times_ns[0]) / 1e9, steps_ns[frame] / 1e6
+        interval = f"{step_ms:.1f} ms pass instead of {period_ns / 1e6:.1f}"
+        return f"{frames}{places} after frame {frame} ({at_s:.2f} s), where {interval}"
+
     extra = find_extra_steps(steps_ns, period_ns)
     missing = {frame: frames for frame, frames in extra.items() if frames > 0}
     doubled = {frame: -frames for frame, frames in extra.items() if frames < 0}
-    start_ns = times_ns[0]
-
-    def say(found: Mapping[int, int], what: str, where: str) -> str:
-        frame, total = min(found), sum(found.values())
-        places = "" if len(found) == 1 else f" in {len(found)} places, the first"
-        at_s, step_ms = (times_ns[frame] - start_ns) / 1e9, steps_ns[frame] / 1e6
-        return (
-            f"{count(total, 'frame')} {what.format('is' if total == 1 else 'are')}{places} {where} frame "
-            f"{frame} ({at_s:.2f} s), where {step_ms:.1f} ms pass instead of {period_ns / 1e6:.1f}"
-        )
-
-    said = []
-    if missing:
-        said.append(say(missing, "{} missing", "after"))
-    if doubled:
-        said.append(say(doubled, "{} doubled", "after"))
-    return "; ".join(said)
+    return "; ".join(
+        describe(what, found) for what, found in (("missing", missing), ("doubled", doubled)) if found
+    )
 
 
 def find_extra_steps(steps_ns: Sequence[int], period_ns: float) -> dict[int, int]:

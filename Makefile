@@ -1,43 +1,46 @@
-# make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
-# make test   the quick tests, in 4.5 minutes          make check   lint, types, architecture
-# make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
-# make test-gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
-# make test-phones   the page of phones in a real browser (Chromium)
-# make test-libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
-# make test-mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as test-gige, and Chromium)
-# make test-slurm   batches on a real SLURM of this one machine (root)
-# make flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; FLIPS="FOLDER --tests tests/FOLDER")
-# make test-slow   the tests of some seconds or minutes each
-# make test-long   those that take up to an hour each: every step killed, every bit flipped, odd inputs, an hour held
-# make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
-# make test-odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
-# make samples   render the sample sessions again from their recipes: the same bytes
-# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
-# make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
-# make bench-multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
-# make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
-# make bench-confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
-# make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench-folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
-# make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
-# make bench-seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; SEEDS=0-299)
-# make test-crash   writers and outputs killed at every step, every bit flipped (slow)
-# make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
-# make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
-# make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
-# make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
-# make paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; PAPER="--quick --out DIR")
-# make soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (SOAK="--cameras 5 --every 20")
-# make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
+# make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
+# make test   the quick tests, in 4.5 minutes          make check   lint, types, architecture          make format
+# make test KIND=core   the quick tests without those of cameras, programs, companions and methods
+# make test KIND=slow   the tests of some seconds or minutes each
+# make test KIND=long   those that take up to an hour each: every step killed, every bit flipped, odd inputs, an hour held
+# make test KIND=crash   writers and outputs killed at every step, every bit flipped (slow)
+# make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
+# make test KIND=odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
+# make test KIND=phones   the page of phones in a real browser (Chromium)
+# make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
+# make test KIND=libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
+# make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
+# make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
+# make test KIND=slurm   batches on a real SLURM of this one machine (root)
+# make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
+# make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
+# make bench NAME=relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
+# make bench NAME=rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
+# make bench NAME=phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
+# make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
+# make bench NAME=folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
+# make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
+# make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
+# make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
+# make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
+# make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
+# make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
+# make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
+# make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
+# make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
+# make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/FOLDER")
+# make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
+# make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
+# make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
-# make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
-# make animation   film a take on the real screen for README, a minute or two
-# make calibration-pictures   the pictures of docs/calibration.md, from the simulator (a minute)
+# make samples   render the sample sessions again from their recipes: the same bytes
+# make pictures NAME=screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
+# make pictures NAME=animation   film a take on the real screen for README, a minute or two
+# make pictures NAME=calibration   the pictures of docs/calibration.md, from the simulator (a minute)
 # make wheel   a wheel of this checkout, in dist      make dist   a wheel and an sdist
 # make docs   the documentation as a site, in build/site; a link or a name that leads nowhere fails
-# make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make help   all targets
 
 PYTHON ?= python3
@@ -58,7 +61,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-confidence bench-pairs bench-verdicts bench-folders bench-panel bench-seeds paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall demo test test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
 .DEFAULT_GOAL := help
 
 help:
@@ -91,115 +94,77 @@ test-dist: dist
 demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
 
-test: $(VENV)/.installed-dev
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+# What pytest is given for each KIND.
+KIND ?= quick
+CROWD := -n $(WORKERS) --dist worksteal
+TEST_quick := $(CROWD)
+TEST_core := $(CROWD) $(addprefix --ignore tests/,plugins companions reconstruction/methods)
+TEST_slow := $(CROWD) -m slow
+TEST_long := $(CROWD) -m long
+TEST_crash := -m "slow or long" -n auto tests/session/writing
+TEST_docs := -m "slow or long or not slow" -n auto tests/documentation
+TEST_odd-inputs := -m "long or not long" -n auto tests/reconstruction/commands
+TEST_phones := -m "slow or not slow" tests/companions/phones tests/end_to_end/test_phones.py
+TEST_v4l2 := -m v4l2 tests/end_to_end
+TEST_libcamera := -m libcamera tests/end_to_end
+TEST_gige := -m gige -s tests/plugins/cameras/aravis
+TEST_mixed := -m mixed -s tests/end_to_end/mixed
+TEST_slurm := -m slurm tests/slurm
 
-test-v4l2: $(VENV)/.installed-dev
-	$(BIN)/pytest -m v4l2 tests/end_to_end
+test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
+	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help))
 
-test-gige: $(VENV)/.installed-dev
-	$(BIN)/pytest -m gige -s tests/plugins/cameras/aravis
+test-%:
+	@$(MAKE) --no-print-directory test KIND=$*
 
-test-phones: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or not slow" tests/companions/phones tests/end_to_end/test_phones.py
+# The module of each benchmark by its NAME, and its arguments; BENCH has further ones.
+BENCH_sync := benchmarks.clock.sync_link
+BENCH_relay := benchmarks.clock.relay_link
+BENCH_rig := benchmarks.clock.rig_link
+BENCH_phones := benchmarks.phones.phone_link
+BENCH_record := benchmarks.sessions.recording --kills 50 --outages 8
+BENCH_folders := benchmarks.sessions.folders
+BENCH_panel := benchmarks.panel.read_photographs
+BENCH_ball := benchmarks.stagger.ball_path
+BENCH_stagger := benchmarks.stagger.rig_errors
+BENCH_multiview := benchmarks.reconstruction.multiview
+BENCH_any-rig := benchmarks.reconstruction.any_rig
+BENCH_confidence := benchmarks.reconstruction.depth_confidence
+BENCH_pairs := benchmarks.reconstruction.stereo_pairs
+BENCH_verdicts := benchmarks.reconstruction.verdicts
+BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
+BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview calibration) \
+  --tests tests/reconstruction/depth --tests tests/reconstruction/calibration --tests tests/reconstruction)
+BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
+BENCH_hostile := benchmarks.endurance.hostile
+BENCH_paper := benchmarks.paper paper --markdown docs/paper.md
 
-test-libcamera: $(VENV)/.installed-dev
-	$(BIN)/pytest -m libcamera tests/end_to_end
+bench: $(VENV)/.installed$(if $(filter phones seeds flips paper,$(NAME)),-dev)
+	@$(BIN)/python -m $(or $(BENCH_$(NAME)),$(error there is no NAME=$(NAME): see make help)) $(BENCH)
 
-test-mixed: $(VENV)/.installed-dev
-	$(BIN)/pytest -m mixed -s tests/end_to_end/mixed
+bench-%:
+	@$(MAKE) --no-print-directory bench NAME=$*
 
-test-slurm: $(VENV)/.installed-dev
-	@{ [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ]; } || { \
-	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-	    echo "installing slurm-wlm and munge ..." >&2; apt-get update -qq && \
-	    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends slurm-wlm munge >/dev/null; \
-	  else echo "no SLURM here (Debian: slurm-wlm munge), and only root can install and start it" >&2; fi; }
-	$(BIN)/pytest -m slurm tests/slurm
+soak hostile paper flips:
+	@$(MAKE) --no-print-directory bench NAME=$@
 
-flips: $(VENV)/.installed-dev
-	$(BIN)/python -m benchmarks.flip_operators $(or $(FLIPS),$(addprefix reconstruction/,depth multiview calibration) \
-	  --tests tests/reconstruction/depth --tests tests/reconstruction/calibration --tests tests/reconstruction)
+PICTURES_screenshots := screenshots
+PICTURES_animation := take_animation
+PICTURES_calibration := calibration_pictures
 
-test-slow: $(VENV)/.installed-dev
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m slow
+pictures: $(VENV)/.installed-dev
+	$(BIN)/python docs/images/$(or $(PICTURES_$(NAME)),$(error there is no NAME=$(NAME): see make help)).py
 
-test-docs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or long or not slow" -n auto tests/documentation
-
-test-long: $(VENV)/.installed-dev
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m long
-
-test-odd-inputs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/commands
+screenshots animation calibration-pictures:
+	@$(MAKE) --no-print-directory pictures NAME=$(@:-pictures=)
 
 samples: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.samples --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
-
-bench-sync: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.sync_link $(BENCH)
-
-bench-relay: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.relay_link $(BENCH)
-
-bench-rig: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.rig_link $(BENCH)
-
-bench-phones: $(VENV)/.installed-dev
-	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)
-
-bench-seeds: $(VENV)/.installed-dev
-	$(BIN)/python -m tests.virtual $(or $(SEEDS),0-9999)
-
-bench-record: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.sessions.recording --kills 50 --outages 8 $(BENCH)
-
-bench-any-rig: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.reconstruction.any_rig $(BENCH)
-
-bench-multiview: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.reconstruction.multiview $(BENCH)
-
-bench-confidence: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.reconstruction.depth_confidence $(BENCH)
-
-bench-pairs: $(VENV)/.installed
-	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)
-
-bench-verdicts: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.reconstruction.verdicts $(BENCH)
-
-bench-folders: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.sessions.folders $(BENCH)
-
-bench-panel: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.panel.read_photographs $(BENCH)
-
-paper: $(VENV)/.installed-dev
-	$(BIN)/python -m benchmarks.paper paper --markdown docs/paper.md $(PAPER)
-
-soak: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.endurance.soak --seconds $(SECONDS) $(SOAK)
-
-hostile: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.endurance.hostile $(HOSTILE)
 
 fuzz: $(VENV)/.installed-dev
 	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
 	@for reader in $${FUZZ:-$$(ls tests/fuzz/corpus)}; do \
 	  echo "$$reader ..." >&2; $(BIN)/python -m tests.fuzz.run $$reader --seconds $(SECONDS) || exit 1; done
-
-calibration-pictures: $(VENV)/.installed
-	$(BIN)/python docs/images/calibration_pictures.py
-
-animation: $(VENV)/.installed-dev
-	$(BIN)/python docs/images/take_animation.py
-
-test-crash: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or long" -n auto tests/session/writing
-
-screenshots: $(VENV)/.installed
-	$(BIN)/python docs/images/screenshots.py
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
@@ -224,6 +189,13 @@ $(VENV)/.installed-dev: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,reconstruction]'
 	$(BIN)/python -m compileall -q capture_app reconstruction benchmarks
 	@touch $@
+
+slurm:
+	@{ [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ]; } || { \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    echo "installing slurm-wlm and munge ..." >&2; apt-get update -qq && \
+	    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends slurm-wlm munge >/dev/null; \
+	  else echo "no SLURM here (Debian: slurm-wlm munge), and only root can install and start it" >&2; fi; }
 
 python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \

@@ -1,4 +1,4 @@
-"""Cases of a slow test: some for every change, the others for `make test-long`."""
+"""Cases of a slow test: some for every change, the others for `make test KIND=long`."""
 
 from collections.abc import Collection, Iterable
 from typing import Any

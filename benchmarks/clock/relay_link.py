@@ -1,4 +1,4 @@
-"""A rig with cameras below a relay, every hop an emulated wireless link, in namespaces (`make bench-relay`).
+"""A rig with cameras below a relay, every hop an emulated wireless link (`make bench NAME=relay`).
 
     leader, near  ==link==  relay, once  ==link==  far, far2       (far ones cannot reach the leader)
 

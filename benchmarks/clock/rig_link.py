@@ -1,4 +1,4 @@
-"""A rig of five with two fast clocks, each node behind an emulated wireless link (`make bench-rig`).
+"""A rig of five with two fast clocks, each node behind an emulated wireless link (`make bench NAME=rig`).
 
 Real processes in network namespaces, but simulated cameras and simulated clocks: two run 130 and 200 ppm
 fast, as a virtual machine's or a slewed one does. Bursts are held against the truth: how far is each picture

@@ -1,4 +1,4 @@
-"""Clock synchronization over real UDP between two processes on an emulated link (`make bench-sync`).
+"""Clock synchronization over real UDP between two processes on an emulated link (`make bench NAME=sync`).
 
 Both ends share one kernel clock, so the truth is known. Needs Linux and root. Prints tables and the targets;
 `--json` prints one object instead. `--quick` takes two minutes and judges the hard bounds only: so few trials

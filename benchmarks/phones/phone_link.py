@@ -1,4 +1,4 @@
-"""A phone's page in a headless Chromium behind an emulated WiFi link (`make bench-phones`).
+"""A phone's page in a headless Chromium behind an emulated WiFi link (`make bench NAME=phones`).
 
 A real browser with its fake camera, real processes, the paper's link. The browser's clock is compared with
 the gateway's by the calendar time that it tells of its clock's zero: both read the clocks of one kernel.

@@ -14,10 +14,11 @@ from capture_app import __version__
 from capture_app.common.clock import SimulatedClock, seeded_clock
 from capture_app.common.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
-from capture_app.node.camera.camera_node import camera_record, event_line
+from capture_app.node.camera.camera_node import camera_record
 from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of, find_profile
 from capture_app.plugins.cameras.sim.rendering.picture_source import PictureSource
 from capture_app.plugins.cameras.sim.sensor import Sensor, SensorFrame
+from capture_app.protocol.event_text import client_record
 from capture_app.protocol.messages import EventValue
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
@@ -101,7 +102,7 @@ class _Log:
             for event in node.events[self._seen.get(name, 0) :]:
                 if not isinstance(event, FramesSelected):
                     local_ns = node.spec.clock.local_from_true(self._rig.now_true_ns)
-                    self.lines.append({"camera": name, "local_ns": local_ns, **event_line(event)})
+                    self.lines.append({"camera": name, "local_ns": local_ns, **client_record(event)})
             self._seen[name] = len(node.events)
         return False
 

@@ -13,6 +13,7 @@ from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.wireless import WIFI
 from capture_app.common.clock import NodeClock
 from capture_app.common.node_state import NodeState
+from capture_app.common.stagger import Stagger
 from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of
 from capture_app.plugins.cameras.sim.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.phase.actuators import InjectionProfile
@@ -117,7 +118,7 @@ class VirtualNode:
 
 
 class VirtualRig:
-    """One leader and its clients; the leader's clock is the true time."""
+    """One leader and its clients; the leader's clock is the true time, less what it was suspended."""
 
     def __init__(
         self,
@@ -127,14 +128,17 @@ class VirtualRig:
         period_ns: int | None = None,
         align_row: float | None = None,
         max_delay_ns: int = 0,
+        stagger: Stagger | None = None,
     ) -> None:
-        """Build the rig; `period_ns`, `align_row` and `max_delay_ns` are the leader's, see `LeaderConfig`."""
+        """Build the rig; `period_ns`, `align_row`, `max_delay_ns` and `stagger` are as in `RigConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
         self._time = VirtualTime()
+        self._slept_ns = 0
+        self._asleep_true_ns: int | None = None
         self._leader_timer = Timer(self._time, self._pump_leader)
-        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns)
+        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger)
         self._config = LeaderConfig(0, 0, rig)
         self.leader = self._new_leader()
         for spec in specs:
@@ -144,6 +148,12 @@ class VirtualRig:
     def now_true_ns(self) -> int:
         """Return the true time, which is the leader's, in ns."""
         return self._time.now_true_ns
+
+    @property
+    def leader_ns(self) -> int:
+        """Return the reading of the leader's clock, in ns; it stands still while the leader is suspended."""
+        true_ns = self.now_true_ns if self._asleep_true_ns is None else self._asleep_true_ns
+        return true_ns - self._slept_ns
 
     def _new_leader(self) -> Leader:
         config = replace(self._config, instance=self._rng.getrandbits(32))
@@ -181,21 +191,32 @@ class VirtualRig:
         """Silence the leader; another takes its place at the same address."""
         self.leader = self._new_leader()
 
+    def suspend_leader(self) -> None:
+        """Suspend the leader's machine, whose clock does not count that time."""
+        self._asleep_true_ns = self.now_true_ns
+
+    def wake_leader(self) -> None:
+        """Let the leader's machine go on."""
+        assert self._asleep_true_ns is not None, "it is suspended"
+        self._slept_ns += self.now_true_ns - self._asleep_true_ns
+        self._asleep_true_ns = None
+        self._pump_leader()
+
     def trigger(self, **order: Any) -> Burst:
         """Order a burst with these fields of a `BurstOrder`."""
-        burst = self.leader.trigger(self.now_true_ns, BurstOrder(**order))
+        burst = self.leader.trigger(self.leader_ns, BurstOrder(**order))
         self._pump_leader()
         return burst
 
     def end(self, burst: Burst, frames: int) -> Burst:
         """End a burst after this number of frames."""
-        ended = self.leader.orders.end(burst, frames, self.now_true_ns)
+        ended = self.leader.orders.end(burst, frames, self.leader_ns)
         self._pump_leader()
         return ended
 
     def cancel(self, burst: Burst) -> None:
         """Cancel a burst."""
-        self.leader.orders.cancel(burst, self.now_true_ns)
+        self.leader.orders.cancel(burst, self.leader_ns)
         self._pump_leader()
 
     def run_for(self, duration_ns: int) -> None:
@@ -276,8 +297,9 @@ class VirtualRig:
                 self._time.schedule(self.now_true_ns + delay_ns, self._start_stream, node)
 
     def _to_leader(self, data: bytes, node: VirtualNode) -> None:
-        self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)
-        self._pump_leader()
+        if self._asleep_true_ns is None:
+            self.leader.receive_datagram(data, (node.spec.name, 0), self.leader_ns)
+            self._pump_leader()
 
     def _to_client(self, data: bytes, node: VirtualNode) -> None:
         if node.alive:
@@ -285,17 +307,19 @@ class VirtualRig:
             self._pump(node)
 
     def _pump_leader(self) -> None:
+        if self._asleep_true_ns is not None:
+            return
         due_ns = self.leader.next_timer()
-        if due_ns is not None and self.now_true_ns >= due_ns:
-            self.leader.handle_timer(self.now_true_ns)
-        for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
+        if due_ns is not None and self.leader_ns >= due_ns:
+            self.leader.handle_timer(self.leader_ns)
+        for data, (name, _) in self.leader.datagrams_to_send(self.leader_ns):
             node = self.nodes[name]
             for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
                 self._time.schedule(self.now_true_ns + delay_ns, self._to_client, data, node)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         if (due_ns := self.leader.next_timer()) is not None:
-            self._leader_timer.set(due_ns)
+            self._leader_timer.set(due_ns + self._slept_ns)
 
     def _local(self, node: VirtualNode) -> int:
         return node.spec.clock.local_from_true(self.now_true_ns)

@@ -23,10 +23,12 @@ from capture_app.commands.shared_options import (
     run_until_stopped,
     sessions_option,
     spool_option,
+    stagger_option,
 )
 from capture_app.common.address import LOOPBACK_HOSTS, Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.common.plugins import COMMANDS, plugin_names
+from capture_app.common.stagger import Stagger
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.console.usage import examples
 
@@ -84,6 +86,7 @@ if TYPE_CHECKING:
     default=0.0,
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
+@stagger_option
 @plugin_options(FOLLOWERS, at="leader")
 @click.option(
     "--phones",
@@ -107,6 +110,7 @@ def leader(
     align: str,
     align_row: float,
     max_delay_ms: float,
+    stagger: Stagger | None,
     with_phones: bool,
     cameras: tuple[str, ...],
     spool: Path,
@@ -120,7 +124,7 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
-    from capture_app.node.leader.followers import make_followers
+    from capture_app.node.followers import make_followers
     from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
@@ -139,6 +143,7 @@ def leader(
             grid_phase_ns=required[1],
             align_row=align_row if align == "mid-exposure" else None,
             max_delay_ns=round(max_delay_ms * 1e6),
+            stagger=stagger,
             followers=followers,
             log=news,
             spool=spool,
@@ -169,7 +174,7 @@ async def _run_leader(
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with node.announced(among):
+        async with node.announced(among=among):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())

@@ -54,7 +54,7 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
-    from capture_app.node.leader.followers import make_followers
+    from capture_app.node.followers import make_followers
     from capture_app.node.relay_node import RelayOptions
     from capture_app.protocol.log import Log
 
@@ -76,7 +76,7 @@ async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
 
     async with (
         await RelayNode.start(options) as node,
-        node.announced(),
+        node.announced(name=options.name),
     ):
         talk(f"relay at {node.address}, below {', or '.join(map(str, options.parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")

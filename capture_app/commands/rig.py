@@ -12,9 +12,11 @@ from capture_app.commands.shared_options import (
     open_option,
     rig_port_option,
     sessions_option,
+    stagger_option,
 )
 from capture_app.common.address import Address
-from capture_app.console.terminal import answer, json_option, table
+from capture_app.common.stagger import OFF, Stagger
+from capture_app.console.terminal import ParsedType, answer, json_option, table
 from capture_app.console.usage import examples
 
 
@@ -31,13 +33,22 @@ def rig() -> None:
 @rig_port_option
 @sessions_option
 @cameras_option
+@stagger_option
 @open_option
 @json_option
-def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
+def start(
+    host: str,
+    port: int | None,
+    sessions: Path,
+    cameras: tuple[str, ...],
+    stagger: Stagger | None,
+    as_json: bool,
+) -> None:
     """Start a rig that keeps running, and print its address."""
     from capture_app.rig.process import start_rig
 
-    started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
+    starting = start_rig(sessions=sessions, host=host, port=port, cameras=cameras, stagger=stagger)
+    started = asyncio.run(starting)
     until = f"it runs until: capture-app rig stop --leader {started.leader}"
     answer(as_json, started, [started.leader], said=until)
 
@@ -59,6 +70,23 @@ def list_command(as_json: bool) -> None:
         [table(("leader", "process", "sessions", "log"), rows)] if rows else [],
         said="" if rigs else "no rig runs on this machine",
     )
+
+
+@rig.command(epilog=examples("capture-app rig stagger even", "capture-app rig stagger off"))
+@click.argument("order", type=ParsedType("text", Stagger.parse_or_off))
+@leader_option
+@json_option
+def stagger(order: Stagger | None, leader: Address, as_json: bool) -> None:
+    """Take the frames of a running rig one after the other, or all at one instant again.
+
+    ORDER is even, a delay for each camera as cam0=0ms,cam1=8.3ms, or off. It holds until the leader stops.
+    """
+    from capture_app.protocol.orders import StaggerCameras
+    from capture_app.rig.rig_link import give_order
+
+    text = str(order or "")
+    asyncio.run(give_order(leader, StaggerCameras(order=text)))
+    answer(as_json, {"stagger": text}, said=f"{leader} staggers its cameras: {text or OFF}")
 
 
 @rig.command(epilog=examples("capture-app rig stop"))

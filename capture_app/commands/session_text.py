@@ -75,6 +75,9 @@ def session_lines(session: Session) -> Iterator[str]:
         stamp = camera.facts.stamp
         if stamp is not None and not stamp.is_exact:
             yield f"{camera.name} stamps its frames {describe_stamp(stamp)}"
+        for of in camera.widened:
+            lasting = duration(of.until_local_ns - of.from_local_ns)
+            yield f"{camera.name}, times of {lasting}: {of.reason}"
     missing = defaultdict[tuple[str, str], list[str]](list)
     for one in manifest.missing:
         missing[one.camera, one.reason].append(str(one.instant))
@@ -97,7 +100,8 @@ def _describe_scatter(session: Session) -> Iterator[str]:
     if not differences_ns:
         return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    apart = f"{by}images of one instant are {_describe_differences(differences_ns)}"
+    what = f"staggered: {manifest.steps}; beside these, images" if manifest.is_staggered else "images"
+    apart = f"{by}{what} of one instant are {_describe_differences(differences_ns)}"
     if by and not any(differences_ns):
         apart = "how far images of one instant are apart is not known"
     yield from (
@@ -149,7 +153,7 @@ def _true_differences_ns(session: Session) -> list[int]:
     # The offset between simulated and real cameras of one rig is unknown.
     if {camera.name for camera in session.manifest.cameras} <= {image.camera for image in images}:
         for image in images:
-            times_ns[image.instant].append(image.true_ns)
+            times_ns[image.instant].append(image.true_ns - session.camera(image.camera).delay_ns)
     return [max(of) - min(of) for of in times_ns.values() if len(of) > 1]
 
 

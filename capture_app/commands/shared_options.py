@@ -18,6 +18,7 @@ from capture_app.common.address import DEFAULT_PORT, Address, parse_address
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.names import check_name, name_like
 from capture_app.common.plugins import load_plugins
+from capture_app.common.stagger import Stagger
 from capture_app.console.output import wait_for_no_reader
 from capture_app.console.terminal import ParsedType
 
@@ -28,7 +29,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 PHONES = "phones"
 """Command that a leader runs to accept phones as cameras."""
 FOLLOWERS = "simulshot.followers"
-"""Group of entry points: other programs that follow a rig, see `capture_app.node.leader.followers`."""
+"""Group of entry points: other programs that follow a rig, see `capture_app.node.followers`."""
 
 
 ADDRESS = ParsedType("host:port", parse_address)
@@ -123,6 +124,13 @@ rig_port_option = click.option(
     metavar="PORT",
     show_default=f"{DEFAULT_PORT}, or a free one",
     help="UDP and TCP port of the rig.",
+)
+stagger_option = click.option(
+    "--stagger",
+    type=ParsedType("text", Stagger.parse),
+    metavar="ORDER",
+    show_default="all at one instant",
+    help="Take frames one after the other, for film and fast things: even, or delays cam0=0ms,cam1=8.3ms.",
 )
 cameras_option = click.option(
     "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."

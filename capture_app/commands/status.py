@@ -82,6 +82,8 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
     yield f"{who}, {count(len(rig.nodes), 'node')}, {rate}"
+    if rig.order:
+        yield rig.order
     if rig.is_open:
         yield "OPEN: the rig accepts any machine without pairing"
     yield from filter(None, dict.fromkeys((rig.message, rig.advice)))

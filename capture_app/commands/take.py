@@ -87,7 +87,7 @@ async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEv
 
 
 def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
-    from capture_app.protocol.log import burst_line
+    from capture_app.protocol.event_text import burst_line
     from capture_app.rig import taking
 
     match event:

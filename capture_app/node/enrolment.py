@@ -16,7 +16,7 @@ from capture_app.protocol.log import Log
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.known_machines import CameraNames
-from capture_app.trust.sealed_engines import SealedLeader
+from capture_app.trust.sealed_engines import SealedLeader, SealedRelay
 from capture_app.trust.spake2_exchange import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.trust import Peer, Trust
 
@@ -34,11 +34,11 @@ Asked = (
 class Enrolment:
     """Enrolment of machines that have a code or whose pin was added here; also grants their nodes keys."""
 
-    def __init__(
-        self, trust: Trust, log: Log, sealed: SealedLeader | None = None, *, is_relay: bool = False
-    ) -> None:
-        """Create the enrolment of a leader or relay; `sealed` is None where datagrams are not sealed."""
-        self._trust, self._event_log, self._sealed, self._is_relay = trust, log, sealed, is_relay
+    def __init__(self, trust: Trust, log: Log, sealed: SealedLeader) -> None:
+        """Create the enrolment of a leader or relay, whose datagrams are `sealed` unless the rig is open."""
+        self._trust, self._event_log = trust, log
+        self._sealed = None if trust.is_open else sealed
+        self._is_relay = isinstance(sealed, SealedRelay)
         self._seen_version: int | None = None
         self._standbys: set[str] = set()
         self._due_ns: int | None = None

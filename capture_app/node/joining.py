@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import Sequence
 
 from capture_app.common.address import Address
+from capture_app.common.clock import HostRate
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
@@ -27,46 +28,58 @@ UNANSWERED = 2
 """Number of unanswered hellos after which the path to the leaders is examined."""
 
 
-class KeyRequester:
-    """Fetcher of the datagram keys that a node lacks, from each leader that it sends to."""
+class Joining:
+    """What a process does to join leaders: it requests datagram keys, and logs why no leader answers."""
 
     def __init__(
         self,
-        keys: LeaderKeys | None,
-        request: KeyRequest,
         time: TimeClient,
-        trust: Trust,
+        keys: LeaderKeys,
         pump: Pump,
+        trust: Trust,
+        log: Log,
+        leaders: Sequence[Address] = (),
+        *,
+        is_relay: bool = False,
         succession: Succession | None = None,
     ) -> None:
-        """`time` is the node's membership, which is notified of refusals.
+        """`time` is the node's membership; `leaders` are watched while none of them answers.
 
-        `keys` is None if datagrams are not sealed; then no key is ever requested. A node adopts the machines
-        and names that its leaders vouch for. A machine that may lead itself, by `succession`, adopts only
-        those of the leader that it follows, as another standby might only claim to lead.
+        A node adopts the machines and names that its leaders vouch for. A machine that may lead itself, by
+        `succession`, adopts only those of the leader that it follows, as another standby might only claim to
+        lead.
         """
-        self._keys = LeaderKeys() if keys is None else keys
-        self._request, self._time, self._trust = request, time, trust
-        self._pump, self._succession = pump, succession
+        self._time, self._keys, self._pump, self._trust = time, keys, pump, trust
+        self._log, self._leaders, self._succession = log, leaders, succession
+        self._request = KeyRequest(name=time.name, instance=time.instance, is_relay=is_relay)
+        self._host_rate = HostRate()
         self._missing = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()
 
-    def look(self) -> None:
-        """Wake `run` if a datagram key is missing; call it when that may have changed."""
+    def look(self, now_ns: int) -> None:
+        """Wake `run` if a datagram key is missing, and note whether this host is slewing its clock."""
+        self._time.note_host_slewing(self._host_rate.slewing_ppm(now_ns))
         if self._keys.missing:
             self._missing.set()
 
+    def ask_again(self, leader: tuple[str, int]) -> None:
+        """Request another key from a leader, whose answer also has the machines that it knows."""
+        if not self._trust.is_open:
+            self._keys.missing.add(leader)
+            self._missing.set()
+
     async def run(self) -> None:
-        """Request missing keys until cancelled, from all leaders concurrently."""
+        """Request missing keys until cancelled, from all leaders concurrently, and watch the path to them."""
         async with asyncio.TaskGroup() as tasks:
+            if self._leaders:
+                tasks.create_task(watch_join(self._time, self._leaders, self._log))
             while True:
-                self.look()
-                await self._missing.wait()
-                self._missing.clear()
                 for leader in self._keys.missing - self._asked:
                     self._asked.add(leader)
                     tasks.create_task(self._ask(leader))
                 self._keys.missing.clear()
+                await self._missing.wait()
+                self._missing.clear()
 
     async def _ask(self, leader: tuple[str, int]) -> None:
         try:
@@ -88,35 +101,32 @@ class KeyRequester:
         self._asked.discard(leader)
 
 
-class JoinWatch:
-    """Check of the path to all leaders while none of them answers a node that asks to join."""
+async def watch_join(time: TimeClient, leaders: Sequence[Address], log: Log) -> None:
+    """Log what is in the way to all leaders while none of them answers a node that asks to join.
 
-    def __init__(self, leaders: Sequence[Address], log: Log) -> None:
-        self._leaders, self._log = tuple(leaders), log
-
-    async def run(self, time: TimeClient) -> None:
-        """Watch until cancelled; `time` is the node's membership."""
-        said, looked = "", False
-        while True:
-            if time.is_member:
-                said = ""
-                if not looked:
-                    looked = True
-                    for leader in self._leaders:
-                        if interface := await asyncio.to_thread(power_saving_towards, leader.host):
-                            self._log.say("; ".join(power_saving(interface)))
-                            break
-            if not _is_unanswered(time):
-                await asyncio.sleep(LOOK_EVERY_S)
-                continue
-            found = await asyncio.gather(*map(find_obstacle, self._leaders))
-            # What a leader has reported itself is already logged.
-            sentence = "; ".join(str(one) for one in found if one and one.what not in time.why_joining)
-            if _is_unanswered(time):
-                if sentence and sentence != said:
-                    self._log.say(sentence)
-                    said = sentence
-                await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
+    It watches until cancelled; `time` is the node's membership.
+    """
+    said, looked = "", False
+    while True:
+        if time.is_member:
+            said = ""
+            if not looked:
+                looked = True
+                for leader in leaders:
+                    if interface := await asyncio.to_thread(power_saving_towards, leader.host):
+                        log.say("; ".join(power_saving(interface)))
+                        break
+        if not _is_unanswered(time):
+            await asyncio.sleep(LOOK_EVERY_S)
+            continue
+        found = await asyncio.gather(*map(find_obstacle, leaders))
+        # What a leader has reported itself is already logged.
+        sentence = "; ".join(str(one) for one in found if one and one.what not in time.why_joining)
+        if _is_unanswered(time):
+            if sentence and sentence != said:
+                log.say(sentence)
+                said = sentence
+            await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
 
 
 def _is_unanswered(time: TimeClient) -> bool:

@@ -3,13 +3,11 @@
 import asyncio
 import random
 import secrets
-from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from socket import socket
 from typing import Any, Self
 
-from capture_app.common.address import ANY_HOST, Address, own_hosts, reachable_host, resolve
-from capture_app.common.clock import HostRate
+from capture_app.common.address import ANY_HOST, Address, own_hosts, resolve
 from capture_app.common.errors import (
     BadInputError,
     DiskError,
@@ -21,19 +19,15 @@ from capture_app.common.tasks import end
 from capture_app.common.text import duration
 from capture_app.common.timeouts import UPSTREAM_TIMEOUT_S
 from capture_app.net.channel import Channel, connect
-from capture_app.net.discovery import announced
-from capture_app.net.server import TransferServer, bind_port
-from capture_app.net.udp import Pump
-from capture_app.node.enrolment import Asked, Enrolment, is_node
-from capture_app.node.joining import JoinWatch, KeyRequester
-from capture_app.node.leader.followers import SharedGrid
-from capture_app.node.leader.leader_options import PortOptions
+from capture_app.net.server import bind_port
+from capture_app.node.endpoint import PortEndpoint, PortOptions
+from capture_app.node.enrolment import Asked, is_node
+from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import fitted, node_statuses, page_of
-from capture_app.protocol.log import follower_line
+from capture_app.protocol.event_text import relay_line
 from capture_app.protocol.messages import (
     FromLeader,
-    KeyRequest,
     NodeStream,
     Refusal,
     StatusAnswer,
@@ -61,38 +55,26 @@ class RelayOptions(PortOptions):
     """Leaders or relays of one rig, tried in turn, best first."""
 
 
-class RelayNode(AbstractAsyncContextManager["RelayNode"]):
+class RelayNode(PortEndpoint):
     """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
 
     Streams of its nodes are forwarded to the leader byte by byte, through any number of relays. An image is
     safe when the root says so. A stream that breaks off is resumed between the node and the root.
     """
 
-    def __init__(self, options: RelayOptions, engine: Relay, bound: socket) -> None:
+    def __init__(self, options: RelayOptions, engine: Relay, bound: tuple[socket, socket]) -> None:
         """Assemble the parts for a bound port; call `start` instead."""
-        self.options, self._engine, self._clock = options, engine, options.clock
-        port = engine.leader.config.transfer_port
-        self.address = Address(reachable_host(options.host, bound.family), port)
+        sealed = SealedRelay(engine)
+        super().__init__(options, engine, sealed, bound, self._drain)
+        self._joining = self.join(engine.member.time, sealed.leader_keys, options.parents, is_relay=True)
+        self.options, self._engine = options, engine
         # The relay cannot know which of its networks its nodes are on.
-        hosts = own_hosts(bound.family) if options.host in ANY_HOST else []
-        self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
+        hosts = own_hosts(bound[1].family) if options.host in ANY_HOST else []
+        self.also = tuple(Address(other, self.address.port) for other in hosts if other != self.address.host)
         """Further addresses of this machine at which nodes may join."""
-        self._sealed = None if options.trust.is_open else SealedRelay(engine)
-        self._enrolment = Enrolment(options.trust, options.log, self._sealed, is_relay=True)
-        self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
-        self._pump = Pump(self._sealed or engine, options.clock, self._drain)
-        self._requester = KeyRequester(
-            None if self._sealed is None else self._sealed.parent_keys,
-            KeyRequest(name=options.name, instance=self.instance, is_relay=True),
-            engine.member.time,
-            options.trust,
-            self._pump,
-        )
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
-        self._host_rate = HostRate()
-        self._is_leaving = False
         self._tasks: list[asyncio.Task[None]] = []
 
     @classmethod
@@ -104,56 +86,30 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
         """
         options.trust.server_context()
         found = [await resolve(parent) for parent in options.parents]
-        datagrams, listening = bind_port(options.host, options.port)
-        try:
-            if any(family != datagrams.family for family, _ in found):
-                raise NetworkError(
-                    f"{Address(options.host, options.port)} and a leader's address mix IPv4 and IPv6",
-                    hint="listen on an address of the leader's kind with --host",
-                )
-            peers = tuple((peer.host, peer.port) for _, peer in found)
-            instance, rng = secrets.randbits(32), random.Random(secrets.randbits(64))
-            engine = Relay(
-                TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
-                LeaderConfig(instance, transfer_port=listening.getsockname()[1]),
-                rng,
+        bound = bind_port(options.host, options.port)
+        if any(family != bound[0].family for family, _ in found):
+            for sock in bound:
+                sock.close()
+            raise NetworkError(
+                f"{Address(options.host, options.port)} and a leader's address mix IPv4 and IPv6",
+                hint="listen on an address of the leader's kind with --host",
             )
-            relay = cls(options, engine, listening)
-            await relay._server.start(listening)
-            for follower in options.followers:
-                follower.start(options.clock, options.log, relay.shared_grid)
-        except BaseException:
-            datagrams.close()
-            listening.close()
-            raise
-        relay._pump.start(datagrams)
-        watching = JoinWatch(options.parents, options.log).run(engine.member.time)
-        relay._tasks = [asyncio.create_task(work) for work in (watching, relay._requester.run())]
-        return relay
-
-    def announced(self) -> AbstractAsyncContextManager[None]:
-        """Announce this relay on the network while the block runs."""
-        return announced(
-            self.options.host,
-            self.address.port,
-            "relay",
-            name=self.options.name,
-            trust=self.options.trust,
+        peers = tuple((peer.host, peer.port) for _, peer in found)
+        instance, rng = secrets.randbits(32), random.Random(secrets.randbits(64))
+        engine = Relay(
+            TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
+            LeaderConfig(instance, transfer_port=bound[1].getsockname()[1]),
+            rng,
         )
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.stop()
+        relay = cls(options, engine, bound)
+        await relay.start_serving(relay._serve, relay.shared_grid)
+        relay._tasks = [asyncio.create_task(relay._joining.run())]
+        return relay
 
     async def stop(self) -> None:
         """Sign off from the leader, send the nodes on to others, and close the port."""
         await end(*self._tasks)
-        for follower in self.options.followers:
-            await follower.close()
-        self._is_leaving = True
-        self._engine.leave()
-        self._pump.turn()
-        self._pump.close()
-        await self._server.stop()
+        await super().stop()
 
     @property
     def instance(self) -> int:
@@ -195,7 +151,7 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
                 check_allowed(below.who, message)
                 match message:
                     case _ if isinstance(message, Asked):
-                        await self._enrolment.answer(below, message)
+                        await self.enrolment.answer(below, message)
                     case NodeStream() if not is_node(
                         below.who, self._engine.leader.roster.members.get(message.camera), message.instance
                     ):
@@ -246,19 +202,15 @@ class RelayNode(AbstractAsyncContextManager["RelayNode"]):
 
     # Events
 
-    def _drain(self) -> None:
-        now_ns = self._clock.now_ns()
-        self._engine.member.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(now_ns)
-        self._enrolment.look(now_ns)
-        self._requester.look()
-        while (event := self._engine.next_event()) is not None and not self._is_leaving:
+    def _drain(self, _: int) -> None:
+        while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined):
                 self._change_upstream(Address(self._engine.member.leader[0], event.transfer_port))
             elif isinstance(event, LeaderNotice) and event.what == "lost":
                 self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
                 self.options.log.note(event)
-            elif line := follower_line(event, Address(*self._engine.member.leader)):
+            elif line := relay_line(event, Address(*self._engine.member.leader)):
                 self.options.log.say(line)
 
     def _change_upstream(self, upstream: Address | None) -> None:

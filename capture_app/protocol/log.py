@@ -1,130 +1,18 @@
-"""Log lines for events at a leader or a relay, used by the terminal and the screen."""
+"""Log of a process of a rig: the lines that the terminal and the screen show."""
 
-import re
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
-import msgspec
-
-from capture_app.common.address import Address
 from capture_app.common.bounds import cut
-from capture_app.common.text import duration
+from capture_app.protocol.event_text import RigEvent, leader_line, leader_record
 from capture_app.protocol.status import BurstStatus, Level, LogLine
-from capture_app.sync.rig import events, status_text
-from capture_app.sync.rig.time_client import TimeClientEvent
-from capture_app.sync.timekeeping import clock_events
-from capture_app.sync.timekeeping.rates import HostOffRate
-from capture_app.trust.sealing import DatagramsRefused
 
-_NODE_LINES = {
-    "joined": "{0.name} joined",
-    "returned": "{0.name} is back",
-    "lost": "lost {0.name}: {0.reason}",
-    "forgotten": "forgot {0.name}, which was lost",
-    "moved": "{0.name} is now connected to {1}",
-    "refused": "refused {0.name} {0.where}: {0.reason}",
-}
 MAX_LOG_LINES = 500
 MAX_LETTERS = 1000
 RATE_WINDOW_S = 10.0
 MAX_LINES_A_NODE, MAX_LINES_OF_NODES = 30, 300
 """Maximum number of lines within RATE_WINDOW_S about one node, and about all of them."""
-
-
-@dataclass(frozen=True, slots=True)
-class FollowerEvent:
-    """Event of one follower, or of all of them, as a line for people."""
-
-    name: str | None
-    line: str
-    is_warning: bool = False
-    """Whether it needs attention."""
-
-
-RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerEvent
-"""Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
-
-
-def event_line(event: RigEvent) -> tuple[str, bool]:
-    """Return a line for people about an event, and whether it needs attention.
-
-    The line is empty if the event is not worth one.
-    """
-    match event:
-        case events.NodeChanged(change=change, where=where):
-            return _NODE_LINES[change].format(event, where or "this leader"), change in ("lost", "refused")
-        case events.BurstAnswered(name, burst, refusal):
-            return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
-        case HostOffRate():
-            return off_rate_line(event), bool(event.fast_ppm)
-        case FollowerEvent():
-            return event.line, event.is_warning
-        case DatagramsRefused():
-            return str(event), True
-        case BurstStatus():
-            return burst_line(event), event.session is None or event.received != event.expected
-
-
-def off_rate_line(off: HostOffRate) -> str:
-    """Return a line on a clock at an unusual rate and possible causes, or on its return to the baseline."""
-    if not off.fast_ppm:
-        return f"the clock of {off.name or 'the leader'} runs at its normal rate again"
-    if off.certain:
-        return status_text.slewing(off.name or "the leader's host", off.fast_ppm)
-    against = "the leader's" if off.ambiguous else "all others"
-    return (
-        f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"
-        f" {against}: its NTP daemon is slewing it, or it is a virtual machine"
-        + (" (or the leader's clock is)" if off.ambiguous else "")
-    )
-
-
-def follower_line(event: TimeClientEvent, parent: Address) -> str:
-    """Return a line about a relay's connection to its own leader; empty if there is nothing to log."""
-    match event:
-        case events.Joined():
-            return f"joined {parent}"
-        case events.LeaderNotice("lost"):
-            return f"lost {parent} ({event.text}): in holdover"
-        case events.LeaderNotice("said"):
-            return f"{parent} says: {event.text}"
-        case events.LeaderNotice():
-            return f"{parent} refused this relay: {event.text}"
-        case clock_events.ClockSynced():
-            return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
-    return status_text.of_event(event)
-
-
-def burst_line(burst: BurstStatus) -> str:
-    """Return a line on a burst's progress."""
-    if not burst.burst:
-        return burst.message
-    text = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
-    if burst.done:
-        text += f", saved as {burst.session}" if burst.session else ", no session"
-    return ("; " if burst.done else ", ").join(filter(None, (text, burst.message)))
-
-
-def event_record(event: RigEvent) -> dict[str, object]:
-    """Return the fields of an event for its line of JSON."""
-    match event:
-        case events.NodeChanged(name, change, reason, where):
-            fields: dict[str, dict[str, object]] = {
-                "moved": {"relay": where or None},
-                "refused": {"where": where, "reason": reason},
-                "lost": {"reason": reason},
-            }
-            return {"event": f"node-{change}", "name": name, **fields.get(change, {})}
-        case events.BurstAnswered(name, burst, refusal=""):
-            return {"event": "burst-accepted", "name": name, "burst": burst}
-        case events.BurstAnswered(name, burst, refusal):
-            return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
-        case HostOffRate(name, fast_ppm=0.0):
-            return {"event": "host-at-rate", "name": name}
-    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(event).__name__).lower()
-    return {"event": kind, **msgspec.to_builtins(event)}
 
 
 class Log:
@@ -191,7 +79,7 @@ class Log:
 
     def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
-        text, is_warning = event_line(event)
+        text, is_warning = leader_line(event)
         camera = None if isinstance(event, BurstStatus) else event.name
         if text:
             if not (text := self._admitted(text, camera)):
@@ -200,4 +88,4 @@ class Log:
                 self.add(text, camera=camera, level="warning" if is_warning else "info")
             self.show(text)
         if self._record is not None:
-            self._record(event_record(event))
+            self._record(leader_record(event))

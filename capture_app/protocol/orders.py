@@ -149,6 +149,13 @@ class EndBurst(Message, frozen=True, kw_only=True, tag="end-burst"):
     burst: Number | None = None
 
 
+class StaggerCameras(Message, frozen=True, kw_only=True, tag="stagger"):
+    """Take the cameras' frames one after the other from now on, or all at one instant again."""
+
+    order: Sentence = ""
+    """As the option --stagger; empty: all at one instant."""
+
+
 class StopRig(Message, frozen=True, kw_only=True, tag="stop-rig"):
     """Stop the leader and the nodes that are its processes."""
 
@@ -174,7 +181,15 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
 
 
 Order = (
-    AddCamera | AddSimulated | RemoveCamera | InvitePhone | CancelBurst | EndBurst | StopRig | ExposeAppPhones
+    AddCamera
+    | AddSimulated
+    | RemoveCamera
+    | InvitePhone
+    | CancelBurst
+    | EndBurst
+    | StaggerCameras
+    | StopRig
+    | ExposeAppPhones
 )
 """Orders of an operator to a leader, besides a burst."""
 FromOperator = (

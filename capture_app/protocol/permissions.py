@@ -42,6 +42,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.EndBurst,
         orders.InvitePhone,
         orders.ExposeAppPhones,
+        orders.StaggerCameras,
         orders.StopRig,
         pairing_messages.Invite,
     ),

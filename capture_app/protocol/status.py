@@ -8,6 +8,7 @@ from capture_app.common.bounds import Count, FilePath, Message, Pixels, Real, Se
 from capture_app.common.camera_facts import CameraFacts, ControlState
 from capture_app.common.names import Name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.stagger import EVEN
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.datagrams import Report
 
@@ -88,7 +89,7 @@ class CameraTransfer(Struct, frozen=True, kw_only=True):
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
-    """Burst under way or just saved."""
+    """Burst that is ordered, under way or just saved."""
 
     burst: int
     name: str
@@ -105,6 +106,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     """Progress of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()
     """Instants skipped because a camera had no frame; later ones replaced them."""
+    first_leader_ns: int = 0
+    """First instant of a burst that begins later, in leader time; else 0."""
 
 
 class FollowerStatus(Struct, frozen=True, kw_only=True):
@@ -123,16 +126,6 @@ class FollowerStatus(Struct, frozen=True, kw_only=True):
     last_seen_ns: int = 0
 
 
-class BurstAhead(Struct, frozen=True, kw_only=True):
-    """Ordered burst that begins later."""
-
-    burst: int
-    name: str
-    first_leader_ns: int
-    """First instant, in leader time."""
-    instants: int
-
-
 class RigStatus(Struct, frozen=True, kw_only=True):
     """Status of a rig: its leader, its nodes, and its bursts."""
 
@@ -148,13 +141,17 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """One sentence: why the rig is not ready and the remedy, or its accuracy."""
     now_ns: int
     period_ns: int | None
+    stagger: str = ""
+    """Planned order of the cameras' frames, as the option --stagger; empty if all are at one instant."""
+    steps: str = ""
+    """Planned steps between frames of a staggered rig: "steps of 8.33 ms"; empty for any other."""
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
     """Number of nodes after this page, by name; `message` summarizes them."""
     app_phones: tuple[FollowerStatus, ...] = ()
     """Phones with libsoftwaresync or RecSync; their images stay on them."""
     burst: BurstStatus | None = None
-    ahead: tuple[BurstAhead, ...] = ()
+    ahead: tuple[BurstStatus, ...] = ()
     """Bursts that begin much later, and can be cancelled."""
     sessions: tuple[str, ...] = ()
     """Paths of the newest sessions saved by this leader, newest last."""
@@ -162,6 +159,12 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """Folder of the sessions, on the leader's machine."""
     disk_free_bytes: int | None = None
     """Free space of that folder's disk."""
+
+    @property
+    def order(self) -> str:
+        """The planned order in words: "stagger: even, steps of 8.33 ms"; empty if all are at one instant."""
+        kind = f"{EVEN}, " if self.stagger == EVEN else ""
+        return f"stagger: {kind}{self.steps}" if self.stagger else ""
 
     @property
     def cameras(self) -> tuple[NodeStatus, ...]:

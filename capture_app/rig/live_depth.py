@@ -13,7 +13,7 @@ from capture_app.common.tasks import end
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, instant_previews
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
+from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveCameras, pack
 
 WIDTH_PX = 320
 MAX_FPS = 15.0
@@ -53,7 +53,7 @@ async def live_depth(
     task = asyncio.create_task(follow())
     try:
         cameras = {node.name: node.camera for node in rig.cameras}
-        await _send(child, LiveRig(cameras, rig.sessions_folder))
+        await _send(child, LiveCameras(cameras, rig.sessions_folder))
         lacking = 0
         while True:
             instant, camera = await newest.get(), choose()

@@ -20,6 +20,7 @@ from capture_app.common.address import LOOPBACK_HOSTS, Address, own_hosts, parse
 from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.passwords import reveal_password
+from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.rig_link import ask_status, give_order
@@ -27,7 +28,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
 
-class RunningRig(Struct, frozen=True, kw_only=True):
+class LeaderRecord(Struct, frozen=True, kw_only=True):
     """Record of a leader's process, which exists while it runs."""
 
     pid: int
@@ -73,7 +74,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
 
     If the folder cannot be written, that is the only consequence.
     """
-    rig = RunningRig(
+    rig = LeaderRecord(
         pid=os.getpid(),
         leader=str(address),
         sessions=str(sessions.absolute()),
@@ -91,7 +92,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
             path.unlink()
 
 
-def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[RunningRig]:
+def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[LeaderRecord]:
     """Return the rigs of this machine whose processes run, newest first; remove stale records.
 
     Only those with that folder and port, if they are given.
@@ -99,7 +100,7 @@ def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[
     rigs = []
     for path in rigs_folder().glob("*.json"):
         with contextlib.suppress(OSError, ValueError, RecursionError):
-            rig = msgspec.json.decode(path.read_bytes(), type=RunningRig)
+            rig = msgspec.json.decode(path.read_bytes(), type=LeaderRecord)
             if not _runs(rig.pid):
                 path.unlink()
             elif port in (None, 0, rig.address.port) and (
@@ -109,7 +110,7 @@ def list_rigs(*, sessions: Path | None = None, port: int | None = None) -> list[
     return sorted(rigs, key=lambda rig: -rig.started_unix_ns)
 
 
-async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> RunningRig | None:
+async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> LeaderRecord | None:
     """Return the newest rig of this machine that answers, with that folder and port if they are given."""
     for rig in list_rigs(sessions=sessions, port=port):
         with contextlib.suppress(SimulshotError):
@@ -119,8 +120,14 @@ async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> 
 
 
 async def start_rig(
-    *, sessions: Path, host: str, port: int | None = None, cameras: Sequence[str] = (), is_owned: bool = False
-) -> RunningRig:
+    *,
+    sessions: Path,
+    host: str,
+    port: int | None = None,
+    cameras: Sequence[str] = (),
+    stagger: Stagger | None = None,
+    is_owned: bool = False,
+) -> LeaderRecord:
     """Start a rig in the background and return it when it answers.
 
     It outlives this process unless `is_owned`. Without a `port` it takes the default one, or a free one.
@@ -128,7 +135,7 @@ async def start_rig(
     which the rig's process ended.
     """
     log = _new_log()
-    process = _spawn(sessions, host, port, cameras, log, is_owned)
+    process = _spawn(sessions, host, port, cameras, stagger, log, is_owned)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(RIG_START_TIMEOUT_S):
             while process.poll() is None:
@@ -182,7 +189,13 @@ def _new_log() -> Path:
 
 
 def _spawn(
-    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path, is_owned: bool
+    sessions: Path,
+    host: str,
+    port: int | None,
+    cameras: Sequence[str],
+    stagger: Stagger | None,
+    log: Path,
+    is_owned: bool,
 ) -> subprocess.Popen[bytes]:
     arguments = (
         *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
@@ -190,6 +203,7 @@ def _spawn(
         *(["--or-free-port"] if port is None else ["--port", str(port)]),
         *(["--until-eof"] if is_owned else []),
         *(f"--camera={camera}" for camera in cameras),
+        *([] if stagger is None else ["--stagger", str(stagger)]),
     )
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program

@@ -15,6 +15,7 @@ from typing import Any, Self, TypeVar
 from capture_app.common.address import Address, parse_address
 from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
 from capture_app.common.node_state import NodeState
+from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import READY_TIMEOUT_S, RIG_STOP_TIMEOUT_S
 from capture_app.protocol.orders import AddSimulated, StopRig
 from capture_app.protocol.status import RigStatus
@@ -34,7 +35,8 @@ class AsyncRig:
     `leader`: HOST or HOST:PORT of a running rig, here or elsewhere, which keeps running after the block.
     Without one, a rig of this machine is started with `simulated` cameras that look at `scene`, and with
     `cameras` (specs as `capture-app cameras` shows them); it saves to `sessions`, and ends with the
-    block.
+    block. With `stagger`, its cameras take their frames one after the other: "even", or a delay for each,
+    "cam0=0ms,cam1=8.3ms".
     """
 
     def __init__(
@@ -44,12 +46,13 @@ class AsyncRig:
         simulated: int = 0,
         scene: str = "studio",
         cameras: Sequence[str] = (),
+        stagger: str | None = None,
         sessions: str | PathLike[str] = "sessions",
     ) -> None:
-        if leader is not None and (simulated or cameras):
+        if leader is not None and (simulated or cameras or stagger):
             raise BadInputError(
-                "both a leader and cameras are given",
-                hint="a leader joins a running rig; cameras start a new one here: give one of them",
+                f"both a leader and {'cameras' if simulated or cameras else 'stagger'} are given",
+                hint="a leader joins a running rig; the others start a new one here: give one of them",
             )
         try:
             self._leader = None if leader is None else parse_address(leader)
@@ -57,6 +60,7 @@ class AsyncRig:
             raise BadInputError(str(error), hint="such as 192.168.1.20:47010") from error
         self._simulated = AddSimulated(cameras=simulated, scene=scene) if simulated else None
         self._cameras = tuple(cameras)
+        self._stagger = None if stagger is None else Stagger.parse(stagger)
         self._sessions = Path(sessions)
         self._pid: int | None = None
 
@@ -67,7 +71,9 @@ class AsyncRig:
             return self
         # Simulated cameras are processes of this machine, so no other machine needs access.
         host = "0.0.0.0" if self._cameras else "127.0.0.1"  # noqa: S104
-        rig = await start_rig(sessions=self._sessions, host=host, cameras=self._cameras, is_owned=True)
+        rig = await start_rig(
+            sessions=self._sessions, host=host, cameras=self._cameras, stagger=self._stagger, is_owned=True
+        )
         self._leader, self._pid = rig.address, rig.pid
         if self._simulated is not None:
             try:
@@ -191,9 +197,12 @@ class Rig:
         simulated: int = 0,
         scene: str = "studio",
         cameras: Sequence[str] = (),
+        stagger: str | None = None,
         sessions: str | PathLike[str] = "sessions",
     ) -> None:
-        self._rig = AsyncRig(leader, simulated=simulated, scene=scene, cameras=cameras, sessions=sessions)
+        self._rig = AsyncRig(
+            leader, simulated=simulated, scene=scene, cameras=cameras, stagger=stagger, sessions=sessions
+        )
 
     def __enter__(self) -> Self:
         """Find the rig, or start it. Raises as in `AsyncRig`."""

@@ -28,24 +28,24 @@ MAX_NOTICES = 64
 
 
 class SealedClient:
-    """Client with a key for each of its leaders; `keys.missing` lists the leaders without one."""
+    """Client with a key for each of its leaders; `leader_keys.missing` lists the leaders without one."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self.keys = LeaderKeys()
+        self.leader_keys = LeaderKeys()
         self.refusals = Refusals()
         self.next_timer = engine.next_timer
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram if a leader has sealed it."""
-        if (message := _opened_by_client(data, address, self.keys, self.refusals)) is not None:
+        if (message := _opened_by_client(data, address, self.leader_keys, self.refusals)) is not None:
             self._engine.receive_datagram(message, address, now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield the datagrams due, stamped with `now_ns`; the last one to a leader waits for its key."""
-        yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
-        yield from self.keys.take_stored()
+        yield from _sealed(self._engine.datagrams_to_send(now_ns), self.leader_keys)
+        yield from self.leader_keys.take_stored()
 
 
 class SealedLeader:
@@ -97,18 +97,18 @@ class SealedRelay(SealedLeader):
     def __init__(self, engine: Relay) -> None:
         super().__init__(engine)
         self._relay = engine
-        self.parent_keys = LeaderKeys()
+        self.leader_keys = LeaderKeys()
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield the datagrams due, stamped with `now_ns`."""
         yield from super().datagrams_to_send(now_ns)
-        yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.parent_keys)
-        yield from self.parent_keys.take_stored()
+        yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.leader_keys)
+        yield from self.leader_keys.take_stored()
 
     def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
-        if not self.parent_keys.is_key_of(data, address):
+        if not self.leader_keys.is_key_of(data, address):
             return super()._open(data, address)
-        message = _opened_by_client(data, address, self.parent_keys, self.refusals)
+        message = _opened_by_client(data, address, self.leader_keys, self.refusals)
         return None if message is None else (message, None)
 
 

@@ -49,6 +49,8 @@ class Header(Lines):
         yield Content.styled(str(sign), f"bold {sign.style}")
         if status is None:
             return
+        if status.order:
+            yield Content.styled(printable(status.order), "$secondary")
         if status.is_open:
             yield Content.styled("OPEN: no pairing", "$warning")
         if present := [phone for phone in status.app_phones if phone.state != "lost"]:

@@ -1,6 +1,6 @@
 """Makes the pictures of docs/calibration.md: the printed page, how to hold the board, and what is counted.
 
-`make calibration-pictures`; a minute on two free cores. The pictures are those of the simulated scene
+`make pictures NAME=calibration`; a minute on two free cores. The pictures are those of the simulated scene
 `board`, with what is really found in them; the table is what `capture-app coverage` draws.
 """
 

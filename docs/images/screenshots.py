@@ -1,7 +1,7 @@
 """Takes the pictures `docs/images/tui-*.svg` of the screen, from a real run with five simulated cameras.
 
-`make screenshots`; two minutes on two free cores. Nothing in them is drawn by hand: they are what goes to a
-terminal, as SVG.
+`make pictures NAME=screenshots`; two minutes on two free cores. Nothing in them is drawn by hand: they
+are what goes to a terminal, as SVG.
 """
 
 import asyncio

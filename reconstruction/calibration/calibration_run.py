@@ -29,8 +29,8 @@ from reconstruction.calibration.board_calibration import (
 from reconstruction.calibration.calibrated_rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.calibration.consistency import (
     MAX_AXIS_ANGLE_DEG,
+    CalibrationCheck,
     CalibrationQuality,
-    RigCheck,
     SharedPoints,
     check_rig,
     judge_calibration,
@@ -128,7 +128,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """Cameras of the session without a calibration."""
     unit: str
     quality: CalibrationQuality
-    check: RigCheck | None = None
+    check: CalibrationCheck | None = None
     """Check for moved cameras; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
@@ -194,7 +194,7 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
 
 def _candidate(
     dataset: Dataset, options: CalibrateOptions
-) -> tuple[Calibration, SharedPoints, BoardCoverage | None, RigCheck | None]:
+) -> tuple[Calibration, SharedPoints, BoardCoverage | None, CalibrationCheck | None]:
     """Return a calibration, and pixels of points that pairs of cameras share, by which it is judged.
 
     Also returns what a board covered, and for a calibration not computed here a check for moved cameras.
@@ -281,7 +281,7 @@ def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
 
 def _from_elsewhere(
     dataset: Dataset, source: CalibrationSource | Path
-) -> tuple[Calibration, SharedPoints, RigCheck]:
+) -> tuple[Calibration, SharedPoints, CalibrationCheck]:
     """Load a calibration of the session, its rig or another session, and check it against static points."""
     if source is CalibrationSource.SESSION:
         if (found := dataset.calibration()) is None:

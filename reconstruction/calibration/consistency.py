@@ -76,7 +76,7 @@ class MovedCamera(Struct, frozen=True, kw_only=True):
         return f"{' or '.join(self.cameras)} moved: {self.shift_px:.1f} px"
 
 
-class RigCheck(Struct, frozen=True, kw_only=True):
+class CalibrationCheck(Struct, frozen=True, kw_only=True):
     """Result of checking a calibration against points at rest."""
 
     points: int
@@ -117,7 +117,7 @@ def describe_misfit(
     return f"warning: {verdict}: {fits}; {right}; {remedy}"
 
 
-def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> RigCheck:
+def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> CalibrationCheck:
     """Check the views against features at rest, all of one instant."""
     groups = _shared_points(views, features)
     errors = {names: _errors_px(views, names, at) for names, at in groups.items()}
@@ -127,7 +127,7 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ri
     moved = [
         MovedCamera(cameras=names, shift_px=_shift(views, names, groups, errors, guilty)) for names in guilty
     ]
-    return RigCheck(
+    return CalibrationCheck(
         points=sum(at.shape[1] for names, at in groups.items() if len(names) == 2),
         error_px=float(np.median(list(deviations.values()))) if groups else None,
         unchecked=tuple(name for name in views if name not in set().union(*groups)),

@@ -27,7 +27,7 @@ from reconstruction.calibration.calibrated_rig import (
     refuse_faults,
     sound_views,
 )
-from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
+from reconstruction.calibration.consistency import CalibrationCheck, check_rig, find_mixups, plainly_fits
 from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
@@ -224,7 +224,7 @@ def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> d
     return found
 
 
-def describe_check(check: RigCheck) -> str:
+def describe_check(check: CalibrationCheck) -> str:
     """Describe the result of a check."""
     if check.error_px is None:
         return "it cannot be checked: the cameras share too few static points"

@@ -12,7 +12,7 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, NotApplicableError, SimulshotError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
+from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveCameras, pack
 
 LOOK_S = 2.0
 """Interval between two searches for the rig's calibration."""
@@ -35,7 +35,7 @@ def live(width: int) -> None:
 
     cv2.setNumThreads(1)
     messages = _messages()
-    rig = _decode(next(messages, b""), LiveRig)
+    rig = _decode(next(messages, b""), LiveCameras)
     modes = {name: CameraMode.of(facts) for name, facts in rig.cameras.items()}
     folder = Path(rig.sessions_folder) if rig.sessions_folder else None
     engine, due_s, is_first = None, 0.0, True

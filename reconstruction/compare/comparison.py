@@ -174,6 +174,7 @@ class Comparison:
             offset_frames=offset.frames,
             actual_offset_ms=offset.actual_ms,
             unsynchronized=dataset.unsynchronized,
+            staggered=dataset.staggered,
             sync_residual_us=dataset.worst_residual_us(),
             sync_bound_us=dataset.worst_hard_bound_us(),
         )

@@ -12,7 +12,7 @@ from reconstruction.report import wording
 from reconstruction.report.study_report import Claim, reported, study_reports
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.scores.timing import SessionTiming, Timing
 
 UNSYNCHRONIZED = "unsynchronized"
 EACH_DELAYED = "each camera off by a different delay"
@@ -47,6 +47,11 @@ def timing_sentences(timing: Timing) -> str:
 
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
+    if timing.planned_ms and late_ms is not None and not timing.change and timing.jitter_ms is None:
+        return (
+            f"{timing.other} is staggered by {timing.planned_ms:+.2f} ms on purpose, and is "
+            f"{offset_text(timing)} against {timing.reference} ({by}; 95 %)."
+        )
     if timing.change:
         if timing.change.steps:
             found = f"These cameras were not synchronized throughout: {timing.reason}; before that"
@@ -77,7 +82,7 @@ def _offset_sentences(timing: Timing, by: str) -> str:
     return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {paired}."
 
 
-def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
+def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
     if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
         return ""
@@ -103,6 +108,8 @@ def rig_judgement(timing: Timing) -> str:
     if timing.change:
         return timing.reason
     if timing.offset:
+        if timing.planned_ms:
+            return f"staggered on purpose, by {timing.planned_ms:+.2f} ms"
         return timing.option or "not the same instant; no other pairing is closer in time"
     if timing.same_frame_ms is not None:
         return f"the same frame; offsets below {timing.same_frame_ms:.0f} ms are unknown"
@@ -189,6 +196,7 @@ def verdict(result: CompareResult) -> str:
     timing, rig = result.timing, result.rig_timing
     texts = (
         f"This recording is {result.unsynchronized}." if result.unsynchronized else "",
+        f"This recording is {result.staggered}: its pictures show no one moment." if result.staggered else "",
         motion_sentence(timing) if timing is not None else "",
         _what_was_found(result),
         rig_sentence(rig, timing) if rig is not None else "",
@@ -397,8 +405,10 @@ def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str
 def describe_synchronization(result: CompareResult) -> str:
     """Return the times between images and their instants, as the session recorded them."""
     residual, bound = (wording.microseconds(us) for us in (result.sync_residual_us, result.sync_bound_us))
+    due = "planned time" if result.staggered else "instant"
     recorded = (
-        f"every picture within {residual} of its instant" if result.sync_residual_us is not None else "",
+        result.staggered,
+        f"every picture within {residual} of its {due}" if result.sync_residual_us is not None else "",
         f"the clocks agree to {bound} in the worst case" if result.sync_bound_us is not None else "",
     )
     known = "; ".join(filter(None, recorded)) or "not known: the session has no record of its clocks"

@@ -18,7 +18,7 @@ from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.study_result import Interval, StudyResult
 from reconstruction.scores.tally import CONDITIONS
-from reconstruction.scores.timing import RigTiming
+from reconstruction.scores.timing import SessionTiming
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
 """Prefixes of a measure's name, each with the column group that shows it."""
@@ -198,7 +198,7 @@ def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames)
     return Table(caption, heads, rows if measures else (), first="Instant", prefix="Instant ")
 
 
-def timing_table(rig: RigTiming) -> Table:
+def timing_table(rig: SessionTiming) -> Table:
     """Return every camera's time offset against the reference, measured by motion, and the judgement."""
     rows = [
         Row(one.other, [Cell(offset_text(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])

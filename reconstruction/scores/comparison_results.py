@@ -6,7 +6,7 @@ from typing import Any
 from msgspec import Struct
 
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.scores.timing import SessionTiming, Timing
 from reconstruction.session.provenance import Provenance
 
 
@@ -98,6 +98,8 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     actual_offset_ms: float = 0.0
     unsynchronized: str = ""
     """Why no condition is called synchronized: the time offsets between the cameras are unknown."""
+    staggered: str = ""
+    """Planned steps of a staggered session, whose images are not of one instant; empty for any other."""
     verdict: str = ""
     """One or two plain sentences for a reader who does not know what synchronization is."""
     calibration: str = "none"
@@ -116,7 +118,7 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     tolerance: OffsetTolerance | None = None
     timing: Timing | None = None
     """Time offset of the depth pair's second camera, measured by motion; None if it was not measured."""
-    rig_timing: RigTiming | None = None
+    rig_timing: SessionTiming | None = None
     """Time offsets of all cameras, if there are more than two."""
     words: dict[str, Any] | None = None
     """The report's names for the conditions, and its tables in words; see `report_words`."""

@@ -82,6 +82,8 @@ class Timing(Struct, frozen=True, kw_only=True):
 
     None if they are already paired as well as possible.
     """
+    planned_ms: float = 0.0
+    """Planned delay of the other camera; not 0 if the cameras were staggered on purpose."""
     instants: tuple[InstantOffset, ...] = ()
     moving_cameras: dict[str, float] = {}
     """Cameras that moved while recording, with their motion in px from frame to frame."""
@@ -112,10 +114,11 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
-    return without_common_times(timing, dataset.unsynchronized)
+    timing = without_common_times(timing, dataset.unsynchronized)
+    return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
-def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTiming":
+def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
     first = next(name for name, one in found.items() if one.sd_ms == 0)
@@ -130,7 +133,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTimin
         for name, one in found.items()
         if name != first
     )
-    return RigTiming(reference=first, cameras=tuple(judged))
+    return SessionTiming(reference=first, cameras=tuple(judged))
 
 
 def judge_timing(
@@ -257,6 +260,14 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
     )
 
 
+def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
+    """Return the judgement of cameras that are staggered by `planned_ms`; unless 0, never synchronized."""
+    if not planned_ms:
+        return timing
+    reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
+    return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+
+
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
     """Return the judgement combined with the offset, in whole frames, at which most depth is found.
 
@@ -318,7 +329,7 @@ def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
     return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
-class RigTiming(Struct, frozen=True, kw_only=True):
+class SessionTiming(Struct, frozen=True, kw_only=True):
     """Time offsets of all cameras against a reference; each entry of `cameras` is one camera."""
 
     reference: str

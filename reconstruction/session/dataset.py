@@ -266,8 +266,18 @@ class Dataset:
         times = self.session.manifest.burst.common_times
         return "" if times is None or self._shifted else times.why_not_synchronized(self.period_ns)
 
+    @property
+    def staggered(self) -> str:
+        """Description of the planned steps of a session whose cameras were staggered; empty for any other."""
+        steps = self.session.manifest.steps
+        return f"staggered on purpose, {steps}" if steps else ""
+
+    def planned_delay_ms(self, first: str, second: str) -> float:
+        """Return by how much the second camera's images were planned to be later than the first's, ms."""
+        return (self.session.camera(second).delay_ns - self.session.camera(first).delay_ns) / 1e6
+
     def worst_residual_us(self) -> float | None:
-        """Return the largest distance of an image from its instant by the session's record, us.
+        """Return the largest distance of an image from its planned time by the session's record, us.
 
         Includes the uncertainty of its camera's timestamps. None if the error of the times is unknown, as in
         imported sessions.

@@ -1,4 +1,4 @@
-"""What the benchmarks' emulated link says where it cannot be had; it is measured by `make bench-sync`."""
+"""What the benchmarks' emulated link says where it cannot be had; `make bench NAME=sync` measures it."""
 
 import importlib
 from pathlib import Path

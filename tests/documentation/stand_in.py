@@ -42,7 +42,7 @@ NOT_RUN = {
     frozenset(
         {"multiview"}
     ): "half a minute of all cores: tests/reconstruction/methods/multiview/test_multiview.py",
-    frozenset({"--cluster"}): "needs a cluster: make test-slurm",
+    frozenset({"--cluster"}): "needs a cluster: make test KIND=slurm",
 }
 """Lines with these words are read by their commands, and not run, with the reason."""
 STAYS = (

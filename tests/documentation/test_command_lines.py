@@ -9,7 +9,13 @@ import pytest
 from tests.command_lines import PROGRAMS, parse
 from tests.documentation.pages import PAGES, ROOT, blocks, inline_commands
 
-TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+MAKEFILE = (ROOT / "Makefile").read_text()
+TARGETS = set(re.findall(r"^([\w-]+):", MAKEFILE, re.MULTILINE))
+NAMED = {
+    target: set(re.findall(rf"^{target.upper()}_([\w-]+) :=", MAKEFILE, re.MULTILINE))
+    for target in ("test", "bench", "pictures")
+}
+"""What KIND or NAME may say to `test`, `bench` and `pictures`."""
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
 FOREIGN = {"caliscope", "pycolmap-cuda12"}
 """What `pip install` may name besides this project's own folder: packages that are what they are called."""
@@ -28,7 +34,11 @@ def problem(line: str, *, whole: bool = True) -> str:
     line = re.sub(r"^(\w+=\S+ +)+", "", line).removeprefix(".venv/bin/")
     program, _, rest = line.partition(" ")
     if program == "make":
-        missing = [word for word in rest.split() if "=" not in word and word not in TARGETS]
+        targets = [word for word in rest.split() if "=" not in word]
+        missing = [word for word in targets if word not in TARGETS]
+        missing += [
+            name for name in re.findall(r"(?:KIND|NAME)=(\S+)", rest) if name not in NAMED[targets[0]]
+        ]
         return f"the Makefile has no {missing[0]}" if missing else ""
     if program == "pip":
         extras = set(",".join(re.findall(r"\[([\w,-]+)\]", rest)).split(",")) - {""}
@@ -63,6 +73,8 @@ def test_the_check_sees_what_is_wrong() -> None:
     assert problem("reconstruct stereo", whole=False) == ""
     assert "no command" in problem("capture-app sessions list|shwo")
     assert "no bench-nothing" in problem("make bench-nothing")
+    assert "no nothing" in problem("make bench NAME=nothing")
+    assert problem("make bench NAME=soak SECONDS=120") == ""
     assert "simulshot" in problem("pip install simulshot")
     assert problem("pip install -c constraints.txt -e '.[export]'") == ""
     assert set(PROGRAMS) == {"capture-app", "reconstruct"}

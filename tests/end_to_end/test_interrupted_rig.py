@@ -1,4 +1,4 @@
-"""A rig that is killed and that stands still in its takes: `make bench-record`, in short."""
+"""A rig that is killed and that stands still in its takes: `make bench NAME=record`, in short."""
 
 import socket
 from argparse import Namespace

@@ -1,4 +1,4 @@
-"""A rig that takes one burst after the other does not grow: `make soak`, in short."""
+"""A rig that takes one burst after the other does not grow: `make bench NAME=soak`, in short."""
 
 from argparse import Namespace
 from pathlib import Path

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture_app.common.errors import SimulshotError
-from capture_app.node.camera.burst_upload import SpooledBurst
+from capture_app.node.camera.burst_upload import SpoolFolder
 from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.journal import TIMES, ground_truth_path
@@ -67,7 +67,7 @@ def read_spool(data: bytes, folder: Path) -> None:
     """A burst that a node still has to send."""
     (folder / "report.json").write_bytes(data)
     (folder / JOURNAL).write_bytes(data)
-    burst = SpooledBurst(folder)
+    burst = SpoolFolder(folder)
     with suppress(SimulshotError):
         burst.read_report()
     with suppress(SimulshotError):

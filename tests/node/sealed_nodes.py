@@ -14,8 +14,8 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.clock import HostClock
 from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.node.joining import KeyRequester
-from capture_app.protocol.messages import KeyRequest
+from capture_app.node.joining import Joining
+from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -50,10 +50,10 @@ async def sealed_node(
         engine = member = TreeMember(name, node.instance, (leader, *standbys), Random(1))
         node.time = member.time
     node.sealed = SealedClient(engine)
-    pump = Pump(node.sealed, HostClock(), lambda: requester.look())
-    request = KeyRequest(name=name, instance=node.instance)
-    requester = KeyRequester(node.sealed.keys, request, node.time, trust, pump)
-    asking = asyncio.create_task(requester.run())
+    clock = HostClock()
+    pump = Pump(node.sealed, clock, lambda: joining.look(clock.now_ns()))
+    joining = Joining(node.time, node.sealed.leader_keys, pump, trust, Log())
+    asking = asyncio.create_task(joining.run())
     pump.start(client_socket(socket.AF_INET))
     try:
         yield node

@@ -4,7 +4,7 @@ import asyncio
 import socket
 
 from capture_app.common.address import Address
-from capture_app.node.joining import UNANSWERED, JoinWatch
+from capture_app.node.joining import UNANSWERED, watch_join
 from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -27,7 +27,7 @@ def closed_port() -> Address:
 async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
     said: list[str] = []
     leaders = closed_port(), Address("nobody.invalid", 47010)
-    watching = asyncio.create_task(JoinWatch(leaders, Log(said.append)).run(asking_in_vain()))
+    watching = asyncio.create_task(watch_join(asking_in_vain(), leaders, Log(said.append)))
     await until(lambda: said)
     watching.cancel()
     (sentence,) = said
@@ -38,7 +38,7 @@ async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
 async def test_it_says_nothing_before_an_answer_is_missing() -> None:
     said: list[str] = []
     client = asking_in_vain(UNANSWERED - 1)
-    watching = asyncio.create_task(JoinWatch([closed_port()], Log(said.append)).run(client))
+    watching = asyncio.create_task(watch_join(client, [closed_port()], Log(said.append)))
     await asyncio.sleep(0.6)
     assert said == []
     client.handle_timer(client.next_timer())
@@ -55,7 +55,7 @@ async def test_what_the_leader_said_itself_is_not_said_again() -> None:
     for _ in range(UNANSWERED):
         client.handle_timer(client.next_timer())
     others = leader, Address("nobody.invalid", 47010)
-    watching = asyncio.create_task(JoinWatch(others, Log(said.append)).run(client))
+    watching = asyncio.create_task(watch_join(client, others, Log(said.append)))
     await until(lambda: said)
     watching.cancel()
     (sentence,) = said

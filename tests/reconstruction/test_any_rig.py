@@ -1,4 +1,4 @@
-"""Depth of an object by small rigs of several kinds, rendered; `make bench-any-rig` has all of them."""
+"""Depth of an object by small rigs of several kinds, rendered; `make bench NAME=any-rig` has all of them."""
 
 import pytest
 

@@ -3,8 +3,14 @@
 import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.report.findings import motion_sentence, timing_sentences
-from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak, without_common_times
+from reconstruction.report.findings import motion_sentence, rig_judgement, timing_sentences
+from reconstruction.scores.timing import (
+    Timing,
+    judge_timing,
+    with_curve_peak,
+    with_planned_delay,
+    without_common_times,
+)
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3
@@ -29,6 +35,20 @@ def test_without_common_times_nothing_is_called_synchronized() -> None:
     assert not found.synchronized
     assert f"{NOT_SYNCHRONIZED}, and" in found.reason
     assert "do not show whether" in timing_sentences(found)
+
+
+def test_staggered_cameras_are_as_planned_and_never_of_one_instant() -> None:
+    found = with_planned_delay(judged(0.1, 0.3, apart_ms=25.0), 25.0)
+    assert found.offset
+    assert found.shift_ms is None
+    assert timing_sentences(found).startswith(
+        "R is staggered by +25.00 ms on purpose, and is 25.1 ± 0.6 ms late"
+    )
+    assert rig_judgement(found) == "staggered on purpose, by +25.00 ms"
+    small = with_planned_delay(judged(0.4, 0.3), 0.3)
+    assert not small.synchronized
+    assert "staggered by 0.30 ms on purpose" in timing_sentences(small)
+    assert with_planned_delay(judged(0.4, 0.3), 0.0).synchronized
 
 
 @pytest.mark.parametrize(

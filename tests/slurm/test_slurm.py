@@ -1,4 +1,4 @@
-"""`reconstruct batch --cluster slurm` on a real SLURM of one machine (make test-slurm)."""
+"""`reconstruct batch --cluster slurm` on a real SLURM of one machine (make test KIND=slurm)."""
 
 import json
 import signal

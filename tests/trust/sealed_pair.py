@@ -45,7 +45,7 @@ class SealedRig:
         client: Client[int] = Client(config, random.Random(number))
         sealed = SealedClient(Failover(client, (LEADER,)))
         principal = Principal(name, 100 + number, pin=f"pin of {name}")
-        sealed.keys.hold(LEADER, self.leader.keys.grant(principal))
+        sealed.leader_keys.hold(LEADER, self.leader.keys.grant(principal))
         return Node(name, (name, 2), client, sealed, principal)
 
     def run(self, ms: int) -> None:

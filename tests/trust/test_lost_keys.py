@@ -13,9 +13,9 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     node = rig.nodes["a"]
     rig.leader.keys.revoke_all_but([])
     rig.run(600)
-    assert node.sealed.keys.missing == {LEADER}
-    node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.principal))
-    assert not node.sealed.keys.missing
+    assert node.sealed.leader_keys.missing == {LEADER}
+    node.sealed.leader_keys.hold(LEADER, rig.leader.keys.grant(node.principal))
+    assert not node.sealed.leader_keys.missing
     rig.run(600)
     assert rig.joined == ["a"]
     assert node.client.is_member
@@ -24,7 +24,7 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
 def test_what_a_leader_could_not_open_is_sent_again_with_the_new_key() -> None:
     """A leader that is started again has no keys: nobody shall wait for his next turn to ask to join."""
     rig = running("a")
-    keys, leader_keys = rig.nodes["a"].sealed.keys, rig.leader.keys
+    keys, leader_keys = rig.nodes["a"].sealed.leader_keys, rig.leader.keys
     leader_keys.revoke_all_but([])
     data = keys.seal(b"hello", LEADER)
     assert data is not None
@@ -47,20 +47,20 @@ def test_the_keys_of_a_removed_machine_go_and_the_others_stay() -> None:
     keys.revoke_all_but({one.principal.pin})
     rig.run(3000)
     assert rig.joined == ["a"]
-    assert not one.sealed.keys.missing
-    assert other.sealed.keys.missing == {LEADER}
+    assert not one.sealed.leader_keys.missing
+    assert other.sealed.leader_keys.missing == {LEADER}
 
 
 def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key() -> None:
     rig = running("a")
     node = rig.nodes["a"]
-    data = node.sealed.keys.seal(b"", LEADER)
+    data = node.sealed.leader_keys.seal(b"", LEADER)
     assert data is not None
     far = data[:8] + (2**40).to_bytes(8, "big") + data[16:]
     rig.deliver(unknown_key(far), LEADER, node.address)
-    assert not node.sealed.keys.missing
+    assert not node.sealed.leader_keys.missing
     rig.deliver(unknown_key(data), LEADER, node.address)
-    assert node.sealed.keys.missing == {LEADER}
+    assert node.sealed.leader_keys.missing == {LEADER}
 
 
 def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:

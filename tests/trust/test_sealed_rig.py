@@ -9,7 +9,7 @@ from msgspec import structs
 
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import BurstAnswered, ForeignTrigger
+from capture_app.sync.rig.events import ForeignTrigger, TriggerAnswered
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.datagrams import (
     Goodbye,
@@ -133,7 +133,7 @@ def test_a_camera_with_a_key_speaks_for_no_other() -> None:
     rig = running("a", "b")
     hostile, before = rig.nodes["b"], state(rig)
     for message in every_message(*numbers(rig, "a")):
-        data = hostile.sealed.keys.seal(encode(message), LEADER)
+        data = hostile.sealed.leader_keys.seal(encode(message), LEADER)
         assert data is not None
         for sender in (hostile.address, rig.nodes["a"].address):
             rig.deliver(data, sender, LEADER)
@@ -145,7 +145,7 @@ def test_a_camera_with_a_key_cannot_use_it_against_another_node() -> None:
     rig = running("a", "b")
     hostile, before = rig.nodes["b"], state(rig)
     for message in every_message(*numbers(rig, "a")):
-        data = hostile.sealed.keys.seal(encode(message), LEADER)
+        data = hostile.sealed.leader_keys.seal(encode(message), LEADER)
         assert data is not None
         rig.deliver(data, LEADER, rig.nodes["a"].address)
         assert state(rig) == before, message
@@ -158,8 +158,8 @@ def test_another_machine_cannot_take_the_name_of_a_lost_camera() -> None:
     assert rig.joined == ["b"]
     thief = rig.nodes["b"]
     principal = Principal("a", 777, pin="pin of b")
-    thief.sealed.keys.hold(LEADER, rig.leader.keys.grant(principal))
-    data = thief.sealed.keys.seal(encode(Hello("a", 777, make_facts())), LEADER)
+    thief.sealed.leader_keys.hold(LEADER, rig.leader.keys.grant(principal))
+    data = thief.sealed.leader_keys.seal(encode(Hello("a", 777, make_facts())), LEADER)
     assert data is not None
     rig.deliver(data, thief.address, LEADER)
     rig.run(1)
@@ -279,7 +279,7 @@ def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None
     rig.engine.receive_datagram(encode(TriggerAck(number, 6, 1)), node.address, rig.now_ns, node.principal)
     assert rig.engine.next_event() is None
     rig.engine.receive_datagram(encode(TriggerAck(number, 5, 1)), node.address, rig.now_ns, node.principal)
-    assert rig.engine.next_event() == BurstAnswered("a", 1)
+    assert rig.engine.next_event() == TriggerAnswered("a", 1)
 
 
 def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:

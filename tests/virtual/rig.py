@@ -578,9 +578,9 @@ class VirtualRig:
             )
             return session
 
-        confirm = burst_upload.BurstUpload.confirm
+        confirm = burst_upload.Upload.confirm
 
-        def confirming(upload: burst_upload.BurstUpload, stored: Any) -> Any:
+        def confirming(upload: burst_upload.Upload, stored: Any) -> Any:
             here = {image.record.instant: image for image in upload.images}
             for instant, sha256 in stored.items():
                 if instant in here and here[instant].record.sha256 == sha256:
@@ -608,7 +608,7 @@ class VirtualRig:
         seldom = patch.object(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE))
         with (
             patch.object(ActiveBursts, "order", ordering),
-            patch.object(burst_upload.BurstUpload, "confirm", confirming),
+            patch.object(burst_upload.Upload, "confirm", confirming),
             patch.object(Channel, "send", sending),
             patch.object(joining, "power_saving_towards", lambda _: None),
             seldom,

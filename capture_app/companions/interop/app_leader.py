@@ -24,7 +24,7 @@ from capture_app.companions.interop.app_protocol import (
     encode_call,
     heartbeat_name,
 )
-from capture_app.protocol.log import FollowerEvent
+from capture_app.protocol.event_text import FollowerEvent
 from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 

@@ -8,7 +8,7 @@ import click
 from capture_app.console.terminal import talk
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.followers import RigFollower
+    from capture_app.node.followers import Follower
 
 
 def _warn(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
@@ -32,7 +32,7 @@ OPTIONS = (
 )
 
 
-def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[RigFollower]":
+def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[Follower]":
     """Make the follower of this option."""
     if not values["android_app"]:
         return ()

@@ -12,8 +12,9 @@ from capture_app.companions.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.followers import RigFollower, SharedGrid
-from capture_app.protocol.log import FollowerEvent, Log
+from capture_app.node.followers import Follower, SharedGrid
+from capture_app.protocol.event_text import FollowerEvent
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES
@@ -24,7 +25,7 @@ LEAD_NS = 500_000_000
 RECORD = "record, if they have RecSync"
 
 
-class AppPhones(RigFollower):
+class AppPhones(Follower):
     """Follower that leads phones running the app between `start` and `close`."""
 
     def __init__(self, host: str, *, aligns: bool) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from capture_app.common.address import own_hosts
 from capture_app.common.clock import NodeClock
 from capture_app.common.tasks import end
-from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.node.followers import Follower, SharedGrid
 from capture_app.protocol.log import Log
 from capture_app.sync.phase.frame_grid import FrameGrid
 
@@ -46,7 +46,7 @@ def sync_packet(
     return PACKET.pack(round(grid.period_ns / 1000), 0, frame_us, 0, ready_us)
 
 
-class RpicamSync(RigFollower):
+class RpicamSync(Follower):
     """Sender of the rig's grid in this machine's wall clock, twice a second between `start` and `close`."""
 
     def __init__(

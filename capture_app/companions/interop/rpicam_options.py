@@ -9,7 +9,7 @@ import click
 from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.followers import RigFollower
+    from capture_app.node.followers import Follower
 
 AT = ("leader", "relay")
 OPTIONS = (
@@ -31,7 +31,7 @@ OPTIONS = (
 )
 
 
-def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[RigFollower]":
+def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[Follower]":
     """Make the followers of these options. Raises BadInputError for a host without an IPv4 address."""
     hosts, shutter_us = values["rpicam_hosts"], values["rpicam_shutter_us"]
     if not hosts:

@@ -24,7 +24,7 @@ from capture_app.console.terminal import (
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.companions.panel.pair_errors import Held, PairTable, RigErrors
+    from capture_app.companions.panel.pair_errors import Held, PairTable, SessionErrors
     from capture_app.companions.panel.session_times import SessionTimes
 
 RESULT = "panel.json"
@@ -55,7 +55,7 @@ def read(session: Path, out: Path | None, as_json: bool) -> None:
     answer(as_json, found, _lines(found["words"]))
 
 
-def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
+def _as_json(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
     import msgspec
 
     return {
@@ -87,7 +87,7 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
     }
 
 
-def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
+def _words(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
     """Return the verdict, tables and notes of a panel reading, as the terminal and the screen show them."""
     panel = times.panel
     apart = f"{panel.name}: time differences (phase: by timestamps; clock: the rest)"
@@ -123,13 +123,13 @@ def _lines(words: Mapping[str, Any]) -> Iterator[str]:
     yield "\n" + "\n".join(words["remarks"])
 
 
-def _apart(errors: "RigErrors") -> "list[tuple[str, ...]]":
+def _apart(errors: "SessionErrors") -> "list[tuple[str, ...]]":
     tables = [(" - ".join(pair.cameras), pair) for pair in errors.pairs]
     every = [("all pairs", errors.all)] if len(errors.pairs) > 1 and errors.all is not None else []
     return [row for name, pairs in tables + every for row in _rows(name, pairs)]
 
 
-def _verdict(errors: "RigErrors") -> str:
+def _verdict(errors: "SessionErrors") -> str:
     """Return the time differences in a sentence."""
     every, held = errors.all, errors.within_uncertainty
     if every is None:
@@ -174,7 +174,7 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
     ]
 
 
-def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
+def _judgement(times: "SessionTimes", errors: "SessionErrors") -> Iterator[str]:
     if errors.all is None:
         return
     tick_ns = times.panel.tick_ns

@@ -62,7 +62,7 @@ class Held(Struct, frozen=True, kw_only=True):
     count: int
 
 
-class RigErrors(Struct, frozen=True, kw_only=True):
+class SessionErrors(Struct, frozen=True, kw_only=True):
     """Synchronization errors of a session, as its panel shows them."""
 
     all: PairTable | None
@@ -81,7 +81,7 @@ class RigErrors(Struct, frozen=True, kw_only=True):
     rate_uncertainty_ppm: float | None
 
 
-def rig_errors(times: SessionTimes) -> RigErrors:
+def rig_errors(times: SessionTimes) -> SessionErrors:
     """Return the errors that a session's panel images show, per pair and for all pairs."""
     errors = [_pair_error(one, other, times.panel.cycle_ns) for one, other in pairs(times)]
     by_pair = {
@@ -94,7 +94,7 @@ def rig_errors(times: SessionTimes) -> RigErrors:
         if e.true_total_ns is not None
     ]
     rate = _rate(times)
-    return RigErrors(
+    return SessionErrors(
         all=_table(times.cameras, errors) if errors else None,
         pairs=tuple(_table(cameras, some) for cameras, some in by_pair.items() if some),
         errors=tuple(errors),

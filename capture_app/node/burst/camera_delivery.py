@@ -15,7 +15,7 @@ from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import MissingImage
+from capture_app.session.format.manifest import MAX_WIDENED, MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
 
@@ -103,13 +103,16 @@ class CameraDelivery:
         """Store the camera's report as its plan, and wait for its images.
 
         The camera's facts and clock stay as first reported: its images were timed by these, and a node that
-        was started again has others. Only a first report counts as progress: it could be repeated forever.
+        was started again has others. Times that were found to be wrong since are added. Only a first report
+        counts as progress: it could be repeated forever.
         """
         self.note_heard(now_ns)
         if self.plan.reported:
+            known = self.plan.camera
+            widened = tuple(dict.fromkeys((*known.widened, *plan.camera.widened)))
             plan = replace(
                 plan,
-                camera=self.plan.camera,
+                camera=replace(known, widened=widened[:MAX_WIDENED]),
                 calibration=self.plan.calibration,
                 true_clock=self.plan.true_clock,
             )

@@ -33,7 +33,14 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.journal import lines_of_file
-from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
+from capture_app.session.format.manifest import (
+    JOURNAL,
+    MAX_WIDENED,
+    ImageRecord,
+    MissingImage,
+    WidenedTimes,
+    image_path,
+)
 from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, SelectedFrame
 
 REPORT = "report.json"
@@ -42,7 +49,7 @@ UNKNOWN_ROOM = 1 << 30
 TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
 
 
-class SpooledBurst:
+class SpoolFolder:
     """One burst's folder, written by this object alone. Methods block on the disk.
 
     Threads may share it. Writes after `remove` are discarded.
@@ -123,7 +130,7 @@ class Spool:
         self.folder = root / camera
         self._lock = -1
 
-    def open(self) -> list[SpooledBurst]:
+    def open(self) -> list[SpoolFolder]:
         """Lock the spool and return the bursts in it, oldest first.
 
         Raises SimulshotError where it cannot be written, TryAgainError where another node uses it.
@@ -140,14 +147,14 @@ class Spool:
             raise BadInputError(
                 f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
             ) from error
-        return [SpooledBurst(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
+        return [SpoolFolder(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
 
-    def create_burst(self, report: CameraReport) -> SpooledBurst:
-        """Create a burst's folder with its report; `SpooledBurst.sync` secures both against a power cut.
+    def create_burst(self, report: CameraReport) -> SpoolFolder:
+        """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.
 
         Raises DiskFullError, SimulshotError.
         """
-        burst = SpooledBurst(self.folder / f"{report.leader:08x}-{report.burst:06d}")
+        burst = SpoolFolder(self.folder / f"{report.leader:08x}-{report.burst:06d}")
         try:
             burst.folder.mkdir(exist_ok=True)
             write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)
@@ -222,7 +229,7 @@ def encode_frame(
 
 
 @dataclass(slots=True)
-class BurstUpload:
+class Upload:
     """A burst's frames on their way to the leader: selected, then encoded, then confirmed."""
 
     report: CameraReport
@@ -238,7 +245,7 @@ class BurstUpload:
     """Instants that the leader has."""
     disputed: list[ImageUpload] = field(default_factory=list)
     """Images in whose place the leader has others: they are neither sent nor deleted."""
-    spooled: SpooledBurst | None = None
+    spooled: SpoolFolder | None = None
     spooling: bool = True
     """Whether to use the spool; False once that has failed."""
     is_committed: bool = False
@@ -271,7 +278,7 @@ class BurstUpload:
     """Whether the spool has the final report of a streamed burst."""
 
     @classmethod
-    def of_spool(cls, spooled: SpooledBurst) -> Self:
+    def of_spool(cls, spooled: SpoolFolder) -> Self:
         """Return a burst that an earlier run of the node left in the spool. Raises SimulshotError."""
         report, images = spooled.read_report(), deque(spooled.read_images())
         here, plan = {image.record.instant for image in images}, report.plan
@@ -357,6 +364,20 @@ class BurstUpload:
         if picked.ended and not self.ended:
             self.ended = True
             self.report = replace(self.report)
+
+    def widen_times(self, times: WidenedTimes) -> None:
+        """Report that a clock was wrong in an interval; beyond MAX_WIDENED the last interval grows."""
+        camera = self.report.plan.camera
+        known = camera.widened
+        if len(known) == MAX_WIDENED:
+            known, last = known[:-1], known[-1]
+            times = replace(
+                times,
+                from_local_ns=min(last.from_local_ns, times.from_local_ns),
+                uncertainty_ns=max(last.uncertainty_ns, times.uncertainty_ns),
+                hard_bound_ns=max(last.hard_bound_ns, times.hard_bound_ns),
+            )
+        self.report = self.report.with_plan(camera=replace(camera, widened=(*known, times)))
 
     def commit(self, requested: Collection[int] | None) -> list[Path]:
         """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""

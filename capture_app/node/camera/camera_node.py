@@ -11,26 +11,28 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address, resolve
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control
-from capture_app.common.clock import HostRate, SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
-from capture_app.net.udp import Pump, client_socket
-from capture_app.node.camera.burst_upload import BurstUpload, Spool
+from capture_app.net.udp import client_socket
+from capture_app.node.camera.burst_upload import Spool, Upload
 from capture_app.node.camera.device_profiles import link_key, mode_key
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
-from capture_app.node.joining import JoinWatch, KeyRequester
-from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
+from capture_app.node.endpoint import Endpoint
+from capture_app.protocol.event_text import client_line, client_record, why_doubted
+from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord, WidenedTimes
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig import events, status_text
+from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
@@ -38,16 +40,6 @@ from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES = 300
-_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
-_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
-    events.Joined: ("joined", ("leader",)),
-    events.ForeignTrigger: ("foreign-trigger", ("leader", "burst")),
-    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
-    events.AlignmentFailed: ("alignment-failed", ("reason",)),
-    clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
-}
-"""Each event's name in the log, and the fields that are copied from it."""
 
 
 class CameraNode:
@@ -64,7 +56,7 @@ class CameraNode:
         opened at the start, BadInputError for an unusable spool or machine key. Later failures are retried.
         """
         options = self.options
-        self._last_state, self._is_leaving = None, False
+        self._last_state = None
         # Anyone who knows the number can speak for this camera, so it has too many bits to be guessed.
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
@@ -93,6 +85,8 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
+        self._stepped: clock_events.TimesDoubted | None = None
+        """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         self._engine: Client[CapturedFrame] = Client(
@@ -111,43 +105,33 @@ class CameraNode:
             samples=self._samples,
         )
         self._failover = Failover(self._engine, peers)
-        self._sealed = None if options.trust.is_open else SealedClient(self._failover)
-        self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
-        self._keys = KeyRequester(
-            None if self._sealed is None else self._sealed.keys,
-            KeyRequest(name=options.name, instance=instance),
-            self._engine,
-            options.trust,
-            self._pump,
-        )
-        self._camera.connect(self._engine, self._pump)
+        sealed = SealedClient(self._failover)
+        self._refusals = sealed.refusals
+        self._endpoint = Endpoint(options, self._failover, sealed, self._drain)
+        self._joining = self._endpoint.join(self._engine, sealed.leader_keys, options.leaders)
+        self._camera.connect(self._engine, self._endpoint.pump)
         self._viewfinder = Viewfinder(
             options, instance, self._camera, self._engine, self._uploader, self._samples
         )
         self._camera.receivers.append(self._viewfinder.add_frame)
-        self._host_rate = HostRate()
 
     async def _take_part(self, sock: socket.socket) -> None:
         """Take part over a UDP socket until cancelled."""
-        self._pump.start(sock)
+        self._endpoint.pump.start(sock)
         try:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
                     for work in (
-                        self._keys.run(),
+                        self._joining.run(),
                         self._camera.keep_open(),
                         self._camera.carry_out_commands(),
                         self._camera.controls.run(),
                         self._uploader.run(),
                         self._viewfinder.run(),
-                        JoinWatch(self.options.leaders, self.options.log).run(self._engine),
                     ):
                         tasks.create_task(work)
         finally:
-            self._is_leaving = True
-            self._engine.leave()
-            self._pump.turn()
-            self._pump.close()
+            await self._endpoint.stop()
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
@@ -157,21 +141,16 @@ class CameraNode:
 
     # Events of the engine
 
-    def _drain(self) -> None:
-        if self._is_leaving:
-            return
+    def _drain(self, now_ns: int) -> None:
         self._camera.collect_commands()
-        self._engine.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
-        self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        if self._sealed is not None:
-            for refused in self._sealed.refusals.take_events(self._clock.now_ns()):
-                self._log.say(str(refused))
+        for refused in self._refusals.take_events(now_ns):
+            self._log.say(str(refused))
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
-            report = self._engine.report(self._clock.now_ns())
+            report = self._engine.report(now_ns)
             words = state.with_error(report.uncertainty_ns)
             self._log.say(f"{words}: {report.message}" if report.message else words)
             if state is NodeState.READY:
@@ -199,11 +178,14 @@ class CameraNode:
             self._viewfinder.set_leader(leader)
             self._samples.clear()
             link = self.options.profiles.read(link_key(self.options.name, leader.host))
-            self._engine.timekeeper.clock.asymmetry = link.asymmetry
+            self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})
-        if words := event_words(event):
+        if isinstance(event, clock_events.TimesDoubted):
+            self._uploader.widen_times(widened_times(event))
+            self._stepped = event if event.jumped else self._stepped
+        self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
+        if words := client_line(event):
             self._log.say(words)
 
     def _upload(self, picked: FramesSelected[CapturedFrame]) -> None:
@@ -228,6 +210,7 @@ class CameraNode:
                     tolerance_ns,
                     camera.device_clock,
                     self._camera.controls.held,
+                    self._engine.delay_ns,
                 ),
                 reported=True,
                 picking=streamed,
@@ -237,7 +220,7 @@ class CameraNode:
             events=tuple(self._happened),
         )
         self._happened.clear()
-        upload = BurstUpload(
+        upload = Upload(
             report,
             streamed=streamed,
             video=picked.trigger.video,
@@ -245,6 +228,10 @@ class CameraNode:
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )
         upload.extend(picked)
+        stepped = self._stepped
+        if stepped is not None and any(frame.local_ns <= stepped.until_local_ns for frame in picked.frames):
+            first_ns = min(frame.local_ns for frame in picked.frames)
+            upload.widen_times(replace(widened_times(stepped), from_local_ns=first_ns))
         self._uploader.add_burst(upload)
 
 
@@ -256,17 +243,19 @@ def camera_record(
     tolerance_ns: int,
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
+    delay_ns: int = 0,
 ) -> CameraRecord:
     """Return a camera's manifest record for a burst; `corrections` counts the phase corrections before it.
 
     `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
-    timestamps by one; `held` are the controls that a user set.
+    timestamps by one; `held` are the controls that a user set, `delay_ns` is its planned delay.
     """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
         name=name,
         facts=facts,
         held=dict(held) if held else msgspec.UNSET,
+        delay_ns=delay_ns,
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,
@@ -291,41 +280,12 @@ def camera_record(
     )
 
 
-def event_line(event: events.ClientEvent[Any]) -> dict[str, EventValue]:
-    """Return an event as a flat JSON object."""
-    match event:
-        case events.LeaderNotice(what, text):
-            return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
-        case clock_events.ClockSynced(time_map):
-            return {
-                "event": "clock-synced",
-                "offset_ns": time_map.offset_ns,
-                "hard_bound_ns": round(time_map.hard_bound_ns),
-            }
-        case clock_events.ClockChanged(jumped):
-            return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
-        case clock_events.ClockRateUnusual(None):
-            return {"event": "clock-rate-usual"}
-        case events.PhaseCorrected(command, before):
-            return {
-                "event": "phase-corrected",
-                "command": type(command).__name__,
-                **msgspec.to_builtins(command),
-                "phase_error_ns": None if before is None else before.error_ns,
-            }
-    name, taken = _EVENT_FIELDS.get(type(event), (type(event).__name__, ()))
-    return {"event": name} | {field: getattr(event, field) for field in taken}
-
-
-def event_words(event: events.ClientEvent[Any]) -> str:
-    """Return the log line of an event; empty for none."""
-    match event:
-        case events.LeaderNotice("said"):
-            return f"the leader says: {event.text}"
-        case events.LeaderNotice():
-            return f"{_LEADER_LINES[event.what]}: {event.text}"
-        case events.AlignmentFailed():
-            return f"alignment-failed: {event.reason}"
-        case events.ForeignTrigger():
-            return f"refused a trigger for burst {event.burst}: it is from a leader that is not followed"
-    return status_text.of_event(event)
+def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
+    """Return the record of times that were found to be wrong, for a burst's manifest."""
+    return WidenedTimes(
+        from_local_ns=event.from_local_ns,
+        until_local_ns=event.until_local_ns,
+        uncertainty_ns=event.error_ns,
+        hard_bound_ns=event.hard_bound_ns,
+        reason=why_doubted(event),
+    )

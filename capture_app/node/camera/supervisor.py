@@ -8,7 +8,7 @@ nothing, and locking it would change the image.
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -23,17 +23,15 @@ from capture_app.common.camera_facts import (
     ControlValue,
     StampAccuracy,
 )
-from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import has_come
 from capture_app.net.udp import Pump
 from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles, camera_key
-from capture_app.protocol.log import Log
+from capture_app.node.endpoint import EndpointOptions
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from capture_app.trust.trust import Trust
 
 REFUSALS = (SimulshotError, OSError)
 """Errors that a camera may raise when its controls are read or set."""
@@ -167,7 +165,7 @@ class ControlKeeper:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NodeOptions:
+class NodeOptions(EndpointOptions):
     """Options that a node is started with."""
 
     name: str
@@ -175,7 +173,6 @@ class NodeOptions:
     """Called at the start, and again after each failure of the device."""
     leaders: tuple[Address, ...]
     """Leaders or relays of one rig, tried in turn."""
-    clock: NodeClock = field(default_factory=HostClock)
     tolerance_ns: int | None = None
     """Phase errors up to this are left alone; None for the default of the camera's kind."""
     clock_tolerance_ns: int | None = None
@@ -188,10 +185,6 @@ class NodeOptions:
     """Folder for the images that the leader does not have yet; without one they stay in memory."""
     profiles: DeviceProfiles = NO_PROFILES
     """Stored device profiles; updated with new measurements."""
-    trust: Trust = field(default_factory=Trust.of_user)
-    """This node's identity and the leaders that it accepts."""
-    log: Log = field(default_factory=Log)
-    """Receives the lines that a user may see."""
     put_off: Callable[[], None] = lambda: None
     """Called when an operator removes the camera from the rig."""
 

@@ -24,7 +24,7 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
+from capture_app.node.camera.burst_upload import Spool, Upload, encode_frame
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
@@ -37,6 +37,7 @@ from capture_app.protocol.messages import (
     ReportAck,
     SpoolSpace,
 )
+from capture_app.session.format.manifest import WidenedTimes
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
@@ -53,7 +54,7 @@ doubles each time, to 0.8 s."""
 A = TypeVar("A", ImageAck, ReportAck)
 
 
-class BurstSender:
+class Sender:
     """Sender of bursts over one open stream to the leader; `changed` is set whenever there is more to send.
 
     It reports every burst before it sends further images, so that the leader knows what this node holds.
@@ -64,7 +65,7 @@ class BurstSender:
         channel: Channel[Any],
         changed: asyncio.Event,
         log: Log,
-        waiting: Collection[BurstUpload],
+        waiting: Collection[Upload],
         roots: Collection[str],
         retry_s: Sequence[float] = RETRY_S,
     ) -> None:
@@ -75,7 +76,7 @@ class BurstSender:
         """
         self._channel, self._changed, self._log = channel, changed, log
         self._waiting, self.roots, self._retry_s = waiting, roots, retry_s
-        self._in_flight: deque[tuple[BurstUpload, ImageUpload]] = deque()
+        self._in_flight: deque[tuple[Upload, ImageUpload]] = deque()
         self._answer: asyncio.Task[FromLeader] | None = None
         self._receipts: dict[str, ImageReceipt] = {}
         """The leader's receipts for partial images, by checksum."""
@@ -99,7 +100,7 @@ class BurstSender:
         await self._channel.send(message, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
         return await self._next_answer(ReportAck)
 
-    async def next_ended(self) -> tuple[BurstUpload, Refusal | None]:
+    async def next_ended(self) -> tuple[Upload, Refusal | None]:
         """Send all bursts while they are encoded, until one is over; return it, and any final refusal.
 
         A burst is over when the leader has all it requests. One that the leader cannot take yet is offered
@@ -108,7 +109,7 @@ class BurstSender:
         now = asyncio.get_running_loop().time
         while True:
             self._changed.clear()
-            refused: tuple[BurstUpload, Refusal] | None = None
+            refused: tuple[Upload, Refusal] | None = None
             if (ended := next((burst for burst in self._waiting if burst.has_ended), None)) is not None:
                 await self._take_all_answers()
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
@@ -141,7 +142,7 @@ class BurstSender:
         else:
             await has_come(self._changed, max(0.0, due_s - now_s))
 
-    def _next_unsent(self) -> tuple[BurstUpload, ImageUpload] | None:
+    def _next_unsent(self) -> tuple[Upload, ImageUpload] | None:
         """Return the next image to send now; a burst that is being captured waits for those that are over."""
         if len(self._in_flight) < MAX_IN_FLIGHT:
             for burst in sorted(self._waiting, key=lambda burst: burst.is_picking):
@@ -150,7 +151,7 @@ class BurstSender:
                     return burst, burst.images[sent]
         return None
 
-    async def _report_burst(self, burst: BurstUpload) -> tuple[BurstUpload, Refusal] | None:
+    async def _report_burst(self, burst: Upload) -> tuple[Upload, Refusal] | None:
         """Report the burst to the leader, with its events the first time only; return any refusal.
 
         Drop images that the leader does not need or has already, and store its receipts for partial ones.
@@ -173,7 +174,7 @@ class BurstSender:
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
 
-    async def _send_image(self, burst: BurstUpload, image: ImageUpload) -> tuple[BurstUpload, Refusal] | None:
+    async def _send_image(self, burst: Upload, image: ImageUpload) -> tuple[Upload, Refusal] | None:
         record = image.record
         try:
             data = await asyncio.to_thread(burst.load, image)
@@ -190,7 +191,7 @@ class BurstSender:
         )
         return None
 
-    async def _take_answer(self) -> tuple[BurstUpload, Refusal] | None:
+    async def _take_answer(self) -> tuple[Upload, Refusal] | None:
         """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
@@ -201,12 +202,12 @@ class BurstSender:
             changed.cancel()
         return await self._take_next() if self._answer.done() else None
 
-    async def _take_all_answers(self) -> tuple[BurstUpload, Refusal] | None:
+    async def _take_all_answers(self) -> tuple[Upload, Refusal] | None:
         """Wait for the answers to all sent images; return the first refusal."""
         answers = [await self._take_next() for _ in tuple(self._in_flight)]
         return next(filter(None, answers), None)
 
-    async def _take_next(self) -> tuple[BurstUpload, Refusal] | None:
+    async def _take_next(self) -> tuple[Upload, Refusal] | None:
         answer, (burst, image) = await self._next_answer(ImageAck), self._in_flight.popleft()
         answer = self._proven(answer, burst)
         if isinstance(answer, Refusal):
@@ -219,7 +220,7 @@ class BurstSender:
         await _delete(burst.confirm({image.record.instant: answer.sha256}))
         return None
 
-    def _proven(self, answer: A | Refusal, burst: BurstUpload) -> A | Refusal:
+    def _proven(self, answer: A | Refusal, burst: Upload) -> A | Refusal:
         """Return an answer, or a refusal for now where the leader above the relay has not signed it."""
         report, unsigned = burst.report, replace(answer, proof=None)
         about = report.camera, report.leader, report.burst
@@ -245,7 +246,7 @@ class BurstSender:
             if not isinstance(answer, ImageAck) or answer.sha256 is not None:
                 return answer
 
-    async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
+    async def _report_lost(self, burst: Upload, instants: Collection[int], reason: str) -> None:
         files = burst.report_lost(instants, reason)
         self._log.say(
             f"burst {burst.report.burst}: instants {', '.join(map(str, instants))} are lost: {reason}"
@@ -254,7 +255,7 @@ class BurstSender:
         await _delete(files)
 
 
-async def _write_report(burst: BurstUpload, report: CameraReport) -> None:
+async def _write_report(burst: Upload, report: CameraReport) -> None:
     """Store a burst's report where the spool has the burst, unless its disk fails."""
     if burst.spooled is not None:
         with contextlib.suppress(SimulshotError):
@@ -294,8 +295,8 @@ class Uploader:
         self.spool, self._retry_s = spool, retry_s
         self.leader: Address | None = None
         self._run: int | None = None
-        self._waiting: deque[BurstUpload] = deque()
-        self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
+        self._waiting: deque[Upload] = deque()
+        self._refused: deque[Upload] = deque(maxlen=MAX_WAITING_BURSTS)
         self._changed = asyncio.Event()
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
@@ -310,7 +311,7 @@ class Uploader:
         return self._stream is not None or any(burst.frames for burst in self._bursts)
 
     @property
-    def _bursts(self) -> tuple[BurstUpload, ...]:
+    def _bursts(self) -> tuple[Upload, ...]:
         """All bursts that this node keeps, those that a leader refused among them."""
         return *self._waiting, *self._refused
 
@@ -318,7 +319,7 @@ class Uploader:
         """Add the bursts that an earlier run of this node left in the spool. Raises SimulshotError."""
         for spooled in self.spool.open() if self.spool is not None else ():
             try:
-                burst = BurstUpload.of_spool(spooled)
+                burst = Upload.of_spool(spooled)
             except SimulshotError as error:
                 self._log.say(f"left in the spool: {error}")
             else:
@@ -331,7 +332,7 @@ class Uploader:
                 else:
                     spooled.remove()
 
-    def add_burst(self, burst: BurstUpload) -> None:
+    def add_burst(self, burst: Upload) -> None:
         """Add a burst; the oldest one is given up when too many wait for a lost leader."""
         self._waiting.append(burst)
         if len(self._waiting) > MAX_WAITING_BURSTS:
@@ -347,6 +348,12 @@ class Uploader:
             upload.extend(picked)
         self._changed.set()
         self._to_encode.set()
+
+    def widen_times(self, times: WidenedTimes) -> None:
+        """Report to the leader that a clock was wrong, for every burst that is not finished."""
+        for upload in self._bursts:
+            upload.widen_times(times)
+        self._changed.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
         """Drop a burst that its leader has cancelled; below a relay, once that leader has signed it."""
@@ -408,7 +415,7 @@ class Uploader:
             self._changed.set()
             self._to_sync.set()
 
-    def _encode(self, burst: BurstUpload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
+    def _encode(self, burst: Upload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
         """Encode a frame into the spool if there is room, else into memory; runs in a thread of its own."""
         image, data = encode_frame(burst.report, picked, with_truth=not burst.video)
         # The image can be sent from memory at once, while the spool's disk is slower.
@@ -425,7 +432,7 @@ class Uploader:
             burst.unsynced[picked.instant] = image
         return image
 
-    def _note_useless_spool(self, burst: BurstUpload, error: SimulshotError) -> None:
+    def _note_useless_spool(self, burst: Upload, error: SimulshotError) -> None:
         """Keep a burst in memory from now on, as the spool failed; the next burst tries the spool again."""
         burst.spooling, self._space_is_due = False, True
         self._log.say(f"burst {burst.report.burst} stays in memory until the leader has it: {error}")
@@ -470,7 +477,7 @@ class Uploader:
                 async with (
                     await connect(self.leader, FromLeader, trust=self._trust) as channel,
                     contextlib.aclosing(
-                        BurstSender(
+                        Sender(
                             channel,
                             self._changed,
                             self._log,
@@ -499,7 +506,7 @@ class Uploader:
             finally:
                 self._stream = None
 
-    async def _conclude(self, burst: BurstUpload, refusal: Refusal | None) -> None:
+    async def _conclude(self, burst: Upload, refusal: Refusal | None) -> None:
         """Delete a burst that is over, or keep what its leader's `refusal` does not let this node delete."""
         where = ""
         if refusal is None or (refusal.forget and burst.report.leader == self._run):
@@ -522,5 +529,5 @@ class Uploader:
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
 
-    def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
+    def _uploads_of(self, leader: int, burst: int) -> list[Upload]:
         return [one for one in self._bursts if one.report.leader == leader and one.report.burst == burst]

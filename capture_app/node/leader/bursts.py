@@ -33,10 +33,10 @@ from capture_app.node.leader.readiness import (
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
-from capture_app.protocol.status import BurstAhead, BurstStatus
+from capture_app.protocol.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import LEFT
@@ -278,15 +278,18 @@ class ActiveBursts:
         }
 
     @property
-    def ahead(self) -> tuple[BurstAhead, ...]:
+    def ahead(self) -> tuple[BurstStatus, ...]:
         """Ordered bursts that begin later than `SOON_NS` from now."""
         soon_ns = self.now_ns() + SOON_NS
         return tuple(
-            BurstAhead(
+            BurstStatus(
                 burst=of.burst.number,
                 name=of.status.name,
-                first_leader_ns=of.burst.instants_ns[0],
+                cameras=len(of.burst.clients),
                 instants=of.burst.frames,
+                received=0,
+                expected=of.burst.frames * len(of.burst.clients),
+                first_leader_ns=of.burst.instants_ns[0],
             )
             for of in self._bursts.values()
             if not of.finished.is_set() and of.burst.instants_ns[0] > soon_ns
@@ -394,7 +397,7 @@ class ActiveBursts:
         for session in (*self._bursts.values(), *self.resumed.sessions()):
             await session.give_up_camera(camera, reason)
 
-    def note_answer(self, answer: BurstAnswered) -> None:
+    def note_answer(self, answer: TriggerAnswered) -> None:
         """Note whether a node takes part in a burst."""
         if answer.refusal and (session := self._bursts.get(answer.burst)):
             self._background.start(

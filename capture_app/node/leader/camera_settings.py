@@ -28,7 +28,7 @@ class Setting(Struct, frozen=True):
     unit: str
 
 
-class RigSettings:
+class CameraSettings:
     """Settings of one rig, in a file beside its sessions."""
 
     def __init__(self, sessions: Path, viewfinders: Viewfinders, log: Log) -> None:

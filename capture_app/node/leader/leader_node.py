@@ -3,65 +3,49 @@
 import asyncio
 import random
 import secrets
-from collections.abc import Sequence
-from contextlib import AbstractAsyncContextManager
 from socket import socket
 from typing import Self
 
-from capture_app.common.address import Address, own_machine_address, reachable_host
 from capture_app.common.errors import SimulshotError
-from capture_app.net.discovery import announced
-from capture_app.net.server import TransferServer, bind_port
-from capture_app.net.udp import Pump
-from capture_app.node.enrolment import Enrolment
+from capture_app.net.server import bind_port
+from capture_app.node.endpoint import PortEndpoint
+from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState
-from capture_app.protocol.messages import ToLeader
+from capture_app.node.leader.watchers import LeaderState
 from capture_app.protocol.status import RigStatus
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
 
-class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
+class LeaderNode(PortEndpoint):
     """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
 
     def __init__(
-        self, options: LeaderOptions, engine: Leader, bound: socket, names: CameraNames | None
+        self, options: LeaderOptions, engine: Leader, bound: tuple[socket, socket], names: CameraNames | None
     ) -> None:
         """Assemble the parts for a bound port; call `start` instead."""
-        self.options = options
-        port = engine.config.transfer_port
-        self.own_address = own_machine_address(options.host, bound.family, port)
-        """Address for processes of this machine."""
-        self.address = Address(reachable_host(options.host, bound.family), port)
-        """Address for other machines."""
-        self.log = options.log
-        self.engine, self._clock, self._names = engine, options.clock, names
+        super().__init__(options, engine, SealedLeader(engine), bound, self._drain)
+        self.options, self.engine, self._names = options, engine, names
         self._storing: asyncio.Task[None] | None = None
         """Task that stores the names."""
-        sealed = None if options.trust.is_open else SealedLeader(engine)
-        self.enrolment = Enrolment(options.trust, self.log, sealed)
-        self._pump = Pump(sealed or engine, options.clock, self._drain)
-        self.bursts = ActiveBursts(options, engine, self._pump)
+        self.bursts = ActiveBursts(options, engine, self.pump)
         self._local = (
             None
             if options.spool is None
             else LocalNodes(self.own_address, options.spool, self.log, self.address.host, options.trust)
         )
         viewfinders = Viewfinders()
-        self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
+        self._rig = LeaderState(self.address, options, engine, self.bursts, viewfinders, self._local)
         self.service = LeaderService(
-            options, engine, self._pump, self._rig, self.bursts, self._local, viewfinders, self.enrolment
+            options, engine, self.pump, self._rig, self.bursts, self._local, viewfinders, self.enrolment
         )
-        self._server = TransferServer(ToLeader, self.service.serve, trust=options.trust)
 
     @classmethod
     async def start(cls, options: LeaderOptions) -> Self:
@@ -72,17 +56,18 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """
         options.trust.server_context()
         names = None if options.trust.folder is None else CameraNames(options.trust.folder)
-        datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
+        bound = bind_port(options.host, options.port, or_free=options.or_free_port)
         continued = options.continued
         engine = Leader(
             LeaderConfig(
                 instance=secrets.randbits(32),
-                transfer_port=listening.getsockname()[1],
+                transfer_port=bound[1].getsockname()[1],
                 rig=RigConfig(
                     period_ns=options.period_ns,
                     align_row=options.align_row,
                     max_delay_ns=options.max_delay_ns,
                     grid_phase_ns=options.grid_phase_ns,
+                    stagger=options.stagger,
                 ),
                 continues=None if continued is None else continued.upstream_map,
                 grid=None if continued is None else continued.grid,
@@ -90,21 +75,9 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
             random.Random(secrets.randbits(64)),
             owners=None if names is None else names.owners,
         )
-        leader = cls(options, engine, listening, names)
-        try:
-            for follower in options.followers:
-                follower.start(options.clock, options.log, leader.shared_grid)
-            await leader._server.start(listening)
-        except BaseException:
-            await leader.stop()
-            datagrams.close()
-            listening.close()
-            raise
-        leader._pump.start(datagrams)
+        leader = cls(options, engine, bound, names)
+        await leader.start_serving(leader.service.serve, leader.shared_grid)
         return leader
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.stop()
 
     async def stop(self) -> None:
         """Sign off from all nodes, end this machine's nodes and close the port.
@@ -113,12 +86,7 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """
         if self._local is not None:
             await self._local.aclose()
-        for follower in self.options.followers:
-            await follower.close()
-        self.engine.leave()
-        self._pump.turn()
-        self._pump.close()
-        await self._server.stop()
+        await super().stop()
         await self.bursts.close()
         if self._storing is not None:
             await self._storing
@@ -129,12 +97,6 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """Id of this run of the leader, which distinguishes it from the next one."""
         return self.engine.config.instance
 
-    def announced(self, among: Sequence[Address] = ()) -> AbstractAsyncContextManager[None]:
-        """Announce this leader on the network while the block runs; `among` are all leaders of its rig."""
-        return announced(
-            self.options.host, self.address.port, "leader", trust=self.options.trust, among=among
-        )
-
     def status(self) -> RigStatus:
         """Return the current status of the whole rig."""
         return self._rig.status()
@@ -143,11 +105,9 @@ class LeaderNode(AbstractAsyncContextManager["LeaderNode"]):
         """Return the grid of instants, None before the first camera."""
         return None if self.engine.grid is None else (self.engine.grid, None)
 
-    def _drain(self) -> None:
-        now_ns = self._clock.now_ns()
-        self.enrolment.look(now_ns)
+    def _drain(self, now_ns: int) -> None:
         while (event := self.engine.next_event()) is not None:
-            if isinstance(event, BurstAnswered):
+            if isinstance(event, TriggerAnswered):
                 self.bursts.note_answer(event)
             else:
                 self.service.roster_changed.set()

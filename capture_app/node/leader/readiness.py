@@ -14,7 +14,7 @@ from capture_app.common.text import count, duration, megabytes
 from capture_app.common.timeouts import DEGRADED_WAIT_S
 from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.node.leader.snapshots import present_cameras
-from capture_app.protocol.log import off_rate_line
+from capture_app.protocol.event_text import off_rate_line
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes

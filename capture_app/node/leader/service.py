@@ -11,14 +11,16 @@ from capture_app.common.camera_facts import PHONE
 from capture_app.common.errors import (
     BadInputError,
     DiskError,
+    IncompleteError,
     NetworkError,
     NotAvailableError,
     SimulshotError,
     TryAgainError,
     UnknownMachineError,
 )
+from capture_app.common.stagger import Stagger
 from capture_app.common.tasks import end
-from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
+from capture_app.common.timeouts import BUSY_TIMEOUT_S, DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import (
     MAX_PAYLOAD_BYTES,
     Channel,
@@ -29,13 +31,13 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.enrolment import Asked, Enrolment, is_node
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.node.leader.camera_settings import RigSettings
+from capture_app.node.leader.camera_settings import CameraSettings
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.memory_shares import MemoryShares
 from capture_app.node.leader.snapshots import fitted_burst
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.leader.watchers import RigState, Watcher
+from capture_app.node.leader.watchers import LeaderState, Watcher
 from capture_app.protocol import messages, orders
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
@@ -48,6 +50,8 @@ WorkingOn = dict[tuple[int, int, str], BurstSession]
 
 
 STILL_SAVING_EVERY_S = 5.0
+LOOKS = 50
+"""Number of looks at a burst under way within BUSY_TIMEOUT_S."""
 
 
 class ImageAnswers(asyncio.Queue[tuple[messages.ImageUpload, "asyncio.Future[str]"]]):
@@ -100,7 +104,7 @@ class LeaderService:
         options: LeaderOptions,
         engine: Leader,
         pump: Pump,
-        rig: RigState,
+        rig: LeaderState,
         bursts: ActiveBursts,
         local: LocalNodes | None,
         viewfinders: Viewfinders,
@@ -112,7 +116,7 @@ class LeaderService:
         self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
-        self._settings = RigSettings(options.sessions, viewfinders, options.log)
+        self._settings = CameraSettings(options.sessions, viewfinders, options.log)
         self.roster_changed = asyncio.Event()
         """Set whenever a node has joined, was lost, or was removed."""
         self._memory = MemoryShares(2 * MAX_PAYLOAD_BYTES)
@@ -284,19 +288,35 @@ class LeaderService:
                 names = await self._nodes().add_simulated(order, taken=self._taken())
             case orders.RemoveCamera(name=name):
                 await self._remove(name)
-            case orders.CancelBurst(burst=burst):
-                await self._bursts.cancel(burst)
-            case orders.EndBurst(burst=number):
-                await self._bursts.end(number)
+            case orders.CancelBurst() | orders.EndBurst():
+                await self._end_burst(order)
             case orders.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
                 for follower in self._options.followers:
                     follower.expose(exposure_ns, iso)
+            case orders.StaggerCameras():
+                await self._stagger(Stagger.parse(order.order) if order.order else None)
             case orders.InvitePhone():
                 return await self._nodes().phones.invitation()
             case orders.StopRig():
                 self._options.log.add("stopped by an operator")
                 self.stop_requested.set()
         return orders.Done(names=names)
+
+    async def _end_burst(self, order: orders.CancelBurst | orders.EndBurst) -> None:
+        if isinstance(order, orders.CancelBurst):
+            await self._bursts.cancel(order.burst)
+        else:
+            await self._bursts.end(order.burst)
+
+    async def _stagger(self, stagger: Stagger | None) -> None:
+        """Change the planned order; a burst that has just been taken is awaited."""
+        for _ in range(LOOKS):
+            if not self._engine.orders.is_busy(now_ns := self._options.clock.now_ns()):
+                self._engine.set_stagger(stagger, now_ns)
+                self._pump.turn()
+                return
+            await asyncio.sleep(BUSY_TIMEOUT_S / LOOKS)
+        raise IncompleteError("a burst is under way", hint="stagger the rig when it is over")
 
     def _nodes(self) -> LocalNodes:
         if self._local is None:

@@ -19,11 +19,11 @@ from capture_app.common.text import duration
 from capture_app.net.asking import ask_all_nodes
 from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
-from capture_app.net.udp import Pump, client_socket
-from capture_app.node.joining import KeyRequester
+from capture_app.net.udp import client_socket
+from capture_app.node.endpoint import Endpoint
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.protocol.messages import FromLeader, KeyRequest
+from capture_app.protocol.messages import FromLeader
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.succession import Succession
 from capture_app.trust.sealed_engines import SealedClient
@@ -52,7 +52,7 @@ class ContinuedClock:
         return self.time_map.leader_from_local(self.own.now_ns())
 
 
-class RankedLeader:
+class RankedLeader(Endpoint):
     """One of a rig's leaders: `run` leads when no better one does, else follows the current one."""
 
     def __init__(
@@ -70,22 +70,14 @@ class RankedLeader:
         self._make_options, self._lead, options = make_options, lead, make_options()
         for bound in bind_port(options.host, options.port):
             bound.close()
-        self._event_log, self._clock, self._trust = options.log, options.clock, options.trust
         self.cameras: tuple[str, ...] = ()
         """Present cameras of the current leader."""
         instance = secrets.randbits(32)
         name = name_like(f"leader-{socket.gethostname().split('.')[0]}-{options.port}", "leader")
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
-        self._sealed = None if options.trust.is_open else SealedClient(engine)
-        self._pump = Pump(self._sealed or engine, self._clock, self._look)
-        self._keys = KeyRequester(
-            None if self._sealed is None else self._sealed.keys,
-            KeyRequest(name=name, instance=instance),
-            engine.member.time,
-            options.trust,
-            self._pump,
-            succession=engine,
-        )
+        sealed = SealedClient(engine)
+        super().__init__(options, engine, sealed, self._look)
+        self._joining = self.join(engine.member.time, sealed.leader_keys, succession=engine)
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None
@@ -95,15 +87,15 @@ class RankedLeader:
 
         `sock` is an unbound UDP socket.
         """
-        asking = [asyncio.create_task(work) for work in (self._ask_whom(), self._keys.run())]
-        self._pump.start(sock)
+        asking = [asyncio.create_task(work) for work in (self._ask_whom(), self._joining.run())]
+        self.pump.start(sock)
         try:
             while self._serving is None or not self._serving.done():
                 if self._engine.leads and self._serving is None:
                     self._serving = asyncio.create_task(self._serve(self._taken_over()))
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
-                    self._event_log.say(
+                    self.log.say(
                         "this one stops leading: a leader of higher rank leads, or it was frozen for too long"
                     )
                     await end(self._serving)
@@ -112,19 +104,16 @@ class RankedLeader:
                 self._changed.clear()
             await self._serving
         finally:
-            self._pump.close()
+            await self.stop()
             await end(*asking, *([] if self._serving is None else [self._serving]))
 
     async def _serve(self, options: LeaderOptions) -> None:
         async with await LeaderNode.start(options) as node:
             await self._lead(node)
 
-    def _look(self) -> None:
-        self._keys.look()
+    def _look(self, _: int) -> None:
         if self._engine.leader not in (self._followed, None):
-            self._event_log.say(
-                f"{Address(*self._engine.leader)} leads: this one follows until that leader is lost"
-            )
+            self.log.say(f"{Address(*self._engine.leader)} leads: this one follows until that leader is lost")
         self._followed = self._engine.leader
         if self._engine.leads is not (self._serving is not None):
             self._changed.set()
@@ -134,7 +123,7 @@ class RankedLeader:
         options, continued = self._make_options(), self._engine.continued
         if continued is None:
             return options
-        self._event_log.say(
+        self.log.say(
             "the leader is lost: this one leads now, in the same time within"
             f" {duration(continued.upstream_map.uncertainty_ns)}"
         )
@@ -154,9 +143,7 @@ class RankedLeader:
             await asyncio.sleep(ASK_EVERY_S)
             if (leader := self._engine.leader) is None:
                 continue
-            if self._sealed is not None:
-                self._sealed.keys.missing.add(leader)
-                self._keys.look()
+            self._joining.ask_again(leader)
             # Whether the leader is alive is noticed by its datagrams.
             with contextlib.suppress(SimulshotError):
                 async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:

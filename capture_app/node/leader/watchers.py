@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from capture_app.common.address import Address
 from capture_app.common.clock import HostRate
 from capture_app.common.errors import DiskError
+from capture_app.common.stagger import describe_steps
 from capture_app.common.tasks import first_of
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
@@ -36,7 +37,7 @@ KEEPALIVE_S = 3.0
 """Maximum interval between two statuses, so that an operator notices a leader that was lost silently."""
 
 
-class RigState:
+class LeaderState:
     """State of the whole rig, as its leader knows it."""
 
     def __init__(
@@ -63,7 +64,7 @@ class RigState:
     def _page(self, after: str, max_nodes: int) -> RigStatus:
         options, engine, bursts = self._options, self._engine, self._bursts
         now_ns = options.clock.now_ns()
-        grid, members = engine.grid, engine.roster.by_name()
+        grid, members, stagger = engine.grid, engine.roster.by_name(), engine.current.config.stagger
         page, further, words = page_of(members, after, max_nodes)
         return RigStatus(
             leader=str(self._address),
@@ -71,6 +72,8 @@ class RigState:
             advice=rig_advice(members, str(self._address), now_ns, self._rates.off),
             now_ns=now_ns,
             period_ns=None if grid is None else grid.period_ns,
+            stagger=str(stagger or ""),
+            steps=describe_steps((engine.current.delays_ns or {}).values()) if stagger else "",
             message=words,
             further=further,
             nodes=node_statuses(
@@ -111,7 +114,9 @@ class RigState:
 class Watcher:
     """Sender of a rig's changes to one operator; it costs nothing while no one watches."""
 
-    def __init__(self, channel: Channel[ToLeader], rig: RigState, log: Log, viewfinders: Viewfinders) -> None:
+    def __init__(
+        self, channel: Channel[ToLeader], rig: LeaderState, log: Log, viewfinders: Viewfinders
+    ) -> None:
         self._request = NO_PREVIEWS
         self._unacknowledged: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""

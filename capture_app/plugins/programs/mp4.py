@@ -2,15 +2,42 @@
 
 from pathlib import Path
 
+from capture_app.common.text import count
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
-from capture_app.session.exporting.videos import at_own_times, write_camera
+from capture_app.session.exporting.videos import at_own_times, write_camera, write_video
+
+SEQUENCE = "sequence.mp4"
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write <camera>.mp4 for each camera; all start at the burst's earliest image."""
+    """Write <camera>.mp4 for each camera; all start at the burst's earliest image.
+
+    Of a staggered session also write all cameras' images in the order of their times, as one video.
+    """
     for camera in burst.cameras:
         write_camera(burst, folder / f"{camera}.mp4", at_own_times(burst, camera), camera)
+    if burst.session.manifest.is_staggered:
+        _write_sequence(burst, folder)
+
+
+def _write_sequence(burst: ExportedBurst, folder: Path) -> None:
+    """Write the merged video if the cameras' images have one size and times of their own; else add a note."""
+    sizes = {burst.size(camera) for camera in burst.cameras}
+    delays_ns = {burst.session.camera(camera).delay_ns for camera in burst.cameras}
+    if SEQUENCE in (f"{camera}.mp4" for camera in burst.cameras) or len(sizes) > 1:
+        burst.notes.append(f"no {SEQUENCE}: the cameras' images are of several sizes, or one has that name")
+    elif len(delays_ns) < len(burst.cameras):
+        burst.notes.append(f"no {SEQUENCE}: cameras with equal delays take their images together")
+    else:
+        images = sorted(
+            (image for camera in burst.cameras for image in burst.images_of(camera)),
+            key=lambda image: image.leader_ns,
+        )
+        frames = ((image.leader_ns - burst.origin_ns, burst.load(image)[1]) for image in images)
+        step_ns = burst.period_ns // len(delays_ns)
+        write_video(folder / SEQUENCE, frames, sizes.pop(), step_ns, lossless=burst.options.lossless)
+        burst.notes.append(f"{SEQUENCE} has {count(len(images), 'frame')} of all cameras in order of time")
 
 
 EXPORTER = Exporter(

@@ -54,6 +54,8 @@ def export_session(
     chosen = _make_options(name, exporter, options)
     burst = ExportedBurst(session, chosen, progress, options.get("instant"))
     burst.on_warning = on_warning
+    if session.manifest.is_staggered:
+        burst.warn(f"the session is staggered: {session.manifest.steps} between frames of one instant")
     _check_needs(exporter, burst, options)
     try:
         with output:

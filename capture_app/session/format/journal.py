@@ -55,9 +55,12 @@ def frame_line(record: ImageRecord, offset: int, true_ns: int | None = None) -> 
     return msgspec.json.encode(FrameRecord(offset=offset, true_ns=true_ns, **fields))
 
 
-def frame_of_line(video: VideoRecord, line: FrameRecord, instant_ns: int | None = None) -> FrameRecord:
-    """Complete a decoded frame line with its camera, its video's path and its time from a given instant."""
-    residual_ns = 0 if instant_ns is None else line.leader_ns - instant_ns
+def frame_of_line(video: VideoRecord, line: FrameRecord, due_ns: int | None = None) -> FrameRecord:
+    """Complete a decoded frame line with its camera, its video's path, and its residual if it was due then.
+
+    `due_ns` is the time of its instant, with its camera's planned delay.
+    """
+    residual_ns = 0 if due_ns is None else line.leader_ns - due_ns
     return structs.replace(line, camera=video.camera, path=video.path, residual_ns=residual_ns)
 
 

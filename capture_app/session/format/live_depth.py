@@ -1,7 +1,7 @@
 """Messages to and from `reconstruct live`, which computes depth of previews of one instant.
 
-Each has its length in front: on stdin first a `LiveRig`, then `InstantImages`, each answered on stdout by a
-`DepthPreview` before the next is sent.
+Each has its length in front: on stdin first a `LiveCameras`, then `InstantImages`, each answered on stdout by
+a `DepthPreview` before the next is sent.
 """
 
 import struct
@@ -14,7 +14,7 @@ from capture_app.common.camera_facts import CameraFacts
 LENGTH = struct.Struct(">I")
 
 
-class LiveRig(Struct, frozen=True):
+class LiveCameras(Struct, frozen=True):
     """Cameras of a rig, and the folder of its sessions, some of which may be calibrated."""
 
     cameras: dict[str, CameraFacts]

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -20,6 +20,7 @@ from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sent
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
+from capture_app.common.stagger import describe_steps
 from capture_app.common.text import pretty_json
 from capture_app.session.files.untrusted_files import RESTORE
 from capture_app.session.format.common_times import CommonTimes
@@ -38,6 +39,7 @@ NO_INSTANT = -1
 """Instant number of a frame that belongs to no instant of the recording."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
+T = TypeVar("T", bound="ImageRecord")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 MAX_INTEGER, MAX_REAL = 2**63, 1e15
 """Limits of all numbers in a manifest, so that their sums and products stay finite."""
@@ -81,7 +83,22 @@ class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """Largest phase error that is left uncorrected; an image further from its instant is `late`."""
 
 
-class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class WidenedTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An interval of a camera's clock whose times were found afterwards to be less accurate, and why."""
+
+    from_local_ns: TimeNs
+    until_local_ns: TimeNs
+    uncertainty_ns: Count
+    """95 % error of the times in the interval."""
+    hard_bound_ns: Count
+    reason: Sentence
+
+
+MAX_WIDENED = 64
+"""Maximum number of such intervals of a camera in one burst."""
+
+
+class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One camera of the rig: its properties, and the state of its clock and phase during the burst."""
 
     name: Name
@@ -90,11 +107,27 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     phase: PhaseRecord | None = None
     held: dict[Control, Real] | UnsetType = UNSET
     """Controls that a user had set, each in its unit; the camera chose the others."""
+    delay_ns: Count = 0
+    """Planned time of its images after their instants; not 0 for a camera of a staggered rig."""
+    widened: Annotated[tuple[WidenedTimes, ...], Meta(max_length=MAX_WIDENED)] = ()
+    """Intervals in which a clock was wrong before that was noticed; its images' errors include them."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
         if not (self.facts.width and self.facts.height):
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
+
+    def widen(self, image: T) -> T:
+        """Return an image's record with the errors of the intervals in `widened` that it was taken in."""
+        for of in self.widened:
+            if image.local_ns is not None and of.from_local_ns <= image.local_ns <= of.until_local_ns:
+                bound_ns = image.hard_bound_ns
+                image = msgspec.structs.replace(
+                    image,
+                    uncertainty_ns=max(image.uncertainty_ns or 0, of.uncertainty_ns),
+                    hard_bound_ns=None if bound_ns is None else max(bound_ns, of.hard_bound_ns),
+                )
+        return image
 
     def is_late(self, residual_ns: int) -> bool:
         """Return whether an image taken `residual_ns` from its instant exceeds the camera's tolerance."""
@@ -156,7 +189,7 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     sha256: Sha256
     local_ns: TimeNs | None = None
     residual_ns: TimeNs = 0
-    """leader_ns minus the instant's time."""
+    """leader_ns minus the instant's time and the camera's planned delay."""
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
     exposure_start_ns: TimeNs | None = None
@@ -213,10 +246,12 @@ class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Synchronization of a burst's cameras, computed from the records of its images; times in ns."""
 
     spread_ns: tuple[Count, ...]
-    """Time from the first to the last image (`leader_ns`) of each instant; 0 for fewer than two images."""
+    """Time from the first to the last image (`leader_ns`, without the planned delay) of each instant; 0 for
+    fewer than two images."""
     row_spread_ns: Count | None = None
-    """Largest time between two cameras' mid-exposures of the same row, over all instants. It includes
-    differences between rolling shutters. None unless two cameras report their exposure and row time.
+    """Largest time between two cameras' mid-exposures of the same row, over all instants, without planned
+    delays. It includes differences between rolling shutters. None unless two cameras report their exposure
+    and row time.
     """
     uncertainty_ns: Count | None = None
     """Largest uncertainty of an image's time against the others; None if any is unknown.
@@ -250,6 +285,16 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     note: str = ""
     videos: tuple[VideoRecord, ...] = ()
     """Videos of a recording, one for each camera; their frames are images, but are not listed in `images`."""
+
+    @property
+    def is_staggered(self) -> bool:
+        """Whether its cameras took their images one after the other, as planned, and not at one instant."""
+        return len({camera.delay_ns for camera in self.cameras}) > 1
+
+    @property
+    def steps(self) -> str:
+        """The planned steps between the images of a staggered session; empty for any other."""
+        return describe_steps(camera.delay_ns for camera in self.cameras) if self.is_staggered else ""
 
 
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
@@ -315,9 +360,9 @@ def sync_record(
     bound_ns: int | None = 0
     number = substituted = late = 0
     for instant, group in groupby(images, key=lambda image: image.instant):
-        of = list(group)
+        of = [by_name[image.camera].widen(image) for image in group]
         number += len(of)
-        spreads_ns[instant] = _spread([image.leader_ns for image in of])
+        spreads_ns[instant] = _spread([image.leader_ns - by_name[image.camera].delay_ns for image in of])
         if (rows := _row_scatter([(by_name[image.camera], image) for image in of])) is not None:
             rows_ns = max(rows_ns or 0, rows)
         for image in of:
@@ -358,10 +403,15 @@ def _spread(times_ns: Sequence[int]) -> int:
 
 def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
     """Return the largest time between mid-exposures of equal rows; the first and last row suffice."""
-    rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
+    rows = [
+        (camera.delay_ns, known)
+        for camera, image in images
+        if (known := row_exposures(camera, image)) is not None
+    ]
     if len(rows) < 2:
         return None
-    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, min(of.rows for of in rows) - 1))
+    shared = 0, min(of.rows for _, of in rows) - 1
+    return max(_spread([of.middle_ns(row) - delay_ns for delay_ns, of in rows]) for row in shared)
 
 
 def inside(folder: Path, path: str) -> Path:

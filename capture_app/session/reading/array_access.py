@@ -129,7 +129,7 @@ class InstantFrames:
 
     number: int
     leader_ns: int
-    """Target time of all frames of this instant, ns in the leader's clock."""
+    """Target time of all frames of this instant, ns in the leader's clock; without their planned delays."""
     frames: dict[str, Frame]
     """Each camera's frame, in the session's order of cameras."""
 
@@ -236,6 +236,24 @@ class OpenSession(Session):
             InstantFrames(k, leader_ns, {camera: frames[camera, k] for camera in self._cameras})
             for k, leader_ns in enumerate(self.manifest.burst.instants_ns)
         )
+
+    @cached_property
+    def sequence(self) -> tuple[Frame, ...]:
+        """All frames in the order of their capture times, without missing ones and substitutes.
+
+        In a staggered session these are the frames of one faster camera, from several places.
+        """
+        frames = (frame for instant in self.instants for frame in instant.frames.values())
+        taken = [frame for frame in frames if not frame.missing and not frame.is_substitute]
+        return tuple(sorted(taken, key=lambda frame: (frame.leader_ns, frame.camera)))
+
+    @property
+    def is_staggered(self) -> bool:
+        """Whether the cameras took their frames one after the other, as planned, and not at one instant.
+
+        The planned delay of each is `cameras[name].record.delay_ns`.
+        """
+        return self.manifest.is_staggered
 
     @cached_property
     def cameras(self) -> dict[str, CameraFrames]:

@@ -85,8 +85,9 @@ class Session:
         """The manifest, with the frames of videos as images. Raises BadInputError if they are malformed."""
         stored, instants_ns = self.stored_manifest, self.stored_manifest.burst.instants_ns
         frames = (
-            frame_of_line(video, frame, instants_ns[frame.instant])
+            camera.widen(frame_of_line(video, frame, instants_ns[frame.instant] + camera.delay_ns))
             for video in stored.videos
+            for camera in (self.camera(video.camera),)
             for frame in self.video_frames(video)
             if 0 <= frame.instant < len(instants_ns)
         )

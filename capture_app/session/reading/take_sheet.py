@@ -114,14 +114,27 @@ class TakeSheet:
         beside = "neighbouring frame" if image.substitute else ""
         return f"{duration(image.residual_ns, signed=True)} off" if image.late else beside
 
+    def heading(self, camera: str) -> str:
+        """Return a camera's name, in a staggered session with its planned delay."""
+        if not self.session.manifest.is_staggered:
+            return camera
+        return f"{camera} +{self.session.camera(camera).delay_ns / 1e6:.3g} ms"
+
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""
         instants_ns = self.session.manifest.burst.instants_ns
         return instants_ns[instant] - instants_ns[0]
 
     def spread_ns(self, instant: int) -> int | None:
-        """Return the time from the first to the last image of an instant, ns; None for fewer than two."""
-        times = [image.leader_ns for camera in self.cameras if (image := self.image(camera, instant))]
+        """Return the time from the first to the last image of an instant, ns; None for fewer than two.
+
+        Planned delays are not counted.
+        """
+        times = [
+            image.leader_ns - self.session.camera(camera).delay_ns
+            for camera in self.cameras
+            if (image := self.image(camera, instant))
+        ]
         return max(times) - min(times) if len(times) > 1 else None
 
     def load(self, camera: str, instant: int, width: int = 0) -> "Picture | None":
@@ -161,7 +174,7 @@ def contact_sheet(
         )
     whole = np.full((*size, 3), GROUND, np.uint8)
     for x, camera in enumerate(sheet.cameras):
-        _write(whole, camera, (GUTTER + x * (width + GAP), 18), INK, room=width)
+        _write(whole, sheet.heading(camera), (GUTTER + x * (width + GAP), 18), INK, room=width)
     for y, instant in enumerate(instants):
         top = HEAD + y * (height + GAP)
         since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"

@@ -54,11 +54,14 @@ class Verdict(Struct, frozen=True, kw_only=True):
     sentence: str
     """Effect of the time differences on a moving object, in one sentence."""
     spread_ns: int | None = None
-    """Peak-to-peak time of the worst instant: from its first to its last image."""
+    """Peak-to-peak time of the worst instant: from its first to its last image, without planned delays."""
     spread_error_ns: int | None = None
     """95 % uncertainty of the spread: twice the uncertainty of the worst image's time."""
     motion_px_per_s: float | None = None
-    """Speed below which an object is displaced by less than 1 px, including the uncertainty of the times."""
+    """Speed below which an object is displaced by less than 1 px, including the uncertainty of the times.
+
+    None also for a staggered session, whose images show an object at different places on purpose.
+    """
     images: int = 0
     expected: int = 0
     dropped: int = 0
@@ -88,12 +91,15 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
+    if manifest.is_staggered and motion is not None:
+        purpose = f"staggered, {manifest.steps}: {grade}, each as planned to {duration(1e9 / motion)}"
+        motion = None
     absence = manifest.burst.absence
     if unknown:
         purpose = NOT_SYNCHRONIZED
         sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
-        sentence = describe_displacement(sync)
+        sentence = describe_displacement(sync, staggered=manifest.is_staggered)
     expected = (len(manifest.cameras) + len(manifest.burst.absent)) * len(sync.spread_ns)
     missing = expected - len(manifest.images)
     completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, sync))))
@@ -138,12 +144,14 @@ def find_sync_record(manifest: Manifest) -> SyncRecord:
     return sync if sync and len(sync.spread_ns) == instants else computed_sync(manifest)
 
 
-def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
-    """Describe in one sentence the displacement between cameras of an object at this speed."""
+def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S, *, staggered: bool = False) -> str:
+    """Describe in one sentence the displacement between cameras of an object at this speed.
+
+    In a staggered session it is the displacement beside the planned one.
+    """
     worst_ns = max(sync.spread_ns, default=0)
-    cost = (
-        f"an object moving at {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
-    )
+    by = f"{pixels(worst_ns, px_per_s)} between cameras" + (" beside the planned steps" if staggered else "")
+    cost = f"an object moving at {px_per_s:g} px/s is displaced by {by}"
     if sync.uncertainty_ns is None:
         return f"{cost}, if the times are right: their uncertainty is not known"
     error_px = pixels(worst_ns + 2 * sync.uncertainty_ns, px_per_s)

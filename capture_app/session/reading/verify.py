@@ -143,7 +143,7 @@ def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     """Check an image's times against its instant, its camera's clock, and the timestamp delay."""
     burst, camera = session.manifest.burst, session.camera(record.camera)
-    residual_ns = record.leader_ns - burst.instants_ns[record.instant]
+    residual_ns = record.leader_ns - burst.instants_ns[record.instant] - camera.delay_ns
     start_ns = camera.facts.exposure_start_ns(
         record.leader_ns - record.alignment_offset_ns, record.exposure_ns
     )
@@ -195,6 +195,8 @@ def _clock_error(
         clock.uncertainty_ns if record.uncertainty_ns is None else max(0, record.uncertainty_ns - stamp_ns)
     )
     allowed_ns = own_ns + _ROUNDING_NS
+    # The clock record is from before; these changes were noticed later.
+    allowed_ns += sum(of.uncertainty_ns for of in camera.widened if record.local_ns >= of.from_local_ns)
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
@@ -217,7 +219,7 @@ def _journal(session: Session) -> Iterator[Problem]:
     for image in session.stored_manifest.images:
         if (listed := saved.pop((image.camera, image.instant), None)) is None:
             yield _contradiction(JOURNAL, f"has no entry for {image.path}")
-        elif listed != image:
+        elif session.camera(listed.camera).widen(listed) != image:
             yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
     for listed in saved.values():
         yield _contradiction(MANIFEST, f"lacks {listed.path}, which the journal has")

@@ -271,6 +271,11 @@ class SessionWriter:
                 and (gap.camera, gap.instant) not in self.images.records
                 and not self.videos.has(gap.camera, gap.instant)
             )
+            by_name = {camera.name: camera for camera in valid}
+            images = (
+                by_name[image.camera].widen(image) if image.camera in by_name else image
+                for image in self.images.records.values()
+            )
             manifest = Manifest(
                 name=self.name,
                 created=self.created,
@@ -278,12 +283,12 @@ class SessionWriter:
                 software=self.software,
                 cameras=valid,
                 burst=burst,
-                images=tuple(sorted(self.images.records.values(), key=lambda of: (of.instant, of.camera))),
+                images=tuple(sorted(images, key=lambda of: (of.instant, of.camera))),
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
                 note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),
             )
-            data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
+            data = encode_manifest(self.folder, manifest, self.videos.in_order(len(burst.instants_ns)))
             remove_leftovers(self.folder)
             if plan is not None and plan != self.plan:
                 # There is room for it now: the reserved space is free.

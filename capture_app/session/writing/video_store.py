@@ -118,9 +118,9 @@ class VideoStore:
             video = self._videos.get(camera)
             return array("Q") if video is None else video.instants[:]
 
-    def in_order(self, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
-        """Yield all frames of these instants of a recording, in the order of the instants."""
-        cameras = (self._in_order(video, instants_ns) for _, video in sorted(self._videos.items()))
+    def in_order(self, instants: int) -> Iterator[FrameRecord]:
+        """Yield all frames of the first instants of a recording without their residuals, by instant."""
+        cameras = (self._in_order(video, instants) for _, video in sorted(self._videos.items()))
         return heapq.merge(*cameras, key=lambda record: record.instant)
 
     def save(self, frames: Sequence[StoredImage]) -> list[SimulshotError | None]:
@@ -158,18 +158,17 @@ class VideoStore:
             for video in self._videos.values():
                 video.close()
 
-    def _in_order(self, video: _Video, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
+    def _in_order(self, video: _Video, instants: int) -> Iterator[FrameRecord]:
         with (self._folder / frames_path(video.record.path)).open("rb") as file:
             at = 0
             for instant, start in zip(video.instants, video.starts, strict=True):
-                if instant >= len(instants_ns):
+                if instant >= instants:
                     return
                 if start != at:
                     file.seek(start)
                 line = file.readline()
                 at = start + len(line)
-                frame = msgspec.json.decode(line, type=FrameRecord)
-                yield frame_of_line(video.record, frame, instants_ns[instant])
+                yield frame_of_line(video.record, msgspec.json.decode(line, type=FrameRecord))
 
     def _append(self, video: _Video, given: Sequence[StoredImage]) -> None:
         end, frames = video.record.bytes, []

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from heapq import nsmallest
 from itertools import pairwise
-from math import exp
+from math import exp, pi, sqrt
 from statistics import fmean
 from typing import NamedTuple
 
@@ -21,19 +21,21 @@ SKEW = 25e-6
 """Skew between two crystals; data sheets of those in computers and phones allow 20 to 50 ppm each."""
 ODD_HOSTS = 3e-4
 """Prior density of any larger skew up to MAX_SKEW, relative to zero skew: virtual machines, slewed hosts."""
+EVEN_ODDS = SKEW * sqrt(2.0 * pi) / (2.0 * MAX_SKEW)
+"""The same after a clock has changed: it is as likely to be slewed, at any rate, as at rest."""
 DRIFT = 0.025e-6 / 1e9
 """Change of a skew per ns that the samples do not show yet: a crystal that warms up has up to 0.05 ppm/s."""
 ASYMMETRY = 0.1
 """Half the difference of the two minimum delays, as a fraction of half the minimum round-trip delay.
 
-No two-way message can show it. Recorded links: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
-(tests.simulation.link_spells prints both); 0.038 in the one fastest message of another (Ansari et al.
-2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets are
-slower in one direction in general (Mahmood, Exel and Sauter 2014).
+No exchange can show a lasting asymmetry, and no recording here does: the first one's two least delays were
+set equal. What changes within it: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
+(tests.benchmarks.simulated.link_spells prints both); 0.038 in the one fastest message of another (Ansari et
+al. 2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets
+are slower in one direction in general (Mahmood, Exel and Sauter 2014).
 
 The first recording has no long tail: 95 % of its windows of 4 s are below 0.152, where this prior has 0.196.
-Of links drawn with 0.2, a 95 % bar of this width holds for 84 %; 90 % need 0.14, whose bar of 290 us at a
-round trip of 2.1 ms keeps the default of 300 us from WiFi.
+That covers 67 % of links drawn with 0.2 (a normal distribution), and half of those that have exactly that.
 """
 STAMP_NS = 1_000.0
 """Asymmetry of two programs: one that was just woken up takes its timestamps late (real; on loopback and
@@ -101,7 +103,7 @@ class LikelyLine:
     covariance: float
     skew_variance: float
     gap: float
-    """Minimum round-trip delay in ns."""
+    """Minimum round-trip delay in ns; negative if the bounds contradict each other."""
     excess: float
     """Variance of the excess of the smallest measured delays over the minimum delays, in ns squared."""
 
@@ -126,13 +128,18 @@ def lower_hull(points: Iterable[Point]) -> list[Point]:
 
 
 def fit_line(
-    uppers: Sequence[Point], above: Sequence[Point], lowers: Sequence[Point], below: Sequence[Point]
+    uppers: Sequence[Point],
+    above: Sequence[Point],
+    lowers: Sequence[Point],
+    below: Sequence[Point],
+    *,
+    odd: float = ODD_HOSTS,
 ) -> LikelyLine:
     """Return the mean line over all skews, weighted by their prior and by the gap between the directions.
 
     At a given skew the tightest bound of each direction gives the offset. The gap between the two is the
     log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). `above` and
-    `below` are the lower hulls of the upper and of the lower bounds.
+    `below` are the lower hulls of the upper and of the lower bounds, `odd` the prior density of large skews.
 
     A few lone messages that are far faster than all others hide what the others tell of the skew, which
     therefore comes from both: the gap of all, and that of the dense delays. Lone ones of only one direction
@@ -140,7 +147,7 @@ def fit_line(
     """
     sides, hulls = (uppers, lowers), (above, below)
     everything = _gap(sides, hulls)
-    votes = _vote(everything)
+    votes = _vote(odd, everything)
     dense, lone, skew = everything, [0, 0], sum(weight * skew for weight, skew, _ in votes)
     for _ in range(ROUNDS):
         levels, before = _levels(sides, skew), lone
@@ -156,7 +163,7 @@ def fit_line(
         skew = dense.best
     excess, used = everything.excess, 0
     if any(lone):
-        votes = _vote(everything, dense)
+        votes = _vote(odd, everything, dense)
         excess = max(excess, dense.excess)
         used = 1 if _is_one_sided(levels, firsts, lone) else 0
     lines = [(weight, offsets[used], skew) for weight, skew, offsets in votes]
@@ -167,9 +174,15 @@ def fit_line(
         variance=sum(w * (o - mean) ** 2 for w, o, _ in lines),
         covariance=sum(w * (o - mean) * (s - slope) for w, o, s in lines),
         skew_variance=sum(w * (s - slope) ** 2 for w, _, s in lines),
-        gap=abs(everything.gap),
+        gap=everything.gap,
         excess=excess,
     )
+
+
+def gap_of(uppers: Sequence[Point], lowers: Sequence[Point]) -> tuple[float, float]:
+    """Return the gap of the line through some bounds, in ns, and its `excess`, in ns squared."""
+    gap = _gap((uppers, lowers), (lower_hull(uppers), lower_hull(lowers)))
+    return gap.gap, gap.excess
 
 
 class _Gap(NamedTuple):
@@ -220,7 +233,7 @@ def _gap(sides: Sequence[Sequence[Point]], hulls: Sequence[Sequence[Point]]) -> 
     return _Gap(hulls, best, _room(hulls, best)[0], max(sum(near) / 2.0, 1.0), excess)
 
 
-def _vote(*gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]]]:
+def _vote(odd: float, *gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]]]:
     """Return weight, skew and each gap's offset of all skews, weighted by the product of the likelihoods."""
     sharpest = min(gaps, key=lambda one: one.width)
     skews = {*(sharpest.best + step for step in _NEAR), *_PRIOR_SKEWS}
@@ -229,7 +242,7 @@ def _vote(*gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]]]:
     for before, skew, after in zip(grid, grid[1:], grid[2:], strict=False):
         rooms = [_room(one.hulls, skew) for one in gaps]
         lost = sum(max(0.0, one.gap - left) / one.width for one, (left, _) in zip(gaps, rooms, strict=True))
-        prior = exp(-0.5 * (skew / SKEW) ** 2) + ODD_HOSTS
+        prior = exp(-0.5 * (skew / SKEW) ** 2) + odd
         found.append((lost, (after - before) * prior, skew, tuple(offset for _, offset in rooms)))
     # Two gaps may contradict each other: relative to the best skew, so that not all weights are zero.
     least = min(lost for lost, *_ in found)
@@ -240,7 +253,7 @@ def _vote(*gaps: _Gap) -> list[tuple[float, float, tuple[float, ...]]]:
 
 def _first_dense(levels: Sequence[float]) -> float:
     """Return the lowest level above the lone ones; the lowest of all if none is lone."""
-    tightest = nsmallest(MAX_LONE + TIGHTEST, levels)
+    tightest = sorted(levels)[: MAX_LONE + TIGHTEST]
     for i in range(len(tightest) - TIGHTEST, 0, -1):
         if tightest[i] - tightest[i - 1] > LONE_RATIO * (tightest[i + TIGHTEST - 1] - tightest[i]):
             return tightest[i]

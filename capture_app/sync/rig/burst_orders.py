@@ -9,7 +9,7 @@ from capture_app.common.timeouts import TRIGGER_GIVE_UP_NS
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import CameraPhase
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
     MAX_FRAMES,
@@ -29,7 +29,8 @@ TRIGGER_LEAD_NS = 500_000_000
 TRIGGER_AGAIN_NS = 50_000_000
 """Interval of a trigger that is not acknowledged: ten repetitions fit into TRIGGER_LEAD_NS."""
 AFTER_BURST_NS = 1_000_000_000
-"""Time after a burst's last instant in which the grid must not move: clients still select frames."""
+"""Time after a burst's last instant in which neither the grid nor a planned delay of up to
+`stagger.MAX_DELAY_NS` may change: clients still select frames."""
 MAX_LEAD_NS = 24 * 3_600_000_000_000
 """Maximum time between the order of a burst and its start, in the future or the past."""
 NO_ANSWER = "it does not answer"
@@ -86,7 +87,7 @@ class BurstOrder:
 
 
 @dataclass(slots=True)
-class _OpenBurst:
+class _OpenTrigger:
     """Trigger of a burst, and the members that have not answered it yet, by their numbers."""
 
     trigger: Trigger
@@ -106,7 +107,7 @@ class Orders:
     def __init__(self, leader: int, roster: Roster) -> None:
         """`leader` is the leader's instance number; `roster` holds the cameras that take bursts."""
         self._leader, self._roster = leader, roster
-        self._open_bursts: dict[int, _OpenBurst] = {}
+        self._open_bursts: dict[int, _OpenTrigger] = {}
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
 
@@ -182,17 +183,18 @@ class Orders:
         members = {member.number: member for member in self._roster.cameras() if member.name in clients}
         self._open_bursts.pop(number, None)
         if members:
-            self._open_bursts[number] = _OpenBurst(
+            self._open_bursts[number] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
             )
-        self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
+        over_ns = burst.instants_ns[-1] + burst.period_ns
+        self._busy_until_ns[burst.number] = max(now_ns, over_ns) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
         """Whether a burst is under way or ordered."""
         self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
         return bool(self._busy_until_ns)
 
-    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
+    def take_ack(self, member: Member, ack: TriggerAck) -> TriggerAnswered | None:
         """Record a member's answer; return None if it had already answered, or if the order has expired."""
         burst = self._open_bursts.get(ack.burst)
         if ack.leader != self._leader or burst is None or member.number not in burst.members:
@@ -201,9 +203,9 @@ class Orders:
         if burst.cancels and ack.refusal != CANCELLED:
             return None
         self._close(ack.burst, burst, member.number)
-        return None if burst.cancels or burst.again else BurstAnswered(member.name, ack.burst, ack.refusal)
+        return None if burst.cancels or burst.again else TriggerAnswered(member.name, ack.burst, ack.refusal)
 
-    def expire(self, now_ns: int) -> list[BurstAnswered]:
+    def expire(self, now_ns: int) -> list[TriggerAnswered]:
         """Drop and report the orders of members that are lost or exceed the answer timeout."""
         refused = []
         for number, burst in list(self._open_bursts.items()):
@@ -214,7 +216,7 @@ class Orders:
                     self._close(number, burst, client)
                     if not burst.cancels and not burst.again:
                         why = member.lost or NO_ANSWER
-                        refused.append(BurstAnswered(member.name, number, why, is_silent=True))
+                        refused.append(TriggerAnswered(member.name, number, why, is_silent=True))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
@@ -228,7 +230,7 @@ class Orders:
         """Leader time in ns at which the next trigger is due."""
         return min((burst.due_ns for burst in self._open_bursts.values()), default=NEVER_NS)
 
-    def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
+    def _close(self, number: int, burst: _OpenTrigger, client: int) -> None:
         del burst.members[client]
         if not burst.members:
             del self._open_bursts[number]

@@ -33,7 +33,7 @@ from capture_app.sync.rig.frame_selection import (
     RING_NS,
     CameraGrid,
     F,
-    PendingBursts,
+    FrameSelection,
     RingBuffer,
     is_possible_burst,
 )
@@ -42,7 +42,7 @@ from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, AccuracyTarge
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.codec import Message
-from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck, Welcome
+from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck, Welcome, camera_key
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
@@ -118,11 +118,17 @@ class Client(TimeClient, Generic[F]):
         self._commands: deque[CameraCommand] = deque()
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
+        self.delay_ns = 0
+        """Planned time of this camera's frames after the rig's instants, in a staggered rig."""
         self._root: int | None = None
         self._foreign_leader: int | None = None
-        self._bursts: PendingBursts[F] = PendingBursts()
+        self._bursts: FrameSelection[F] = FrameSelection()
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
+
+    def set_path_asymmetry(self, asymmetry: PathAsymmetry | None) -> None:
+        """Correct the path to the present leader by its known asymmetry; None if none is known."""
+        self.timekeeper.clock.asymmetry = asymmetry
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add an asymmetry that was measured on top of the path's known one; return the sum.
@@ -226,6 +232,8 @@ class Client(TimeClient, Generic[F]):
     def receive_message(self, message: Message, now_ns: int) -> None:
         """Process a message of the leader that arrived at `now_ns`."""
         super().receive_message(message, now_ns)
+        if self.followed is not None and self.followed.delays_ns is not None and not self._bursts:
+            self.delay_ns = self.followed.delays_ns.get(camera_key(self.name), 0)
         match message:
             case HeartbeatAck() if self.is_addressed(message) and self._reported and not self._answered:
                 # The leader's grid takes this phase into account from now on, so the stream may be moved.
@@ -296,7 +304,9 @@ class Client(TimeClient, Generic[F]):
     def _grid(self) -> CameraGrid | None:
         """Grid of the current leader, or of the last one, whose bursts may still be pending."""
         config = self.followed
-        return None if config is None else CameraGrid.of_camera(self.camera, config, self.aligner.phase)
+        if config is None:
+            return None
+        return CameraGrid.of_camera(self.camera, config, self.aligner.phase, self.delay_ns)
 
     @property
     def _can_move(self) -> bool:

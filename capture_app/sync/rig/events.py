@@ -110,7 +110,7 @@ class NodeChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class BurstAnswered:
+class TriggerAnswered:
     """A client accepted or refused a burst."""
 
     name: str
@@ -123,4 +123,4 @@ class BurstAnswered:
     """Whether it has not answered: it may have the burst all the same."""
 
 
-LeaderEvent = NodeChanged | BurstAnswered
+LeaderEvent = NodeChanged | TriggerAnswered

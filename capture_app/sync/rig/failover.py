@@ -137,6 +137,10 @@ class LeaderChoice:
     def try_to_join(self, better: Address, now_ns: int) -> None:
         """Join a preferred leader that has answered often enough, if that suits the node now."""
 
+    def leave(self) -> None:
+        """Say goodbye, as this node is about to stop."""
+        self.time.leave()
+
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` is due."""
         return min(self.time.next_timer(), self.probe_due_ns)

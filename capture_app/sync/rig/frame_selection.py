@@ -194,13 +194,17 @@ class CameraGrid:
     why_no_centre: str = ""
     """Reason why the middle of the exposure is not aligned although requested; empty if it is aligned."""
     common_instant_leader_ns: int | None = None
+    delay_ns: int = 0
+    """Planned time of this camera's frames after the rig's instants, in a staggered rig."""
     stream: PhaseEstimator | None = None
     """Estimator of the residual of a timestamp from its stream's line: a timestamp may be late though the
     frame is not."""
 
     @classmethod
-    def of_camera(cls, camera: CameraFacts, config: RigConfigMessage, stream: PhaseEstimator) -> "CameraGrid":
-        """Return the grid of that configuration for a camera and its stream."""
+    def of_camera(
+        cls, camera: CameraFacts, config: RigConfigMessage, stream: PhaseEstimator, delay_ns: int = 0
+    ) -> "CameraGrid":
+        """Return the grid of that configuration for a camera, its stream and its planned delay."""
         row = config.align_row
         start_ns = camera.start_offset_ns()
         known_ns = start_ns if row is None else camera.mid_exposure_offset_ns(row)
@@ -211,17 +215,19 @@ class CameraGrid:
             camera.stamp_accuracy,
             "" if known_ns is not None else problem,
             config.common_instant_leader_ns,
+            delay_ns,
             stream,
         )
 
     @property
     def grid_of_stamps(self) -> FrameGrid:
         """Grid that the frames' timestamps should match."""
-        return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
+        grid = self.rig_grid
+        return FrameGrid(grid.anchor_leader_ns - self.offset_ns + self.delay_ns, grid.period_ns)
 
     def target_ns(self, time_map: TimeMap, instant_ns: int) -> int:
         """Return the target timestamp, in local time, of a frame for an instant of leader time."""
-        return time_map.local_from_leader(instant_ns) - self.offset_ns
+        return time_map.local_from_leader(instant_ns + self.delay_ns) - self.offset_ns
 
     def pick(self, time_map: TimeMap, frame: F, stamp_ns: int, instant: int, at_ns: int) -> SelectedFrame[F]:
         """Return a frame as selected for an instant at leader time `at_ns`; `stamp_ns` is the driver's."""
@@ -234,7 +240,7 @@ class CameraGrid:
             instant,
             local_ns,
             leader_ns,
-            residual_ns=leader_ns - at_ns,
+            residual_ns=leader_ns - at_ns - self.delay_ns,
             uncertainty_ns=round(uncertainty_ns + self.accuracy.uncertainty_ns),
             hard_bound_ns=bound_ns if self.accuracy.is_exact else None,
             outlier_ns=error.outlier_ns,
@@ -258,7 +264,7 @@ class CameraGrid:
 
 
 @dataclass(slots=True)
-class _PendingBurst(Generic[F]):
+class _Selection(Generic[F]):
     """Burst whose frames are selected as they arrive, as they may leave the ring buffer before its end."""
 
     trigger: Trigger
@@ -318,11 +324,11 @@ class _PendingBurst(Generic[F]):
         return FramesSelected(self.trigger, picks, gaps, time_map, phase, further, self.reported)
 
 
-class PendingBursts(Generic[F]):
+class FrameSelection(Generic[F]):
     """Pending bursts by root instance and burst number, whichever relay forwarded the trigger."""
 
     def __init__(self) -> None:
-        self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
+        self._pending: dict[tuple[int, int], _Selection[F]] = {}
         self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
     def __bool__(self) -> bool:
@@ -346,7 +352,7 @@ class PendingBursts(Generic[F]):
         key = trigger.leader, trigger.burst
         if key in self._done:
             return
-        known = self._pending.setdefault(key, _PendingBurst(trigger))
+        known = self._pending.setdefault(key, _Selection(trigger))
         if known.trigger.streamed and trigger.count < known.trigger.count:
             known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
 

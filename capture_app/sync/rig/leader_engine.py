@@ -6,13 +6,14 @@ Time replies are stamped when they leave, and are sent before all other datagram
 import random
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.errors import BadInputError
-from capture_app.common.node_state import NodeState
+from capture_app.common.node_state import RELAY, WITHOUT_CAMERA, NodeState
+from capture_app.common.stagger import Stagger
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig import status_text
@@ -21,7 +22,7 @@ from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.relay_summary import RelaySummary
 from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
-from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases
+from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases, relays_above
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
 from capture_app.sync.wire.codec import (
@@ -51,6 +52,7 @@ from capture_app.sync.wire.datagrams import (
     UnknownMember,
     UpstreamMap,
     Welcome,
+    camera_key,
 )
 
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
@@ -64,6 +66,8 @@ MAX_POLL_INTERVAL_NS = 60_000_000_000
 us."""
 WAITED_FRACTION = 1.0 / 64.0
 """Weight of one request in the mean delay, which some 64 requests determine: 0.13 s at MIN_FRACTION."""
+MOVES = "it moves to its planned delay"
+"""Message of a staggered camera until it reports again."""
 LOADED_NS = 2_000_000
 """Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
 overloaded."""
@@ -73,6 +77,8 @@ MIN_FRACTION = 0.025
 200 nodes over a cable are then ready after 7.9 s, and 40 nodes at their rate over WiFi after 26 s. On the
 paper's link, where one message in eighty is quick, 12 of 40 are ready after 37 s (all simulated).
 """
+RETURN_NS = 5_000_000_000
+"""Time after a takeover in which staggered cameras keep their delays: they join one after the other."""
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""
 
@@ -113,6 +119,7 @@ class Leader:
         self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
         if config.grid is not None:
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(config.grid), True
+            self.current.delays_ns = {} if config.rig.stagger is None else None
         self.impostures = 0
         """Messages whose seal belongs to another machine than the one they name."""
         self._summary = summary
@@ -123,7 +130,9 @@ class Leader:
         self.orders = Orders(config.instance, self.roster)
         """Bursts ordered from the members."""
         self._review_is_due = False
-        """Whether the set of cameras that the grid was chosen for may have changed."""
+        """Whether the set of cameras that the grid and delays were chosen for may have changed."""
+        self._delays_due_ns: int | None = None
+        """Time from which cameras that were taken over get new delays; None before the first one is here."""
         self._update_due_ns = 0
         self._times: deque[tuple[bytes, Address, int]] = deque()
         """Pending time replies, each with the arrival time of its request."""
@@ -191,6 +200,13 @@ class Leader:
         if self.roster.owners.pop(name, None) is None and member is None:
             raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
         self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
+        self._review_is_due = True
+
+    def set_stagger(self, stagger: Stagger | None, now_ns: int) -> None:
+        """Take frames in another planned order, None for all at one instant; after a burst under way."""
+        self.current.config = replace(self.current.config, stagger=stagger)
+        self._review_is_due = True
+        self._review_if_due(now_ns)
 
     def leave(self) -> None:
         """Ask the members to join another leader, as this one is about to stop."""
@@ -203,10 +219,10 @@ class Leader:
         for lost in self.roster.mark_silent_lost(now_ns):
             self._events.append(lost)
             self._review_is_due = True
-        self._events.extend(self.roster.forget_long_lost(now_ns))
-        # The root decides the grid of a relay.
-        if self._review_is_due and self._summary is None and self._review_grid(now_ns):
-            self.acknowledge_all()
+        for forgotten in self.roster.forget_long_lost(now_ns):
+            self._events.append(forgotten)
+            self._review_is_due = True
+        self._review_if_due(now_ns)
         self._events.extend(self.orders.expire(now_ns))
         for members, trigger in self.orders.triggers_due(now_ns):
             self.send_trigger(members, trigger)
@@ -270,7 +286,8 @@ class Leader:
 
     def acknowledge(self, member: Member) -> None:
         """Acknowledge a member's newest heartbeat, with the current configuration."""
-        self.send(member, HeartbeatAck(member.number, self.current.message(self.poll_interval_ns)))
+        config = self.current.message(self.poll_interval_ns, self._staggered(member))
+        self.send(member, HeartbeatAck(member.number, config))
 
     def acknowledge_all(self) -> None:
         """Send every member that is not below a relay the current configuration."""
@@ -318,8 +335,8 @@ class Leader:
         member.last_heard_ns = now_ns
         # A relay reports the loss also of a client that has sent only hellos.
         is_lost = isinstance(message, Heartbeat) and message.report.state is NodeState.LOST
-        if not is_lost and self.roster.confirm(member) and not self.current.is_held(member.camera):
-            self._review_is_due = True
+        if not is_lost and self.roster.confirm(member):
+            self._review_is_due |= self.current.is_staggered or not self.current.is_held(member.camera)
         return member
 
     def _pass_up(
@@ -340,19 +357,70 @@ class Leader:
             jumps_ns = {} if self.current.grid_choice is None else self.current.grid_choice.jumps_ns
             if member.name in jumps_ns:
                 member.report = status_text.jumped(member.report, jumps_ns[member.name])
+        if self.current.is_staggered:
+            # A camera that has just joined must not count as ready with a delay that it is about to lose.
+            self._review_if_due(now_ns)
         if member.via is None and not is_new:
             self.acknowledge(member)
 
-    def _review_grid(self, now_ns: int) -> bool:
-        """Change the grid's period if another suits more cameras, except near a burst; return whether it did.
+    def _review_if_due(self, now_ns: int) -> None:
+        # The root decides the grid of a relay.
+        if self._review_is_due and self._summary is None and self._review_grid(now_ns):
+            self.acknowledge_all()
 
-        A camera that has sent only hellos has no vote if a confirmed one is present.
+    def _review_grid(self, now_ns: int) -> bool:
+        """Change the grid's period if another suits more cameras, and the delays, except near a burst.
+
+        Return whether anything has changed. A camera that has sent only hellos has no vote if a confirmed one
+        is present.
         """
         if self.orders.is_busy(now_ns):
             return False
         self._review_is_due = False
         voters = self.roster.cameras() or self.roster.cameras(even_unconfirmed=True)
-        return self.current.follow_cameras(voters, now_ns)
+        has_changed = self.current.follow_cameras(voters, now_ns)
+        return (self.current.is_staggered and self._plan_delays(now_ns)) or has_changed
+
+    def _plan_delays(self, now_ns: int) -> bool:
+        """Plan the delays of the cameras on the grid; return whether they have changed.
+
+        A camera that is lost keeps its place until it is forgotten, so that a fault of its link moves no
+        other one. A camera that signs off gives it up.
+        """
+        grid, current = self.grid, self.current
+        if grid is None:
+            return False
+        if current.delays_ns is None:
+            self._delays_due_ns = self._delays_due_ns or now_ns + RETURN_NS
+            self._review_is_due = now_ns < self._delays_due_ns
+            if self._review_is_due:
+                return False
+        places = {
+            name: member
+            for name, member in self.roster.members.items()
+            if member.is_confirmed
+            and member.lost != LEFT
+            and member.camera.kind not in WITHOUT_CAMERA
+            and current.is_held(member.camera)
+        }
+        stagger, before = current.config.stagger, current.delays_ns
+        planned_ns = {} if stagger is None else stagger.plan_ns(places, grid.period_ns)
+        current.delays_ns = planned = {camera_key(name): delay_ns for name, delay_ns in planned_ns.items()}
+        # After a takeover they have their delays already.
+        known = planned if before is None else before
+        for name, member in places.items():
+            key, is_ready = camera_key(name), member.report.state in (NodeState.READY, NodeState.DEGRADED)
+            if is_ready and known.get(key, 0) != planned.get(key, 0):
+                # Until it reports again it must not count as ready.
+                member.report = structs.replace(member.report, state=NodeState.ALIGNING, message=MOVES)
+        return planned != before
+
+    def _staggered(self, member: Member) -> list[str]:
+        """Return the cameras whose planned delays a member is to know: itself, or those below a relay."""
+        if not self.current.is_staggered or member.camera.kind != RELAY:
+            return [member.name]
+        members = self.roster.members
+        return [name for name, below in members.items() if member in relays_above(below, members)]
 
     def _update_grid(self, now_ns: int) -> bool:
         """Shift the grid's phase to suit cameras that can only be restarted, except near a burst.
@@ -427,7 +495,7 @@ class Leader:
             instance=hello.instance,
             client=member.number,
             transfer_port=self.config.transfer_port,
-            config=self.current.message(self.poll_interval_ns),
+            config=self.current.message(self.poll_interval_ns, self._staggered(member)),
             slot=member.slot,
         )
         self._outbox.append((encode(welcome), address))

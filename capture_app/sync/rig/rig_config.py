@@ -1,15 +1,17 @@
 """Configuration of a rig: the leader's options, and the current values that it sends to its clients."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.node_state import WITHOUT_CAMERA
+from capture_app.common.stagger import Stagger
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.phase.period_choice import can_hold, choose_period
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.datagrams import RigConfigMessage, UpstreamMap
+from capture_app.sync.wire.datagrams import MAX_DELAYS, RigConfigMessage, UpstreamMap, camera_key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +28,8 @@ class RigConfig:
     """Maximum delay of a burst requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
     """Fixed offset of instants from whole periods of leader time; None: the cameras determine the grid."""
+    stagger: Stagger | None = None
+    """Planned order of the cameras' frames; None: all at the same instant."""
 
 
 @dataclass(slots=True)
@@ -44,6 +48,8 @@ class CurrentConfig:
     """Map from the root's time to the time of the leader that it replaced."""
     grid_is_of_cameras: bool = False
     """Whether the grid has a camera's period or the requested one, and keeps it."""
+    delays_ns: Mapping[int, int] | None = field(default_factory=dict)
+    """Planned delays of staggered cameras by `camera_key`; None: cameras keep theirs, as after a takeover."""
 
     @property
     def grid(self) -> FrameGrid | None:
@@ -88,8 +94,17 @@ class CurrentConfig:
         self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))
         return True
 
-    def message(self, poll_interval_ns: int) -> RigConfigMessage:
-        """Return the message to clients, whose time requests are `poll_interval_ns` apart on average."""
+    @property
+    def is_staggered(self) -> bool:
+        """Whether cameras have planned delays, or will have some, or are still to lose them."""
+        return self.config.stagger is not None or bool(self.delays_ns)
+
+    def message(self, poll_interval_ns: int, cameras: Collection[str] = ()) -> RigConfigMessage:
+        """Return the message to a client, whose time requests are `poll_interval_ns` apart on average.
+
+        It has the planned delays of these `cameras`, of MAX_DELAYS at most: of the client's own, or of all
+        below a relay.
+        """
         assert self.grid_choice is not None, "the first hello sets the grid"
         grid = self.grid_choice.grid
         return RigConfigMessage(
@@ -102,4 +117,9 @@ class CurrentConfig:
             upstream=self.upstream,
             in_holdover=self.in_holdover,
             continues=self.continues,
+            delays_ns=None if self.delays_ns is None else self._delays_of(cameras, self.delays_ns),
         )
+
+    def _delays_of(self, cameras: Collection[str], delays_ns: Mapping[int, int]) -> dict[int, int]:
+        planned = ((key, delays_ns.get(key, 0)) for key in map(camera_key, cameras))
+        return dict(islice(((key, delay_ns) for key, delay_ns in planned if delay_ns), MAX_DELAYS))

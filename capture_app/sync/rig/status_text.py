@@ -8,7 +8,6 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.clock.time_map import SIGMAS_95
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.datagrams import Report
@@ -105,23 +104,6 @@ def degraded(
         why, remedy = f"messages with a round trip of {duration(round_trip_ns)} are delayed at times", "use "
     enough = f"--clock-tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
     return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {why}; {remedy}{enough}"
-
-
-def of_event(event: object) -> str:
-    """Describe a clock event; empty for events that need no report."""
-    match event:
-        case clock_events.ClockChanged(jumped=True):
-            return "a clock was changed: synchronizing again"
-        case clock_events.StepRefused():
-            return (
-                f"{count(event.times, 'answer')} of the leader contradicted all other answers and did not"
-                " count: a device on the network may alter them"
-            )
-        case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
-            return fast_clock(fast_ppm)
-        case clock_events.ClockChanged():
-            return RATE_CHANGED
-    return ""
 
 
 def rate(watch: RateWatch, now_ns: int) -> str:

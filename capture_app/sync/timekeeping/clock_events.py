@@ -39,4 +39,18 @@ class ClockRateUnusual:
     """Rate excess of this node's clock; None if the rate is ordinary again."""
 
 
-ClockEvent = ClockChanged | StepRefused | ClockSynced | ClockRateUnusual
+@dataclass(frozen=True, slots=True)
+class TimesDoubted:
+    """Times of an interval of this node's clock were wrong, and their error is known now; all in ns."""
+
+    from_local_ns: int
+    until_local_ns: int
+    error_ns: int
+    """95 % error of the times that were given in the interval, by the newest map."""
+    hard_bound_ns: int
+    """Largest error, by that map's hard bound."""
+    jumped: bool
+    """Whether a clock stepped; otherwise its rate changed."""
+
+
+ClockEvent = ClockChanged | StepRefused | ClockSynced | ClockRateUnusual | TimesDoubted

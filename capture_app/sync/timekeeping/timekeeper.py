@@ -16,6 +16,7 @@ from capture_app.sync.timekeeping.clock_events import (
     ClockSynced,
     StepRefused,
 )
+from capture_app.sync.timekeeping.map_history import MapHistory
 from capture_app.sync.timekeeping.poll_schedule import (
     AT_ONCE_NS,
     AccuracyTarget,
@@ -80,6 +81,11 @@ class Timekeeper:
         self.outstanding: dict[int, int] = {}
         """Send times of unanswered requests by sequence number, lost ones included; at most OUTSTANDING."""
         self._request: bytes | None = None
+        self._history = MapHistory()
+        self._agreed_ns = 0
+        """Local time of the newest sample that agreed with those before."""
+        self._right_until_ns: int | None = None
+        """That time at the last step of a clock, until the time is known again."""
         self._stepped = False
         """Whether a clock has stepped or been slewed, and the time is not known again yet."""
         self._reported_steps, self._report_steps_ns = 0, AT_ONCE_NS
@@ -104,6 +110,7 @@ class Timekeeper:
                 self.path = (config.path[0], *(self.path[1:] or self.path))
         if not self.time_is_known or config.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
+            self._history.clear()
         self.synced = False
         self.target.restart()
         self.rate.restart()
@@ -139,8 +146,11 @@ class Timekeeper:
             self._samples.append(sample)
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
-        doubted, hidden_ns = self.clock.beyond_chance, self.clock.hidden_ns
-        if not self.clock.add(sample):
+        samples = self.clock.samples
+        if self.clock.add(sample):
+            self._agreed_ns = now_ns if self.clock.samples > samples else self._agreed_ns
+        else:
+            self._right_until_ns = self._right_until_ns or self._agreed_ns
             self.synced = self.time_is_known = False
             self.target.restart()
             self.rate.restart()
@@ -149,11 +159,6 @@ class Timekeeper:
             if not self._stepped:
                 self.events.append(ClockChanged(jumped=True))
             self._stepped = True
-        if self.clock.beyond_chance and not doubted:
-            # Require the target itself again, without the hysteresis of a clock that was good enough.
-            self.target.met = self.target.target_ns is None
-        if self.clock.hidden_ns > hidden_ns:
-            self.schedule.estimate_due_ns = now_ns
         if self.clock.refused_steps > self._reported_steps and now_ns >= self._report_steps_ns:
             self.events.append(StepRefused(self.clock.refused_steps - self._reported_steps))
             self._reported_steps, self._report_steps_ns = (
@@ -222,7 +227,7 @@ class Timekeeper:
         if own is None or asked is None:
             return
         self.map_to_leader = own
-        if self.clock.samples < self.schedule.min_samples or (self._stepped and self.clock.is_settling):
+        if self.clock.samples < self.schedule.min_samples:
             return
         self._stepped = False
         time_map = asked.root_map(own)
@@ -236,8 +241,17 @@ class Timekeeper:
             time_map = held
         else:
             self.time_map, self.path, self.time_is_known = time_map, asked.path, True
-            if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
+            event = self.rate.judge(time_map, self.clock.rate_changed_ns)
+            if event is not None:
                 self.events.append(event)
+            is_changed = isinstance(event, ClockChanged)
+            doubted = self._history.doubt(
+                time_map, now_ns, after_ns=self._right_until_ns, is_changed=is_changed
+            )
+            if doubted is not None:
+                self.events.append(doubted)
+            self._right_until_ns = None
+            self._history.add(time_map, now_ns)
         if self.target.judge(time_map, now_ns, above_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))

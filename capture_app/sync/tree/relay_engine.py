@@ -172,5 +172,7 @@ class Relay:
             above.common_instant_leader_ns if number is not None else None
         )
         current.config = replace(current.config, align_row=above.align_row)
+        moved |= current.delays_ns != above.delays_ns
+        current.delays_ns = above.delays_ns
         if moved:
             leader.acknowledge_all()

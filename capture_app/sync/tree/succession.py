@@ -101,6 +101,10 @@ class Succession:
         """Return datagrams with their destinations; a time request carries `now_ns`, so send them at once."""
         return self.member.datagrams_to_send(now_ns)
 
+    def leave(self) -> None:
+        """Say goodbye to the active leader, as this one is about to stop."""
+        self.member.leave()
+
     def _note_absence(self, now_ns: int) -> None:
         """Stop leading after a pause, as of a suspended machine, in which the members have left."""
         if self.leads and now_ns > self._called_ns + LEADER_SILENT_NS:

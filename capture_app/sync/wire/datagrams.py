@@ -2,6 +2,7 @@
 
 from math import isfinite, isnan
 from typing import Annotated
+from zlib import crc32
 
 from msgspec import Meta, Struct
 
@@ -29,6 +30,8 @@ CLOCK = CameraFacts(
 """Placeholder camera description of a node without a camera."""
 PROBE_NUMBER = 0
 """Client number in a liveness probe, which no client has; a leader that answers "unknown" is alive."""
+MAX_DELAYS = 64
+"""Maximum planned delays in a message: as many as fit into a datagram beside the rest of a configuration."""
 MIN_PERIOD_NS, MAX_PERIOD_NS = 100_000, 60_000_000_000
 """Minimum and maximum frame period of a rig: 10,000 fps to one frame a minute."""
 
@@ -141,6 +144,8 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """Whether this relay, or one above it, has lost its leader: it keeps the time but forwards no bursts."""
     continues: UpstreamMap | None = None
     """Map from the root's clock to a lost leader's, whose time the root continues; the path names it."""
+    delays_ns: Annotated[dict[Number, Count], Meta(max_length=MAX_DELAYS)] | None = {}
+    """Planned delays after the grid's instants by `camera_key`, 0 for all others; None: as they are now."""
 
     @property
     def is_possible(self) -> bool:
@@ -156,6 +161,11 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     def root_map(self, own: TimeMap) -> TimeMap:
         """Return the map to the root's clock; `own` maps to this leader's clock."""
         return own if self.upstream is None else own.chained_to(self.upstream.time_map())
+
+
+def camera_key(name: str) -> int:
+    """Return the number by which a configuration's delays name a camera: names are up to 64 bytes long."""
+    return crc32(name.encode())
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):
@@ -200,7 +210,8 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     frames: Count = 0
     drops: Count = 0
     frame_leader_ns: TimeNs | None = None
-    """Leader time of the aligned moment of a frame close to now; None while the phase is unknown."""
+    """Leader time of the aligned moment of a frame close to now, without its planned delay; None while the
+    phase is unknown."""
     tolerance_ns: Count = 0
     """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
     stamp_quantum_ns: Count = 0

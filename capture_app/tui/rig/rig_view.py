@@ -16,13 +16,14 @@ from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.plugins import COMMANDS, load_plugin, plugin_names
+from capture_app.common.stagger import EVEN, OFF, Stagger
 from capture_app.common.text import printable
-from capture_app.protocol.orders import AddSimulated, RemoveCamera
+from capture_app.protocol.orders import AddSimulated, RemoveCamera, StaggerCameras
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
-from capture_app.tui.question import Answer, Question
+from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
 from capture_app.tui.rig.start import StartPanel
@@ -59,6 +60,14 @@ class RigView(ModeView):
             tooltip="stop a camera, or remove a lost one",
         ),
         Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more cameras"),
+        Binding(
+            "s",
+            "stagger",
+            "Stagger",
+            show=False,
+            id="rig.stagger",
+            tooltip="frames one after the other, or all at one instant",
+        ),
         Binding("n", "log", "Log", id="rig.log", tooltip="scroll through the log"),
         Binding(
             "p",
@@ -208,7 +217,9 @@ class RigView(ModeView):
         if (group := _OF_COMPANIONS.get(action)) and action not in plugin_names(group):
             return False
         return {
-            **dict.fromkeys(("add", "log", "panel", "phones", "monitor", "invite"), self._cameras.display),
+            **dict.fromkeys(
+                ("add", "log", "panel", "phones", "monitor", "invite", "stagger"), self._cameras.display
+            ),
             "remove": self._cameras.rows.has_focus,
             "back": self._adding is not None or self._event_log.has_focus,
         }.get(action, True)
@@ -235,7 +246,10 @@ class RigView(ModeView):
         self._draw()
         with showing_errors(self):
             await start_rig(
-                sessions=self._sessions, host=(LOOPBACK_HOSTS if alone else ANY_HOST)[1], port=leader.port
+                sessions=self._sessions,
+                host=(LOOPBACK_HOSTS if alone else ANY_HOST)[1],
+                port=leader.port,
+                stagger=Stagger.parse(status.stagger) if status is not None and status.stagger else None,
             )
             nodes = status.nodes if status is not None else ()
             if simulated := sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes):
@@ -247,6 +261,24 @@ class RigView(ModeView):
     def action_log(self) -> None:
         """Move the focus to the log for scrolling, or back."""
         (self._cameras.rows if self._event_log.has_focus else self._event_log).focus()
+
+    @work(group="orders")
+    async def action_stagger(self) -> None:
+        """Ask in which order the cameras take their frames, and set it."""
+        now = "" if self._record.status is None else self._record.status.stagger
+        text = await self.app.push_screen_wait(
+            TextQuestion(
+                f"{EVEN}: frames one after the other, in even steps. {OFF}: all at one instant."
+                " Or a delay for each camera: cam0=0ms,cam1=8.3ms.",
+                now or EVEN,
+                check=Stagger.parse_or_off,
+                title="Stagger",
+            )
+        )
+        if text is not None:
+            with showing_errors(self):
+                stagger = Stagger.parse_or_off(text)
+                await self._source.order(StaggerCameras(order=str(stagger or "")))
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""

@@ -57,8 +57,10 @@ class Stage(ContentSwitcher):
         self.grid.show_preview(preview)
         found = collect(self._newest, preview)
         if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._shows_depth:
+            status = self._record.status
+            what = (status.order if status is not None else "") or "of one instant"
             self.border_title = (
-                f"Live · {len(found.previews)} pictures of one instant, within {duration(found.spread_ns)}"
+                f"Live · {len(found.previews)} pictures {printable(what)}, within {duration(found.spread_ns)}"
             )
 
     def show_depth(self, depth: DepthPreview | None) -> None:

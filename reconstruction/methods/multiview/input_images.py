@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.calibrated_rig import calibrated_views
-from reconstruction.calibration.consistency import RigCheck, check_rig
+from reconstruction.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
@@ -145,7 +145,7 @@ def load_input_images(
     return images, left_out, calibration.source_words, calibration.unit
 
 
-def check_images(images: Mapping[str, InputImage]) -> RigCheck:
+def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
     """Check the images' calibration against points at rest in them, of one instant."""
     views = {camera: image.calibrated.view for camera, image in images.items()}
     features = {}

@@ -55,7 +55,7 @@ POINTS_PICTURE = Picture(
 
 
 @dataclass(frozen=True, eq=False)
-class RigPoints:
+class SeenPoints:
     """Points seen by at least two cameras, and their observations.
 
     `points` (n, 3) are in the rig's frame. `errors` (n,) are mean reprojection errors, px of the undistorted
@@ -70,7 +70,7 @@ class RigPoints:
     pixel: Array
 
 
-def triangulate(rig: Rig, shown: Mapping[str, int]) -> RigPoints:
+def triangulate(rig: Rig, shown: Mapping[str, int]) -> SeenPoints:
     """Triangulate the points that these cameras (two or more) see, each at its instant.
 
     Features are the rig's, detected once for all studies; COLMAP does all else.
@@ -163,12 +163,12 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
     return colmap.triangulate_points(model, database, database.parent, folder, options=options)
 
 
-def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
+def _rig_points(model: Any, found: Mapping[str, Features]) -> SeenPoints:
     positions = [features.positions for features in found.values()]
     points = [point for _, point in sorted(model.points3D.items())]
     seen = [(index, one) for index, point in enumerate(points) for one in point.track.elements]
     pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
-    return RigPoints(
+    return SeenPoints(
         points=np.array([point.xyz for point in points], float).reshape(-1, 3),
         errors=np.array([point.error for point in points], float),
         point=np.array([index for index, _ in seen], int),
@@ -177,7 +177,7 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
     )
 
 
-def _depth_at(view: View, found: RigPoints, camera: int) -> tuple[Array, Array]:
+def _depth_at(view: View, found: SeenPoints, camera: int) -> tuple[Array, Array]:
     """Return the pixels (n, 2) at which a camera sees points, inside its image, and their depth (n,)."""
     mine = found.camera == camera
     points = found.points[found.point[mine]]
@@ -304,7 +304,7 @@ class TriangulationStudy(ConditionStudy):
         by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
         return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
 
-    def _draw(self, one: ShownInstant, points: Mapping[str, RigPoints], folder: Path) -> tuple[Picture, ...]:
+    def _draw(self, one: ShownInstant, points: Mapping[str, SeenPoints], folder: Path) -> tuple[Picture, ...]:
         """Draw both conditions' points on the first camera's picture, coloured by their distance."""
         camera = self.cameras[0]
         view, photo = self.rig.views[camera], self.dataset.image(camera, one.instant)
@@ -321,17 +321,17 @@ class TriangulationStudy(ConditionStudy):
             drawn[side] = {POINTS_PICTURE.key: picture}
         return write_pictures(drawn, (POINTS_PICTURE,), folder)
 
-    def _points(self, shown: Mapping[str, int]) -> RigPoints:
+    def _points(self, shown: Mapping[str, int]) -> SeenPoints:
         return self.rig.stages.arrays(
             "triangulation",
-            RigPoints,
+            SeenPoints,
             lambda: triangulate(self.rig, shown),
             tuple(shown.items()),
             [repr(self.rig.views[camera]) for camera in shown],
             library_versions()["pycolmap"],
         )
 
-    def _measure(self, found: RigPoints, one: ShownInstant, side: str) -> Measurements:
+    def _measure(self, found: SeenPoints, one: ShownInstant, side: str) -> Measurements:
         """Measure points on moving objects (in at least half of their images) and on the still control."""
         moving, hidden, right, known = np.zeros((4, len(found.point)), bool)
         anything = False

@@ -15,7 +15,7 @@ from capture_app.companions.interop.app_protocol import (
     decode_call,
     encode_call,
 )
-from capture_app.protocol.log import FollowerEvent
+from capture_app.protocol.event_text import FollowerEvent
 from tests.companions.interop.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000

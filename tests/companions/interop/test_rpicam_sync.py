@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.companions.interop.rpicam import PACKET, RpicamSync
-from capture_app.node.leader.followers import SharedGrid
+from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log

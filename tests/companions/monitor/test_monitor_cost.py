@@ -15,7 +15,7 @@ import pytest
 from capture_app.common.node_state import NodeState
 from capture_app.companions.monitor.monitor_page import serving_monitor
 from capture_app.protocol.orders import StopRig
-from capture_app.rig.process import RunningRig, start_rig
+from capture_app.rig.process import LeaderRecord, start_rig
 from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.web.admission import Admission
 from capture_app.web.paired_page import ListeningPage
@@ -37,7 +37,7 @@ class Load:
     wall_s: float
 
 
-async def load(rig: RunningRig, *work: Coroutine[Any, Any, None]) -> Load:
+async def load(rig: LeaderRecord, *work: Coroutine[Any, Any, None]) -> Load:
     """Do work, and return what the leader used and the phase errors during it."""
     began_s, used_s, errors = time.monotonic(), cpu_s(rig.pid), []
     working = asyncio.gather(*work)
@@ -64,14 +64,14 @@ async def watch(monitor: StandInMonitor) -> None:
 
 
 @pytest.fixture
-async def rig(tmp_path: Path) -> AsyncIterator[RunningRig]:
+async def rig(tmp_path: Path) -> AsyncIterator[LeaderRecord]:
     rig = await start_rig(sessions=tmp_path / "sessions", host="127.0.0.1", is_owned=True)
     yield rig
     await RigLink(rig.address).order(StopRig())
 
 
 async def test_three_monitors_get_all_pictures_and_leave_the_cameras_in_phase(
-    rig: RunningRig, capsys: pytest.CaptureFixture[str]
+    rig: LeaderRecord, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = ListeningPage(Admission(time.monotonic, "monitor"), "127.0.0.1", 0, 0)
     async with AsyncExitStack() as stack:

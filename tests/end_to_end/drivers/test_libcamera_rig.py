@@ -1,9 +1,10 @@
 """Leader and libcamera nodes: the real library on the kernel's own uvcvideo driver, in a virtual machine.
 
-`make test-libcamera` runs it, in a Debian 13 of its own below the guest's root, since libcamera comes with
-the system; its environment does not see the system's packages. The cameras run at -30 and 0 ppm and begin
-250 ms after each start. libcamera cannot set their frame durations: they are restarted. It names a USB camera
-after its controller's place in the firmware's tables; the virtual controller has none, and is given one.
+`make test KIND=libcamera` runs it, in a Debian 13 of its own below the guest's root, as libcamera comes
+with the system; its environment does not see the system's packages. The cameras run at -30 and 0 ppm and
+begin 250 ms after each start. libcamera cannot set their frame durations: they are restarted. It names a USB
+camera after its controller's place in the firmware's tables; the virtual controller has none, and is given
+one.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """Exposure, gain, white balance and focus on the kernel's own uvcvideo driver, in a virtual machine.
 
-`make test-v4l2` runs it. `usb_cameras_with_controls.py` is what the driver talks to over the USB bus, and
-`webcam_controls_in_guest.py` what talks to the driver.
+`make test KIND=v4l2` runs it. `usb_cameras_with_controls.py` is what the driver talks to over the USB bus,
+and `webcam_controls_in_guest.py` what talks to the driver.
 """
 
 import json

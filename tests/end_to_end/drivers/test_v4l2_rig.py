@@ -1,6 +1,6 @@
 """Leader and V4L2 nodes on the kernel's own uvcvideo driver, in a virtual machine with two USB cameras.
 
-`make test-v4l2` runs it. The cameras run at -30 and 0 ppm and begin 250 ms after each start; everything
+`make test KIND=v4l2` runs it. The cameras run at -30 and 0 ppm and begin 250 ms after each start; everything
 from the USB bus up is real. The guest sees this checkout read-only and writes to `/out`.
 """
 

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, Spool
+from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, Upload
 from capture_app.protocol.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import JOURNAL
@@ -20,11 +20,11 @@ from tests.waiting import until
 pytestmark = pytest.mark.virtual
 
 
-def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> BurstUpload:
+def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> Upload:
     """A burst that is being picked, with these frames so far."""
     whole = burst_upload(*pictures)
     report = replace(whole.report, burst=burst).with_plan(instants=(), picking=True)
-    upload = BurstUpload(report, deque(), streamed=True, max_bytes=max_bytes)
+    upload = Upload(report, deque(), streamed=True, max_bytes=max_bytes)
     upload.extend(further(*whole.frames, over=len(pictures)))
     return upload
 

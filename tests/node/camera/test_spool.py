@@ -7,24 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
 from capture_app.protocol.messages import CameraReport
 from tests.node.camera.uploading import Picture, burst_upload
 
 UPLOAD = burst_upload(Picture(b"zero"))
 
 
-def write_report(burst: SpooledBurst, report: CameraReport) -> None:
+def write_report(burst: SpoolFolder, report: CameraReport) -> None:
     burst.write_report(report)
 
 
-def add_image(burst: SpooledBurst, report: CameraReport) -> None:
+def add_image(burst: SpoolFolder, report: CameraReport) -> None:
     burst.add_image(*encode_frame(report, UPLOAD.frames[0]))
 
 
 @pytest.mark.parametrize("write", [write_report, add_image])
 def test_what_is_written_while_a_burst_is_removed_is_not_left_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[SpooledBurst, CameraReport], None]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[SpoolFolder, CameraReport], None]
 ) -> None:
     """The writer comes when all files are deleted, and the folder is not: it would stay with that file."""
     spool = Spool(tmp_path, "a")

@@ -9,7 +9,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
 from capture_app.protocol.messages import (
     CameraReport,
     Refusal,
@@ -133,7 +133,7 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
 class FullSpool(Spool):
     """A spool on a disk without room."""
 
-    def create_burst(self, report: CameraReport) -> SpooledBurst:
+    def create_burst(self, report: CameraReport) -> SpoolFolder:
         raise DiskFullError("the disk of /spool is full")
 
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import BurstUpload, Spool
+from capture_app.node.camera.burst_upload import Spool, Upload
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
@@ -123,7 +123,7 @@ async def test_a_burst_that_was_cancelled_while_the_node_was_away_is_deleted(tmp
         await until(lambda: not list((tmp_path / "a").iterdir()))
 
 
-def numbered(burst: int, *shown: Picture) -> BurstUpload:
+def numbered(burst: int, *shown: Picture) -> Upload:
     upload = burst_upload(*shown)
     upload.report = replace(upload.report, burst=burst)
     return upload

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import BurstUpload, Spool
+from capture_app.node.camera.burst_upload import Spool, Upload
 from capture_app.node.camera.uploader import Uploader
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
@@ -55,14 +55,14 @@ class Picture:
         return self.data
 
 
-def burst_upload(*pictures: Picture) -> BurstUpload:
+def burst_upload(*pictures: Picture) -> Upload:
     picks = [
         SelectedFrame(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
     ]
     camera = CameraRecord(name="a", facts=CAMERA)
     plan = CameraPlan(camera=camera, reported=True, instants=tuple(range(len(picks))))
-    return BurstUpload(CameraReport(leader=1, burst=1, plan=plan), deque(picks))
+    return Upload(CameraReport(leader=1, burst=1, plan=plan), deque(picks))
 
 
 TIME_MAP = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, samples=1, round_trip_ns=0)

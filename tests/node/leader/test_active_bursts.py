@@ -32,7 +32,7 @@ from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
 from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
@@ -297,7 +297,7 @@ async def test_a_take_that_no_camera_has_confirmed_is_kept_for_their_images(tmp_
     engine = engine_of("a")
     async with bursts_of(tmp_path, engine) as bursts:
         session = await order(bursts, frames=2)
-        bursts.note_answer(BurstAnswered("a", session.burst.number, "silent for 2 s", is_silent=True))
+        bursts.note_answer(TriggerAnswered("a", session.burst.number, "silent for 2 s", is_silent=True))
         await session.finished.wait()
         late = await bursts.find_session(replace(report("a", 0, 1), burst=session.burst.number), "")
         assert isinstance(late, BurstSession)

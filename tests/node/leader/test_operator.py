@@ -30,7 +30,7 @@ from capture_app.protocol.orders import (
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.session.files.locks import lock_folder
-from capture_app.sync.rig.events import BurstAnswered, NodeChanged
+from capture_app.sync.rig.events import NodeChanged, TriggerAnswered
 from capture_app.sync.timekeeping.rates import HostOffRate
 
 TIMEOUT_S = 60.0
@@ -247,7 +247,7 @@ def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: p
     log.note(NodeChanged("a", "joined"))
     log.note(NodeChanged("a", "lost", "it left"))
     log.note(NodeChanged("a", "lost", "it left"))
-    log.note(BurstAnswered("b", 1, "no clock"))
+    log.note(TriggerAnswered("b", 1, "no clock"))
     log.note(BurstStatus(burst=1, name="x", cameras=1, instants=1, received=0, expected=1))
     done: dict[str, Any] = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
     log.note(BurstStatus(received=1, session="/s/x", **done))
@@ -267,8 +267,8 @@ def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
     log.note(NodeChanged("a", "moved"))
     log.note(NodeChanged("a", "lost", "it left"))
     log.note(NodeChanged("b", "refused", "the rig is full", "at 10.0.0.2"))
-    log.note(BurstAnswered("a", 1))
-    log.note(BurstAnswered("b", 1, "no clock"))
+    log.note(TriggerAnswered("a", 1))
+    log.note(TriggerAnswered("b", 1, "no clock"))
     log.note(HostOffRate("a", 210.0, ambiguous=True))
     log.note(HostOffRate("a", 0.0))
     assert told == [

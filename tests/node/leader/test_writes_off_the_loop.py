@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.common.camera_facts import CameraControls, Control, ControlState
 from capture_app.node.leader import camera_settings
-from capture_app.node.leader.camera_settings import SETTINGS, RigSettings
+from capture_app.node.leader.camera_settings import SETTINGS, CameraSettings
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -39,7 +39,7 @@ def off_this_thread(written: list[Path], before: Callable[[], object] = lambda: 
 
 def join(leader: LeaderNode, name: str) -> None:
     join_many(leader, "pin-of-one", [name])
-    leader._pump.turn()
+    leader.pump.turn()
 
 
 async def test_names_that_come_during_a_write_share_the_next_one(
@@ -86,6 +86,6 @@ async def test_settings_of_cameras_are_stored_off_the_event_loop(
     written: list[Path] = []
     monkeypatch.setattr(Viewfinders, "ask", answer)
     monkeypatch.setattr(camera_settings, "write_atomic", off_this_thread(written))
-    settings = RigSettings(tmp_path, Viewfinders(), Log())
+    settings = CameraSettings(tmp_path, Viewfinders(), Log())
     await settings.ask(ControlsRequest(camera="cam0", values={Control.GAIN: 2.0}))
     assert written == [tmp_path / SETTINGS]

@@ -25,7 +25,7 @@ from reconstruction.scores.study_result import (
     Picture,
     StudyResult,
 )
-from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.scores.timing import SessionTiming, Timing
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(
@@ -38,10 +38,10 @@ TIMING = Timing(
 )
 
 
-def rig_timing(reference: str, *others: str) -> RigTiming:
+def rig_timing(reference: str, *others: str) -> SessionTiming:
     """All of them together with the reference."""
     changes = ({"reference": reference, "other": other, "instants": ()} for other in others)
-    return RigTiming(
+    return SessionTiming(
         reference=reference, cameras=tuple(msgspec.structs.replace(TIMING, **one) for one in changes)
     )
 

@@ -9,7 +9,7 @@ from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.report import wording
 from reconstruction.report.findings import claims, describe_exactness, verdict
 from reconstruction.scores.study_result import Interval
-from reconstruction.scores.timing import RigTiming
+from reconstruction.scores.timing import SessionTiming
 from reconstruction.time_offsets.crossings import InstantOffset
 from reconstruction.time_offsets.instant_votes import Change, Step
 from tests.reconstruction.report.conftest import ReadReport
@@ -59,7 +59,7 @@ def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
 
 def test_an_offset_of_any_camera_counts(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, other="cam_far", synchronized=False, offset=True, late_ms=-17.1)
-    rig = RigTiming(reference="cam2", cameras=(TIMING, late))
+    rig = SessionTiming(reference="cam2", cameras=(TIMING, late))
     found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), rig_timing=rig))
     assert found["error"] == "17.1 ± 0.4 ms early"
     assert found["error_source"].startswith("cam_far against cam2")

@@ -9,7 +9,7 @@ from reconstruction.methods.poses.pose_study import PoseFacts
 from reconstruction.report.findings import verdict
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, with_depth
+from reconstruction.scores.timing import SessionTiming, Timing, with_depth
 from tests.reconstruction.report.results import study
 
 
@@ -122,7 +122,7 @@ def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() 
         )
 
     pair = camera("b", 0.1)
-    late = RigTiming(reference="a", cameras=(pair, camera("c", -40.0, shift_ms=-40.0), camera("d", None)))
+    late = SessionTiming(reference="a", cameras=(pair, camera("c", -40.0, shift_ms=-40.0), camera("d", None)))
     text = told(stereo(0.97, 0.01), timing=pair, rig_timing=late)
     assert text.startswith("When both pictures show the same instant")
     assert "Against a, c is 40.0 ± 0.6 ms early (by what moves; 95 %). --time-shift-ms c=-40 pairs" in text

@@ -32,7 +32,7 @@ OFTEN = (
     "a folder of images a camera",
     "images of two cameras in one folder",
 )
-"""The folders that are tried with every change; the others with `make test-long`."""
+"""The folders that are tried with every change; the others with `make test KIND=long`."""
 
 
 @pytest.mark.parametrize("name", slow_or_long(OFTEN, FOLDERS))

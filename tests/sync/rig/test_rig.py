@@ -15,7 +15,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
+from capture_app.sync.rig.events import LeaderNotice, NodeChanged, TriggerAnswered
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.datagrams import (
@@ -181,8 +181,8 @@ def test_a_burst_that_nobody_can_take_is_refused() -> None:
         rig.trigger(frames=0)
     burst = rig.trigger(frames=1)
     rig.run_for(S // 4)
-    refusals = [event for event in rig.leader_events if isinstance(event, BurstAnswered)]
-    assert refusals == [BurstAnswered("cam00", burst.number, "its clock is not synchronized yet")]
+    refusals = [event for event in rig.leader_events if isinstance(event, TriggerAnswered)]
+    assert refusals == [TriggerAnswered("cam00", burst.number, "its clock is not synchronized yet")]
 
 
 def test_dropped_frames_leave_gaps_that_say_so() -> None:

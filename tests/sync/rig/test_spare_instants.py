@@ -8,7 +8,7 @@ import pytest
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.node.burst.plans import choose_instants
-from capture_app.node.camera.burst_upload import BurstUpload
+from capture_app.node.camera.burst_upload import Upload
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.protocol.messages import CameraReport
 from capture_app.session.format.burst_plan import CameraPlan
@@ -30,7 +30,7 @@ def shares_of(node: VirtualNode, burst: Burst) -> CameraPlan | None:
     if picked is None:
         return None
     plan = CameraPlan(camera=CameraRecord(name=node.spec.name, facts=node.client.config.camera))
-    upload = BurstUpload(CameraReport(leader=1, burst=burst.number, plan=plan))
+    upload = Upload(CameraReport(leader=1, burst=burst.number, plan=plan))
     upload.extend(picked)
     return upload.report.plan
 

@@ -16,7 +16,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
-from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
+from capture_app.sync.rig.events import LeaderEvent, TriggerAnswered
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
@@ -168,7 +168,7 @@ class RelayRig:
         burst = self.trigger(frames)
         self.run(2.0)
         assert set(burst.clients) == set(self.cameras)
-        answers = [e for e in self.events if isinstance(e, BurstAnswered) and e.burst == burst.number]
+        answers = [e for e in self.events if isinstance(e, TriggerAnswered) and e.burst == burst.number]
         assert {(e.name, e.refusal) for e in answers} == {(name, "") for name in self.cameras}
         for name, camera in self.cameras.items():
             assert len(camera.ready) == had[name] + 1, name

@@ -8,7 +8,7 @@ import pytest
 from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.orders import AddSimulated, RemoveCamera
+from capture_app.protocol.orders import AddSimulated, RemoveCamera, StaggerCameras
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
@@ -212,6 +212,31 @@ async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig
         assert rig.asked == [("ask", Invite())] * 2
 
 
+async def test_cameras_are_staggered_by_a_key_and_the_header_says_so() -> None:
+    rig = FakeRig(2)
+    app = make_app(rig)
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        assert "stagger" not in text(app, "#header")
+        await pilot.press("s")
+        await settle(pilot)
+        await pilot.press("enter")
+        await settle(pilot)
+        assert rig.asked == [("order", StaggerCameras(order="even"))]
+        rig.different |= {"stagger": "even", "steps": "steps of 16.7 ms"}
+        rig.tell()
+        await settle(pilot)
+        assert "stagger: even, steps of 16.7 ms" in text(app, "#header")
+        await pilot.press("s")
+        await settle(pilot)
+        await pilot.press(*["backspace"] * 4, *"odd", "enter")
+        await settle(pilot)
+        assert not rig.asked[1:], "it is no order: the question stays"
+        await pilot.press(*["backspace"] * 3, *"off", "enter")
+        await settle(pilot)
+        assert rig.asked[1:] == [("order", StaggerCameras(order=""))]
+
+
 async def test_of_a_leader_that_is_gone_one_thing_is_said() -> None:
     rig = FakeRig(2)
     app = make_app(rig)
@@ -248,7 +273,7 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
         assert "l Restart leader" in text(app, "#footer")
         await pilot.press("l")
         await settle(pilot)
-        assert started == [{"sessions": tmp_path, "host": "0.0.0.0", "port": 47010}]
+        assert started == [{"sessions": tmp_path, "host": "0.0.0.0", "port": 47010, "stagger": None}]
         assert "starting a leader at 127.0.0.1:47010" in text(app, "#advice")
         answers.set()
         await settle(pilot)

@@ -16,7 +16,7 @@ from capture_app.common.errors import BadInputError, DiskFullError, IncompleteEr
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
-from capture_app.protocol.status import BurstAhead, BurstStatus, CameraTransfer
+from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.tui.question import Question
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import toasts, until
@@ -216,10 +216,10 @@ async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
 async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
     rig = ready_rig(2)
     minute_ns = 60_000_000_000
-    rig.different["ahead"] = (
-        BurstAhead(burst=8, name="burst-008", first_leader_ns=9 * minute_ns, instants=5),
-        BurstAhead(burst=7, name="burst-007", first_leader_ns=2 * minute_ns, instants=1),
-    )
+    later = BurstStatus(burst=8, name="burst-008", cameras=2, instants=5, received=0, expected=10)
+    later = replace_fields(later, first_leader_ns=9 * minute_ns)
+    soon = replace_fields(later, burst=7, name="burst-007", instants=1, first_leader_ns=2 * minute_ns)
+    rig.different["ahead"] = (later, soon)
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)

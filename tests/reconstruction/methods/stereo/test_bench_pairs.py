@@ -1,4 +1,4 @@
-"""`make bench-pairs` on a folder laid out as Middlebury's: JSON at the end, or one plain sentence."""
+"""`make bench NAME=pairs` on a folder laid out as Middlebury's: JSON at the end, or one plain sentence."""
 
 import json
 import sys

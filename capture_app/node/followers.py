@@ -21,7 +21,7 @@ SharedGrid = tuple[FrameGrid, TimeMap | None]
 """A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
 
 
-class RigFollower:
+class Follower:
     """Other programs of one kind that follow a started rig; this base class takes no pictures."""
 
     grid: tuple[int, int] | None = None
@@ -58,7 +58,7 @@ class RigFollower:
 
 def make_followers(
     at: str, host: str, values: Mapping[str, Any], *, leads: bool = False
-) -> Sequence[RigFollower]:
+) -> Sequence[Follower]:
     """Make the followers that the options' `values` of the command `at` ask for.
 
     `host` is the address that the rig listens on; with `leads`, a follower may require its own grid.

@@ -1,0 +1,82 @@
+"""Change detection by a line's gap, its minimum round-trip delay: a stepped or slewed clock.
+
+Each clock has a line of its own. A line over the samples of both has a smaller gap than either, as the
+change moves the bounds of one direction up and those of the other one down. Load, or an attacker who delays
+messages, makes no gap smaller. A path that has become faster makes that of the newest samples smaller, too.
+"""
+
+from collections import deque
+from enum import Enum, auto
+from typing import NamedTuple
+
+from capture_app.sync.clock.likely_line import ASYMMETRY
+
+SIGMAS, WATCHED_NS = 3.0, 30_000_000_000
+"""A gap is too small for chance beyond this many sigma, compared with those of this time before.
+
+With a sigma of the asymmetry besides, nothing was detected in two hours without a change, 12 minutes on each
+of 13 links, four of them recorded (simulated; docs/accuracy-measurements.md).
+"""
+RESTORED = 0.5
+"""Fraction of the missing gap that the newest samples alone have to have, for a clock to have changed.
+
+All of it after a change, and none of it on a path that has become faster.
+"""
+
+
+class Gap(NamedTuple):
+    """Gap of a line until a local time; all in ns."""
+
+    local_ns: int
+    gap: float
+    sigma: float
+    """One sigma of what more messages of the same clock and path may still take from it."""
+
+    @property
+    def least(self) -> float:
+        """Smallest gap of later lines of the same clock and path, in ns."""
+        return (1.0 - ASYMMETRY) * self.gap - SIGMAS * self.sigma
+
+
+class Cause(Enum):
+    """Why a line's gap is smaller than before."""
+
+    CLOCK = auto()
+    PATH = auto()
+    UNKNOWN = auto()
+
+
+class GapWatch:
+    """Gaps of the lines of one clock and path, of which those that are relevant are stored."""
+
+    def __init__(self) -> None:
+        self._gaps: deque[Gap] = deque()
+        """Each is later than the one before, and its `least` is smaller."""
+        self.least_ns: float | None = None
+        """Smallest gap so far, in ns."""
+
+    def add(self, gap: Gap) -> None:
+        """Add the gap of the newest line."""
+        while self._gaps and self._gaps[-1].least <= gap.least:
+            self._gaps.pop()
+        self._gaps.append(gap)
+        while self._gaps[0].local_ns < gap.local_ns - WATCHED_NS:
+            self._gaps.popleft()
+        self.least_ns = gap.gap if self.least_ns is None else min(self.least_ns, gap.gap)
+
+    def before(self, gap_ns: float) -> Gap | None:
+        """Return the newest gap for which this one is too small; None if there is none."""
+        return next((one for one in reversed(self._gaps) if one.least > gap_ns), None)
+
+    def forget_before(self, local_ns: int) -> None:
+        """Remove the gaps until a local time in ns: the path was slower then."""
+        while self._gaps and self._gaps[0].local_ns <= local_ns:
+            self._gaps.popleft()
+
+
+def cause_of(before: Gap, gap_ns: float, newest: Gap) -> Cause:
+    """Return why a gap is smaller than the one before: the newest samples alone have a gap, too."""
+    missing, restored = before.gap - gap_ns, newest.gap - gap_ns
+    if restored - newest.sigma > RESTORED * missing:
+        return Cause.CLOCK
+    return Cause.PATH if restored + newest.sigma < RESTORED * missing else Cause.UNKNOWN

@@ -1,0 +1,38 @@
+"""Five processes with simulated cameras and clocks that are hours off, one after the other in 33 ms."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from capture_app.session.reading.array_access import open_session
+from capture_app.session.reading.verify import verify
+from tests.end_to_end.conftest import Start
+from tests.end_to_end.rig import burst, join_ready, lead, output
+
+NAMES = tuple(f"cam{number}" for number in range(5))
+HALF = 0.5
+"""Fraction of a step by which true times may be off: processes of a busy machine are woken late."""
+
+
+@pytest.mark.slow
+async def test_the_frames_of_five_processes_follow_each_other(start: Start, tmp_path: Path) -> None:
+    _, address = await lead(start, tmp_path / "sessions", options=("--stagger", "even"))
+    await join_ready(start, address, *NAMES)
+    status = await output(await start("status", "--leader", address))
+    assert "stagger: even, steps of 6.67 ms" in status
+    done = await burst(start, address, "--frames", "4")
+    session = open_session(done["session"])
+    assert verify(session) == []
+    step_ns = session.manifest.burst.period_ns / len(NAMES)
+    frames = session.sequence
+    assert [frame.camera for frame in frames] == [*NAMES] * 4
+    for before, after in pairwise(frames):
+        assert before.true_ns is not None
+        assert after.true_ns is not None
+        assert after.true_ns - before.true_ns == pytest.approx(step_ns, abs=HALF * step_ns)
+    assert session.verdict.headline.startswith("staggered, steps of 6.67 ms")
+
+    await output(await start("rig", "stagger", "off", "--leader", address))
+    done = await burst(start, address, "--frames", "1")
+    assert not open_session(done["session"]).is_staggered

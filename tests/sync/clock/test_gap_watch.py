@@ -1,0 +1,107 @@
+"""The gap of a line: what two clocks leave of it, and what a path does."""
+
+import random
+
+import pytest
+
+from benchmarks.clock.ready_clocks import Slew, run_slew
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.gap_watch import WATCHED_NS, Cause, Gap, GapWatch, cause_of
+from tests.benchmarks.simulated.clock_changes import SPELL_CASES, cable, run_case, wifi
+from tests.benchmarks.simulated.link_spells import LAWS
+
+MS, S = 10**6, 10**9
+BEFORE = Gap(10 * S, 1_000_000.0, 10_000.0)
+
+
+def watched(*gaps: Gap) -> GapWatch:
+    """A watch that has seen these gaps."""
+    watch = GapWatch()
+    for gap in gaps:
+        watch.add(gap)
+    return watch
+
+
+def test_a_gap_is_too_small_beyond_chance_and_a_change_of_the_path() -> None:
+    watch = watched(BEFORE)
+    assert watch.before(BEFORE.least - 1.0) == BEFORE
+    assert watch.before(BEFORE.least + 1.0) is None
+    assert watched(BEFORE._replace(sigma=100_000.0)).before(BEFORE.least - 1.0) is None, "by chance"
+
+
+def test_the_newest_large_gap_is_found() -> None:
+    gaps = [Gap(second * S, 1_000_000.0 - 1_000.0 * second, 1_000.0) for second in range(20)]
+    found = watched(*gaps).before(gaps[7].least - 1.0)
+    assert found == gaps[7]
+    assert watched(*gaps, Gap(20 * S, 1_000_000.0, 1_000.0)).before(gaps[19].least) == (
+        20 * S,
+        1_000_000.0,
+        1_000.0,
+    ), "the last one, and larger than all"
+
+
+def test_a_gap_of_long_ago_is_forgotten() -> None:
+    watch = watched(BEFORE, Gap(BEFORE.local_ns + WATCHED_NS + 1, 500_000.0, 1_000.0))
+    assert watch.before(600_000.0) is None
+    assert watch.least_ns == 500_000.0
+
+
+@pytest.mark.parametrize(
+    ("gap_us", "sigma_us", "cause"),
+    [
+        (990, 10, Cause.CLOCK),
+        (705, 10, Cause.PATH),
+        (850, 10, Cause.UNKNOWN),
+        (990, 200, Cause.UNKNOWN),
+        (1_500, 200, Cause.CLOCK),
+    ],
+)
+def test_the_newest_samples_tell_a_clock_from_a_path(gap_us: float, sigma_us: float, cause: Cause) -> None:
+    assert cause_of(BEFORE, 700_000.0, Gap(11 * S, gap_us * 1e3, sigma_us * 1e3)) is cause
+
+
+@pytest.mark.parametrize("link", ["wire", pytest.param("paper", marks=pytest.mark.slow)])
+def test_a_slewed_clock_is_not_ready_for_long_while_it_is_off(link: str) -> None:
+    found = run_slew(link, {"wire": cable, "paper": wifi}[link], Slew(500.0, 3.0), range(1, 2), 0.0)
+    assert isinstance(found["false_s"], float)
+    assert found["false_s"] <= (0.5 if link == "wire" else 2.0)
+    assert found["false_after_s"] == 0.0
+
+
+def test_a_path_that_becomes_faster_is_not_reported_as_a_changed_clock() -> None:
+    rng, clock = random.Random(1), ClockFilter()
+    for t0 in range(0, 40 * S, 25 * MS):
+        base = 1.0 * MS if t0 < 20 * S else 0.5 * MS
+        t1 = t0 + round(base + rng.expovariate(1.0 / MS))
+        t3 = t1 + round(base + rng.expovariate(1.0 / MS))
+        assert clock.add(ClockSample(t0, t1, t1, t3))
+        clock.time_map(t3)
+    assert clock.rate_changed_ns is None
+    assert clock.hidden_ns == 0.0
+    time_map = clock.time_map(40 * S)
+    assert time_map is not None
+    assert time_map.skew_uncertainty < 5e-6, "samples were removed"
+
+
+def test_a_queue_that_fills_is_not_reported_as_a_clock_step() -> None:
+    rng, channel, clock = random.Random(1), LAWS["bufferbloat"](random.Random(1)).open(), ClockFilter()
+    arrivals = []
+    for t0 in range(0, 15 * S, 25 * MS):
+        t1 = t0 + channel.deliveries("to_leader", t0, rng)[0]
+        arrivals.append((t1 + channel.deliveries("to_client", t1, rng)[0], t0, t1))
+    for number, (t3, t0, t1) in enumerate(sorted(arrivals)):
+        assert clock.add(ClockSample(t0, t1, t1, t3))
+        if number % 4 == 0:
+            clock.time_map(t3)
+    assert clock.rate_changed_ns is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAWS)
+def test_where_no_clock_changes_none_is_reported(name: str) -> None:
+    case = next(case for case in SPELL_CASES if case.name == name)
+    found = run_case(case, 2, "test").figures()
+    assert found["steps"] == found["rate_changes"] == 0
+    assert found["hard_bound_held"] == 1.0
+    assert isinstance(found["stated_95_held"], float)
+    assert found["stated_95_held"] >= 0.9

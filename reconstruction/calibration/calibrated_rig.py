@@ -143,9 +143,11 @@ class Rig:
             NotAvailableError: COLMAP is required and is not installed here.
             BadInputError: no calibration can be found.
         """
+        # Every command calibrates a session by the same points at rest, whatever images it compares.
+        still = SceneMotion(self.dataset, 1) if self.motion.step != 1 else self.motion
         self.use_calibration(
             self.dataset.calibration()
-            or self.stages.record("calibration", Calibration, lambda: guess_calibration(self.motion))
+            or self.stages.record("calibration", Calibration, lambda: guess_calibration(still))
         )
 
     def use_calibration(self, calibration: Calibration) -> None:

@@ -95,14 +95,22 @@ class CalibrationCheck(Struct, frozen=True, kw_only=True):
 
 
 def describe_misfit(
-    error_px: float | None, points: int, remedy: str = "calibrate the rig again, or try --refine"
+    error_px: float | None,
+    points: int,
+    remedy: str = "calibrate the rig again, or try --refine",
+    expected: float | None = None,
 ) -> str:
-    """Describe how well points at rest fit the calibration that depth rests on."""
+    """Describe how well points at rest fit the calibration that depth rests on.
+
+    `expected`: fraction of the pixels that are probably right; None = unknown, then of a simulated rig.
+    """
     if error_px is None:
         return "the calibration could not be checked: the cameras share too few points at rest"
     share = next((text for limit, text in RIGHT_SHARES.items() if error_px < limit), "hardly any")
     fits = f"points at rest fit within {error_px:.2f} px ({points:,} matches)"
     right = f"at such a misfit, {share} of a simulated rig's pixels were within 2 % of the true depth"
+    if expected is not None:
+        right = f"{100 * expected:.0f} % of the pixels are expected within 2 % of the true depth"
     if error_px < INACCURATE_PX:
         return f"{fits}; {right}"
     verdict = "this depth is inaccurate" if error_px < UNMEASURED_PX else "this depth is not a measurement"
@@ -195,7 +203,11 @@ def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Ar
     if len(at_a) < MIN_MATCHES:
         return None
     flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in zip(views, (at_a, at_b), strict=True))
-    matrix, inliers = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
+    try:
+        matrix, inliers = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
+    except cv2.error:
+        # OpenCV 5 fails an assertion where no sample of the matches gives a geometry.
+        return None
     if matrix is None or inliers is None or inliers.mean() < MIN_INLIER_FRACTION:
         return None
     return np.asarray(inliers.ravel().astype(bool))

@@ -36,6 +36,15 @@ def colour_depth(depth: Array, near: float, far: float) -> Array:
     return np.asarray(picture)
 
 
+def colour_confidence(confidence: Array) -> Array:
+    """Colour a map of confidence (BGR): orange up to 50 %, teal at 100 %, and dark where there is none."""
+    level = np.clip(2 * confidence.astype(np.float32) - 1, 0, 1)[..., None]
+    teal, orange = (np.array(colour, np.float32) for colour in (FOUND, LOST))
+    picture = np.rint(level * teal + (1 - level) * orange).astype(np.uint8)
+    picture[confidence <= 0] = EMPTY
+    return np.asarray(picture)
+
+
 def mark_moving(image: Array, moving: Array, found: Array) -> Array:
     """Return the photograph, paler, with moving pixels in teal if depth was found and in orange if not."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)

@@ -170,7 +170,7 @@ def _confirmed_depths(
         surface = surfaces[name]
         voters = [
             (SourceView(images[name], images[other]), surfaces[other])
-            for other in _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
+            for other in voting_views(name, sources, surfaces)
         ]
         count, able = consistent_and_visible_views(surface, voters, engine=engine)
         return surface.depth_where(consistent_pixels(surface, count, able, len(voters), images[name].blank))
@@ -178,14 +178,14 @@ def _confirmed_depths(
     return dict(zip(surfaces, pool.map(confirm, surfaces), strict=True))
 
 
-def _nearest_views(
+def voting_views(
     name: str, sources: Mapping[str, Sequence[str]], surfaces: Mapping[str, Surface]
 ) -> list[str]:
-    """Return the other views, ordered by the number of source links to them."""
+    """Return the other views that vote on a view's depth: those nearest by source links, `MAX_VOTERS`."""
     found = [name]
     for one in found:
         found += [other for other in sources[one] if other in surfaces and other not in found]
-    return found[1:]
+    return found[1 : 1 + MAX_VOTERS]
 
 
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:

@@ -1,12 +1,15 @@
 """Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
 import cv2
 import numpy as np
+from msgspec import structs
 
+from capture_app.common.errors import BadInputError
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
@@ -30,6 +33,8 @@ from reconstruction.time_offsets.crossings import (
     points_at_offset,
     still_errors,
 )
+from reconstruction.time_offsets.frame_jumps import BESIDE, image_change, place_step
+from reconstruction.time_offsets.instant_votes import Step
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
 from reconstruction.time_offsets.pair_geometry import Correction, correct_views, epipolar_errors_px
 
@@ -177,7 +182,29 @@ class PairOffsets:
             chosen = [*chosen, *more]
             crossings = Crossings.join((crossings, cross(pair, more)))
             fit = fit_offset(crossings, still, period_ms, recorded_px)
-        return fit.later(near_ms)
+        return self._placed(fit.later(near_ms), (first, second))
+
+    def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
+        """Return a fit with its steps placed by what moves in each camera's own images."""
+        if fit.offset_ms is None or self.dataset.unsynchronized:
+            # Images of the same instant may be of any two times.
+            return fit
+        shift, steps = round(fit.offset_ms * 1e6 / self.dataset.period_ns), list[Step]()
+        for step in fit.change.steps:
+            around = range(step.earliest - 2 * BESIDE, step.latest + 2 * BESIDE + 1)
+            first, second = (self._changes(camera, around) for camera in cameras)
+            steps.append(place_step(step, first, second, shift))
+            shift += step.frames
+        return replace(fit, change=structs.replace(fit.change, steps=tuple(steps)))
+
+    def _changes(self, camera: str, instants: Iterable[int]) -> dict[int, float]:
+        """Return the `image_change` at those of these instants before which there is an image, too."""
+        images = {}
+        for k in instants:
+            if self.dataset.has_image(camera, k):
+                with suppress(BadInputError):
+                    images[k] = self.dataset.grey(camera, k)
+        return {k: image_change(images[k - 1], image) for k, image in images.items() if k - 1 in images}
 
     def _paths(
         self, times: ImageTimes, cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]

@@ -7,14 +7,17 @@ Carter 1976).
 
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.format.lens import Array
 from capture_app.session.importing.video_tracks import open_container
 
 RATE_HZ = 16_000
@@ -30,6 +33,12 @@ DISTINCT = 1.4
 PROMINENT = 8.0
 """Minimum height of a correlation peak in standard deviations of chance, also in each window."""
 WINDOW_SD_S = 5e-5
+MIN_JUMP_S = 0.004
+"""Minimum change of the offset within a recording; half a frame at 120 frames/s."""
+MIN_SIDE = 3
+"""Minimum number of windows before and after a jump."""
+CLEARER = 4.0
+"""Minimum factor by which a jump fits the offsets better than a constant rate does."""
 Samples = NDArray[np.float32]
 
 
@@ -84,9 +93,44 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
-    return fit_clock_line(
-        camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s
+    jump = find_jump(camera_s, reference_s - camera_s)
+    wrong_s = 0.0 if jump is None else abs(jump.by_s)
+    times = fit_clock_line(
+        camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s + wrong_s
     )
+    return times if jump is None else structs.replace(times, reason=str(jump))
+
+
+class Jump(NamedTuple):
+    """A change of the offset (s) between two of the camera's own times (s)."""
+
+    by_s: float
+    after_s: float
+    before_s: float
+
+    def __str__(self) -> str:
+        """Say who lost frames, how much and where."""
+        who, lost_ms = "it" if self.by_s > 0 else "the other camera", 1000 * abs(self.by_s)
+        where = f"between {self.after_s:.1f} and {self.before_s:.1f} s"
+        return f"{where} {who} loses {lost_ms:.0f} ms of sound, so frames may be lost there"
+
+
+def find_jump(camera_s: Array, late_s: Array) -> Jump | None:
+    """Return where a camera's offsets `late_s` (n,) at its ascending times (n,) jump; None if they do not."""
+    places = range(MIN_SIDE, len(late_s) + 1 - MIN_SIDE)
+    if not places:
+        return None
+
+    def misfit(place: int) -> float:
+        return sum(float(np.abs(side - np.median(side)).sum()) for side in np.split(late_s, [place]))
+
+    best = min(places, key=misfit)
+    by_s = float(np.median(late_s[best:]) - np.median(late_s[:best]))
+    steady = np.polynomial.Polynomial.fit(camera_s, late_s, 1)
+    drifting = float(np.abs(late_s - steady(camera_s)).sum())
+    if abs(by_s) < MIN_JUMP_S or drifting < CLEARER * misfit(best):
+        return None
+    return Jump(by_s, float(camera_s[best - 1]), float(camera_s[best]))
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:

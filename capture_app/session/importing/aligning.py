@@ -128,6 +128,7 @@ def _describe(against: Against, cameras: Mapping[str, CameraTimes]) -> str:
             agrees = cameras[name].offset_ns is None or _agree(of, cameras[name])
             text = (
                 f"{of.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{'' if agrees else ', not taken: others differ'}"
+                f"{of.reason and f', {of.reason}'}"
             )
         elif cameras[name].offset_ns is not None:
             continue

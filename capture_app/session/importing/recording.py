@@ -21,6 +21,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manif
 from capture_app.session.importing.aligning import align_recording, with_common_times
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
+from capture_app.session.importing.frame_gaps import describe_gaps
 from capture_app.session.importing.frame_matching import Instant, Timeline
 from capture_app.session.importing.import_options import (
     SOUND_M_PER_S,
@@ -151,6 +152,9 @@ def import_recording(
     timeline = make_timeline(sources, options)
     for note in filter(None, (source.note for source in sources)):
         talk(note)
+    if layout is None or layout.record is None:
+        for note in describe_gaps(sources, timeline):
+            talk(note)
     if common is not None and common.unknown:
         common = align_recording(
             sources,

@@ -149,7 +149,8 @@ class Video(Source):
         counts, rates = zip(*map(_count_frames, chapters), strict=True)
         self._times_ns: dict[Path, Sequence[int]] = dict(zip(chapters, map(range, counts), strict=True))
         """Presentation times of each file's frames, ns; their numbers until the times are read."""
-        self._has_times = False
+        self.has_times = False
+        """Whether frames are selected by their presentation times instead of their numbers."""
         self.numbers, self.fps = range(sum(counts)), rates[0]
         if len(chapters) > 1:
             self.note = f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}"
@@ -180,7 +181,7 @@ class Video(Source):
             shift_ns = times_ns[-1] + period_ns - own_ns[0] if times_ns else 0
             times_ns += [at_ns + shift_ns for at_ns in own_ns]
         self._times_ns = {**found}
-        self._has_times, self.numbers = True, range(len(times_ns))
+        self.has_times, self.numbers = True, range(len(times_ns))
         return times_ns
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
@@ -190,9 +191,9 @@ class Video(Source):
             size = len(times_ns)
             inner = [index - first for index in indices if first <= index < first + size]
             # Selected by time, a frame that cannot be decoded does not shift the others.
-            by_time = {times_ns[index]: index for index in inner} if self._has_times else {}
+            by_time = {times_ns[index]: index for index in inner} if self.has_times else {}
             timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter, by_time))
-            for index, image in timed if self._has_times else _read_frames(chapter, inner):
+            for index, image in timed if self.has_times else _read_frames(chapter, inner):
                 yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
             first += size
 

@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.common.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError, NotAvailableError
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
-from reconstruction.common.drawing import colour_depth, display_range
+from reconstruction.common.drawing import colour_confidence, colour_depth, display_range
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.outputs import Made
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.confidence import measure_support
 from reconstruction.depth.fusion import FusedCloud, fuse_maps
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.mesh import build_mesh
@@ -50,7 +51,7 @@ from reconstruction.methods.multiview.matcher import (
 )
 from reconstruction.methods.multiview.multiview_method import RESULT, MultiviewOptions
 from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
-from reconstruction.report.embedding import view_clouds
+from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
 from reconstruction.report.wording import percentage
 from reconstruction.scores.study_result import InstantClouds
@@ -61,6 +62,8 @@ from reconstruction.session.moving_pixels import SceneMotion
 POINTS = "points.ply"
 FILES = (POINTS, REPORT)
 FUSED, WORKSPACE = "fused.ply", "workspace"
+CONFIDENCE = "confidence"
+"""Folder of the pictures of confidence, and the name of the maps in the files of depth."""
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
 OURS = {
@@ -68,6 +71,7 @@ OURS = {
     PAIR_DEPTH,
     RESULT,
     "depth",
+    CONFIDENCE,
     WORKSPACE,
     FUSED,
     "cloud.ply",
@@ -86,6 +90,19 @@ class MadeMultiview(Made[MultiviewResult]):
     def normals(self, camera: str) -> Array:
         """Return surface normals in the camera's frame, float16 height x width x 3."""
         return self._view(camera)["normals"]
+
+    def confidence(self, camera: str) -> Array:
+        """Return the probability that depth is within 2 % of the true one, float32; 0 where it is unknown.
+
+        Raises:
+            NotAvailableError: COLMAP matched, whose maps have none.
+        """
+        if (found := self._view(camera).get(CONFIDENCE)) is None:
+            raise NotAvailableError(
+                f"the depth of {camera} has no confidence: COLMAP's PatchMatch does not report any",
+                hint="compute it with --matcher sweep",
+            )
+        return found.astype(np.float32)
 
     @property
     def cloud(self) -> PointCloud:
@@ -122,6 +139,9 @@ def model_instant(
     images, sources, scene, maps = _match_instant(
         images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
     )
+    misfit_px = None if check is None else check.error_px
+    confidence = measure_confidence(images, sources, maps, misfit_px) if options.check else {}
+    marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
     cloud = fuse_maps(views, maps, pictures, smallest_group(sources))
@@ -133,8 +153,10 @@ def model_instant(
         )
     write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
     marks["fusion"] = time.monotonic()
-    (part / "depth").mkdir()
-    scored = tuple(write_view(dataset, images[c], found, sources[c], part) for c, found in maps.items())
+    scored = tuple(
+        write_view(dataset, images[c], found, confidence.get(c), sources[c], part)
+        for c, found in maps.items()
+    )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     moving_score = None if options.quick else score_moving(dataset, images, unit, options.instant, cloud)
     marks["judging"] = time.monotonic()
@@ -157,7 +179,7 @@ def model_instant(
         unit=unit,
         reference=reference,
         **_figures(next(view for view in scored if view.camera == reference)),
-        rest_error_px=None if check is None or check.error_px is None else round(check.error_px, 3),
+        rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if check is None else check.points,
         movers_1cm=moving_score,
         moving_measured=measured_fraction(image, depth, motion) if options.page else None,
@@ -242,7 +264,8 @@ def _show_pair(
 
 def _figures(view: ViewResult) -> dict[str, Any]:
     """Return those results of the reference view that represent its instant."""
-    return {name: getattr(view, name) for name in ("coverage", *DepthShares.__struct_fields__)}
+    names = "coverage", "expected_within_2pct", *DepthShares.__struct_fields__
+    return {name: getattr(view, name) for name in names}
 
 
 def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
@@ -267,13 +290,42 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughS
     )
 
 
+def measure_confidence(
+    images: Mapping[str, InputImage],
+    sources: Mapping[str, Sequence[str]],
+    maps: Mapping[str, ViewDepth],
+    misfit_px: float | None,
+) -> dict[str, Array]:
+    """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
+
+    `misfit_px` is that of points at rest to the calibration, None = unknown.
+    """
+    calibrated = {camera: image.calibrated for camera, image in images.items()}
+    return {
+        camera: np.where(maps[camera].depth > 0, support.confidence(misfit_px), 0).astype(np.float16)
+        for camera, support in measure_support(calibrated, sources, maps)
+    }
+
+
 def write_view(
-    dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
+    dataset: Dataset,
+    image: InputImage,
+    found: ViewDepth,
+    confidence: Array | None,
+    sources: Sequence[str],
+    part: Path,
 ) -> ViewResult:
-    """Write a camera's depth, normals and picture into `part`/depth, and score the depth."""
+    """Write a camera's depth, normals and confidence, with pictures, into `part`, and score the depth."""
     name = f"depth/{image.camera}"
-    np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
-    write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
+    maps: dict[str, Any] = {"depth": found.depth, "normals": found.normals.astype(np.float16)}
+    pictures = {name: colour_depth(found.depth, *display_range(found.depth))}
+    if confidence is not None:
+        maps[CONFIDENCE] = confidence
+        pictures[f"{CONFIDENCE}/{image.camera}"] = colour_confidence(confidence)
+    for picture, drawn in pictures.items():
+        (part / picture).parent.mkdir(exist_ok=True)
+        write_image(part / f"{picture}.png", drawn)
+    np.savez(part / f"{name}.npz", **maps)
     shares: dict[str, float | None] = {}
     truth = undistorted_truth(dataset, image.view, image.camera, image.instant)
     if truth is not None:
@@ -285,6 +337,7 @@ def write_view(
         coverage=round(float(np.mean(found.depth > 0)), 4),
         depth=f"{name}.npz",
         picture=f"{name}.png",
+        expected_within_2pct=None if confidence is None else round(float(confidence.mean(dtype=float)), 4),
         **shares,
     )
 
@@ -324,4 +377,10 @@ def write_moment(
         "cloud": view_clouds(clouds, out, result.reference, len(result.views)),
         "scripts": ("cloud.js",),
     }
-    write_page(render_page(page, [Section("cloud.html")]), out)
+    sections = [Section("cloud.html")]
+    if (drawn := out / CONFIDENCE / f"{result.reference}.png").exists():
+        pictures = embed_image(out / "depth" / drawn.name), embed_image(drawn)
+        sections.append(
+            Section("confidence.html", "confidence", "How far to trust it", {"pictures": pictures})
+        )
+    write_page(render_page(page, sections, __package__), out)

@@ -20,6 +20,8 @@ class ViewResult(DepthShares, frozen=True, kw_only=True):
     """File with `depth` (height x width, 0 = none) and `normals` (x 3, camera's frame)."""
     picture: str
     mover_coverage: float | None = None
+    expected_within_2pct: float | None = None
+    """Fraction of the pixels that are probably within 2 % of the true depth: the mean confidence."""
 
 
 class CloudScore(Struct, frozen=True, kw_only=True):
@@ -48,6 +50,7 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     reference: str
     """Camera in the middle of the rig, whose image overlaps most with the others."""
     coverage: float
+    expected_within_2pct: float | None = None
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
@@ -74,7 +77,7 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     @property
     def basis(self) -> str:
         """What the depth rests on, in words: the fit of points at rest, and what that means."""
-        return describe_misfit(self.rest_error_px, self.rest_points)
+        return describe_misfit(self.rest_error_px, self.rest_points, expected=self.expected_within_2pct)
 
 
 class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):

@@ -307,7 +307,8 @@ def _make(
             cloud=False,
             workspace=False,
             quick=options.quick,
-            check=False,
+            # Only saved maps have a confidence, which needs the check.
+            check=options.depth,
         )
         found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:

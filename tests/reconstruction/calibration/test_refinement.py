@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.calibration.consistency import check_rig, describe_misfit, triangulate
+from reconstruction.calibration.consistency import (
+    check_rig,
+    consistent_matches,
+    describe_misfit,
+    triangulate,
+)
 from reconstruction.calibration.refinement import refine_views
 from reconstruction.common.geometry import View
 from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
@@ -91,6 +96,24 @@ def test_a_camera_with_few_points_is_not_refined() -> None:
 )
 def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
     assert text in describe_misfit(px, 1200)
+
+
+def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
+    assert describe_misfit(0.21, 1200, expected=0.915) == (
+        "points at rest fit within 0.21 px (1,200 matches); "
+        "92 % of the pixels are expected within 2 % of the true depth"
+    )
+
+
+def test_matches_for_which_opencv_fails_an_assertion_fit_no_geometry(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_given: object) -> None:
+        raise cv2.error("Assertion failed: !model.empty() in function 'setModelParameters'")
+
+    views = make_view((0.0, 0.0, 0.0)), make_view((0.1, 0.0, 0.0))
+    at = np.random.default_rng(0).uniform(20, 200, (60, 2))
+    assert consistent_matches(views, at, at) is not None
+    monkeypatch.setattr(cv2, "findFundamentalMat", fails)
+    assert consistent_matches(views, at, at) is None
 
 
 def test_depth_of_few_pixels_is_no_success() -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.calibrated_rig import calibrated_views
+from reconstruction.calibration import calibrated_rig
+from reconstruction.calibration.calibrated_rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images, focal_errors
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
@@ -129,6 +130,28 @@ def test_a_failure_for_want_of_lenses_names_the_option_that_gives_them(
     said = reconstruct("calibrate", session.folder, "--field-of-view", 60).err
     assert "none can be found" in said
     assert option not in said
+
+
+def test_every_command_calibrates_by_the_same_points_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    views = {name: make_view((x, 0, 0)) for name, x in (("a", -0.1), ("b", 0.1))}
+    dataset = Dataset(write_session(tmp_path, rubble(), views, truth=False))
+    known = dataset.calibration()
+    assert known is not None
+    monkeypatch.setattr(dataset, "calibration", lambda: None)
+    used: list[SceneMotion] = []
+
+    def guess(motion: SceneMotion) -> Calibration:
+        used.append(motion)
+        return known
+
+    monkeypatch.setattr(calibrated_rig, "guess_calibration", guess)
+    # A comparison with images two instants away, and `time`.
+    for step in (2, 1):
+        Rig(dataset, tmp_path / f"{step}", step).calibrate()
+    assert [motion.step for motion in used] == [1, 1]
+    assert all(motion.dataset is dataset for motion in used)
 
 
 @pytest.mark.slow

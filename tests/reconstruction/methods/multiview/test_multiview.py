@@ -27,6 +27,7 @@ from reconstruction.depth.colmap_workspace import (
 )
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
+from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
@@ -52,6 +53,12 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
     with np.load(out / "depth" / "left.npz") as data:
         assert data["depth"].shape == (240, 320)
         assert data["normals"].shape == (240, 320, 3)
+        depth, confidence = data["depth"], data["confidence"].astype(float)
+    assert ((confidence > 0) == (depth > 0)).all()
+    left = next(view for view in result["views"] if view["camera"] == "left")
+    assert left["expected_within_2pct"] == pytest.approx(confidence.mean(), abs=1e-3)
+    assert left["expected_within_2pct"] == pytest.approx(left["within_2pct"], abs=0.06)
+    assert cv2.imread(str(out / "confidence" / "left.png")).std() > 10
     assert cv2.imread(str(out / "turntable.png")).std() > 10
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
 
@@ -86,12 +93,14 @@ def test_quick_depth_comes_without_a_mesh_and_is_nearly_as_right(
     asked = "--instant", 2, "--quick", "--page", "--calibrated", "--out", out, "--json"
     result = reconstruct("multiview", trio.folder, *asked).result
     assert result["moving_measured"] > 0.8
-    assert 'class="cloud"' in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert 'class="cloud"' in page
+    assert "Confidence of the reference camera" in page
     assert result["within_2pct"] > 0.75
     assert result["mover_within_2pct"] > 0.8
     assert result["mesh_triangles"] == 0
     assert sorted(path.name for path in out.iterdir()) == sorted(
-        ["depth", "fused.ply", "multiview.json", "points.ply", "report.html", "workspace"]
+        ["confidence", "depth", "fused.ply", "multiview.json", "points.ply", "report.html", "workspace"]
     )
 
 
@@ -104,6 +113,16 @@ def test_a_rig_whose_calibration_nobody_knows_is_refused_where_that_is_asked_for
     with pytest.raises(NotApplicableError, match="no valid calibration of this rig is known"):
         Multiview(MultiviewOptions(calibrated=True)).make([session], tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_depth_that_colmap_matched_has_no_confidence(tmp_path: Path) -> None:
+    (tmp_path / "depth").mkdir()
+    np.savez(tmp_path / "depth" / "left.npz", depth=np.ones((2, 3)), confidence=np.full((2, 3), 0.9))
+    np.savez(tmp_path / "depth" / "right.npz", depth=np.ones((2, 3)))
+    made = MadeMultiview(None, tmp_path)
+    assert made.confidence("left") == pytest.approx(0.9)
+    with pytest.raises(NotAvailableError, match="the depth of right has no confidence"):
+        made.confidence("right")
 
 
 @pytest.mark.slow

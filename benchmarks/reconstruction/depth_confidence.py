@@ -1,0 +1,192 @@
+"""Reliability of depth's confidence: of pixels said to be right with some probability, how many are.
+
+    python -m benchmarks.reconstruction.depth_confidence            four scenes and the sample sessions
+    python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5     cameras turned at random, px
+    python -m benchmarks.reconstruction.depth_confidence --fit      the table in `depth.confidence`
+
+Right is within 2 % of the true depth. The table was fitted to two of the scenes; the others and the sessions
+judge it. Each row counts the depths of all cameras; ranges with under 1 % of a row's pixels are left out.
+Simulated pictures.
+"""
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
+from benchmarks.report import new_parser, print_report, print_rows, talk
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.confidence import RIGHT, Support, measure_support
+from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.sweep_matcher import match_all_views
+from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.methods.multiview.input_images import (
+    InputImage,
+    check_images,
+    load_input_images,
+    undistort_image,
+    undistorted_truth,
+)
+from reconstruction.scores.truth import right_depth
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import MARGIN_PX, SceneMotion, dilate
+
+FITTED = "plain", "blank-attic"
+SESSIONS = tuple(Path("sample_sessions") / name for name in ("jumper", "pinwheel", "naive"))
+INSTANT = 2
+RANGES = tuple(k / 10 for k in range(3, 10))
+"""Lower ends of ranges of confidence, each 0.1 wide; the first one begins at 0."""
+MIN_SHARE = 0.01
+COLUMNS = {
+    "case": ("case", ""),
+    "misfit_px": ("misfit, px", ".2f"),
+    "said": ("said", ".1%"),
+    "right": ("right", ".1%"),
+    "worst": ("worst", "+.1%"),
+    **{f"at_{k:.1f}": (f"{'up to ' if k == RANGES[0] else ''}{k:.1f} to {k + 0.1:.1f}", "") for k in RANGES},
+    "cpu_s": ("CPU-s/map", ".3f"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """All pixels with depth and truth of one case: what supports their depth, and whether it is right."""
+
+    case: str
+    support: Support
+    right: Array
+    misfit_px: float | None
+    cpu_s: float
+
+    @property
+    def said(self) -> Array:
+        """Confidence of each pixel."""
+        return self.support.confidence(self.misfit_px)
+
+
+def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array]) -> Judged:
+    """Compute depth from images, and compare it with its true depth (m, 0 = unknown) by camera."""
+    calibrated = {name: image.calibrated for name, image in images.items()}
+    misfit_px = check_images(images).error_px
+    scene = find_rough_scene(calibrated)
+    sources = choose_source_views({name: calibrated[name].view for name in scene.points}, scene.points)
+    found = match_all_views(calibrated, sources, scene.depth_ranges)
+    begun = time.process_time()
+    supports = dict(measure_support(calibrated, sources, found))
+    cpu_s = (time.process_time() - begun) / len(found)
+    known = {
+        name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in found.items()
+    }
+    talk(f"{case}: {len(found)} maps")
+    parts = [[part[known[name]] for part in supports[name]] for name in known]
+    return Judged(
+        case,
+        Support(*map(np.concatenate, zip(*parts, strict=True))),
+        np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
+        misfit_px,
+        cpu_s,
+    )
+
+
+def judge_scene(
+    name: str, rendered: Rendered, condition: str, cameras: int, pose_error_px: float, fitted: str
+) -> Judged:
+    """Judge a scene of the benchmark, seen by its first cameras, which are turned by random angles."""
+    shown: Condition = getattr(rendered, condition)
+    rng = np.random.default_rng(3)
+    views = {
+        camera: _turned(view, rng.normal(0, pose_error_px / view.focal, 3))
+        for camera, view in list(rendered.views.items())[:cameras]
+    }
+    images = {
+        camera: undistort_image(camera, 0, shown.pictures[camera], view) for camera, view in views.items()
+    }
+    for camera, image in images.items():
+        known = replace(image.calibrated, moving=dilate(shown.movers[camera], MARGIN_PX))
+        images[camera] = replace(image, calibrated=known)
+    return judge(f"{rendered.name}, {condition}{fitted}", images, shown.depth)
+
+
+def _turned(view: View, angles: Array) -> View:
+    turn = cv2.Rodrigues(angles)[0]
+    return replace(view, rotation=turn @ view.rotation, translation=turn @ view.translation)
+
+
+def judge_session(path: Path) -> Judged:
+    """Judge one instant of a session with ground truth."""
+    dataset = Dataset.open(path)
+    instants = dataset.nearest_instants(INSTANT, ())
+    images = load_input_images(dataset, instants, SceneMotion(dataset, 1))[0]
+    loaded = {n: undistorted_truth(dataset, one.view, n, one.instant) for n, one in images.items()}
+    return judge(f"session {path.name}", images, {n: one[0] for n, one in loaded.items() if one is not None})
+
+
+def reliability(judged: Judged) -> dict[str, Any]:
+    """Return what was said and what is right, of all pixels and by range of confidence."""
+    said = judged.said
+    row: dict[str, Any] = {"case": judged.case, "misfit_px": judged.misfit_px, "cpu_s": judged.cpu_s}
+    row |= {"said": float(said.mean()), "right": float(judged.right.mean()), "pixels": len(said)}
+    differences = []
+    for low in RANGES:
+        there = (said < low + 0.1 + (low == RANGES[-1])) & ((said >= low) | (low == RANGES[0]))
+        if there.mean() >= MIN_SHARE:
+            mine, true = float(said[there].mean()), float(judged.right[there].mean())
+            differences.append(true - mine)
+            row[f"at_{low:.1f}"] = f"{100 * mine:.0f}: {100 * true:.0f}"
+    return row | {"worst": max(differences, key=abs)}
+
+
+def fit_right(judged: list[Judged]) -> dict[float, float]:
+    """Return the fraction of right depths at each evidence of `RIGHT`, which never falls with evidence.
+
+    It is of the pixels whose right match would give a right depth. Each case counts the same.
+    """
+    places = np.array([*RIGHT])
+    right, measurable = np.zeros(len(places)), np.zeros(len(places))
+    for one in judged:
+        within = one.support.measurable(one.misfit_px)
+        for k in range(len(places)):
+            # A pixel between two places counts for both, the nearer one more.
+            weights = np.interp(one.support.evidence, places, np.eye(len(places))[k])
+            right[k] += float((weights * one.right).mean())
+            measurable[k] += float((weights * within).mean())
+    rising = np.maximum.accumulate(right / np.maximum(measurable, 1e-9))
+    return {float(place): round(float(x), 2) for place, x in zip(places, rising, strict=True)}
+
+
+def cases(scenes: list[str], cameras: int, pose_error_px: float) -> Iterator[Judged]:
+    """Yield the scenes, in two sizes and both conditions."""
+    for name in scenes:
+        fitted = ", fitted" if name in FITTED else ""
+        for size, conditions in (((640, 480), ("synced",)), ((320, 240), ("synced", "offset"))):
+            rendered = SCENES[name](*size)
+            for condition in conditions:
+                yield judge_scene(name, rendered, condition, cameras, pose_error_px, fitted)
+
+
+def main() -> None:
+    """Print a table, or JSON."""
+    parser = new_parser(__doc__)
+    parser.add_argument("--scene", action="append", choices=list(SCENES), help="[default: all]")
+    parser.add_argument("--session", action="append", type=Path, help="with ground truth [default: samples]")
+    parser.add_argument("--cameras", type=int, default=5, help="of a scene [default: 5]")
+    parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
+    parser.add_argument("--fit", action="store_true", help=f"to {' and '.join(FITTED)}, and print the table")
+    asked = parser.parse_args()
+    if asked.fit:
+        print(fit_right(list(cases(list(FITTED), 5, 0.0))))
+        return
+    judged = list(cases(asked.scene or list(SCENES), asked.cameras, asked.pose_error))
+    if not asked.pose_error and asked.cameras == 5:
+        judged += [judge_session(path) for path in asked.session or SESSIONS]
+    rows = [reliability(one) for one in judged]
+    print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=asked.json)
+
+
+if __name__ == "__main__":
+    main()

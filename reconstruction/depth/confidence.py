@@ -1,0 +1,109 @@
+"""Confidence of depth: the probability of each pixel's depth to be within 2 % of the true one.
+
+It has two factors. One is how often pixels with such votes of the other views are right, from a table that
+was measured (`RIGHT`). The other is how well the calibration can measure 2 % of depth there.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.geometric_consistency import MAX_ANGLE_DEG
+from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.sweep_engine import CPU, Agreement
+from reconstruction.depth.sweep_matcher import ViewDepth, voting_views
+
+TOLERANCE = 0.02
+"""Relative error up to which a depth is right, as in `reconstruction.scores.truth`."""
+CLOSE = 0.005
+"""Relative difference of depth within which a view agrees closely."""
+JUMP = 0.04
+"""Relative change of depth between neighbouring pixels that is an edge."""
+FAR_FROM_EDGES_PX = 20
+CLOSELY, BESIDE_EDGE = 0.5, 0.75
+"""Weights of the views that agree closely, and of the neighbourhood of an edge, beside those that agree."""
+AGAINST = 0.25
+"""Number of views that are taken to disagree, so that one view is less evidence than several."""
+RIGHT = {-0.75: 0.39, 0.0: 0.51, 0.25: 0.65, 0.5: 0.76, 0.75: 0.85, 1.0: 0.94, 1.25: 0.98, 1.5: 0.99}
+"""Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
+ASSUMED_MISFIT_PX = 0.25
+"""Misfit of a calibration that could not be checked."""
+MATCHING_PX, POSE_FACTOR = 0.1, 0.8
+"""Standard deviation of a match, and that of errors by the calibration relative to its misfit."""
+
+
+class Support(NamedTuple):
+    """What is known of the depths of a view; each float32 height x width."""
+
+    evidence: Array
+    """Fraction of the views able to see the surface that agree, plus weighted terms; -0.75 to 1.5."""
+    worth_px: Array
+    """Motion in another view, px, by 2 % of the depth: the largest of all views."""
+
+    def confidence(self, misfit_px: float | None) -> Array:
+        """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px)."""
+        right = np.interp(self.evidence, [*RIGHT], [*RIGHT.values()])
+        return np.asarray(right * self.measurable(misfit_px), np.float32)
+
+    def measurable(self, misfit_px: float | None) -> Array:
+        """Return the probability that a right match gives a right depth: that of an error within `worth_px`.
+
+        `misfit_px` is that of points at rest to the calibration, px; None = unknown.
+        """
+        misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
+        sigma_px = math.hypot(MATCHING_PX, POSE_FACTOR * misfit_px)
+        sigmas = np.linspace(0, 5, 501)
+        within = [math.erf(float(x) / math.sqrt(2)) for x in sigmas]
+        return np.asarray(np.interp(self.worth_px / sigma_px, sigmas, within))
+
+
+def measure_support(
+    images: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    found: Mapping[str, ViewDepth],
+) -> Iterator[tuple[str, Support]]:
+    """Yield each camera with what supports its depth, from the surfaces of all cameras' `found` depth.
+
+    `sources` are the cameras that each was matched with. COLMAP's maps, without a surface, are left out.
+    """
+    surfaces = {name: view.surface for name, view in found.items() if view.surface is not None}
+    for name, surface in surfaces.items():
+        others = voting_views(name, sources, surfaces)
+        voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
+        yield name, _support(surface, voters)
+
+
+def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> Support:
+    level = surface.inverse_depth
+    agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
+    for view, other in voters:
+        same, sees = CPU.compare(level, view, other.inverse_depth, _agreement(TOLERANCE))
+        agreeing += same
+        able += sees
+        close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
+        np.maximum(worth, _moved_px(view, level), out=worth)
+    beside = 1 / (1 + _distance_to_edges(level))
+    return Support((agreeing + CLOSELY * close) / (able + AGAINST) - BESIDE_EDGE * beside, worth)
+
+
+def _agreement(relative: float) -> Agreement:
+    return Agreement(relative, relative, 0.0, float(np.cos(np.radians(MAX_ANGLE_DEG))))
+
+
+def _moved_px(view: SourceView, level: Array) -> Array:
+    """Return the motion in a source, px, by `TOLERANCE` of the depth; 0 behind the source."""
+    (x, y, _), (moved_x, moved_y, _) = (view.project(level * np.float32(f)) for f in (1, 1 + TOLERANCE))
+    return np.asarray(np.nan_to_num(np.hypot(moved_x - x, moved_y - y)))
+
+
+def _distance_to_edges(level: Array) -> Array:
+    """Return the distance, px, of each pixel from the nearest edge of depth; at most `FAR_FROM_EDGES_PX`."""
+    around = np.ones((3, 3), np.uint8)
+    jumps = cv2.dilate(level, around) > (1 + JUMP) * cv2.erode(level, around)
+    distance = cv2.distanceTransform((~jumps).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(np.minimum(distance, FAR_FROM_EDGES_PX))

@@ -22,7 +22,10 @@
 # make bench NAME=record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
 # make bench NAME=folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
-# make bench NAME=stagger   a drawn ball's path by four cameras in step and staggered, and errors and readiness of such rigs (6 min)
+# make bench NAME=panel-takes   forty rendered recordings aligned by a screen's panel, and whether the error bars hold (30 min; BENCH="--count 8 --jobs 4")
+# make bench NAME=rig-time   the rig's time and marks of an operator, against the truth (a minute)
+# make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
+# make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
@@ -123,7 +126,10 @@ BENCH_phones := benchmarks.phones.phone_link
 BENCH_record := benchmarks.sessions.recording --kills 50 --outages 8
 BENCH_folders := benchmarks.sessions.folders
 BENCH_panel := benchmarks.panel.read_photographs
-BENCH_stagger := benchmarks.stagger
+BENCH_panel-takes := benchmarks.panel.align_takes
+BENCH_rig-time := benchmarks.clock.rig_time
+BENCH_ball := benchmarks.stagger.ball_path
+BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs

@@ -67,7 +67,7 @@ def draw_case(seed: int, *, screen: bool) -> Case:
         panel,
         WIDTH,
         HEIGHT,
-        _corners(panel, rng),
+        draw_corners(panel, rng),
         exposure_ns,
         float(rng.uniform(*ROW_TIMES_NS)) if rng.random() < 0.85 else 0.0,
         distortion=float(rng.uniform(-0.06, 0.06)),
@@ -96,10 +96,13 @@ def draw_case(seed: int, *, screen: bool) -> Case:
     )
 
 
-def _corners(panel: Panel, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """Return the panel's corners as seen by a randomly placed camera."""
+def draw_corners(
+    panel: Panel, rng: np.random.Generator, width: int = WIDTH, height: int = HEIGHT, *, oblique: bool = True
+) -> tuple[tuple[float, float], ...]:
+    """Return the panel's corners as seen by a randomly placed camera; it faces the panel if not `oblique`."""
+    turned = 1.0 if oblique else 0.3
     while True:
-        yaw, pitch = rng.uniform(-0.6, 0.6), rng.uniform(-0.45, 0.45)
+        yaw, pitch = turned * rng.uniform(-0.6, 0.6), turned * rng.uniform(-0.45, 0.45)
         roll = rng.normal(0, 0.12) + (np.pi / 2) * rng.choice([0, 0, 0, 0, 1, 2, 3])
         turns = [
             np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]]),
@@ -110,8 +113,8 @@ def _corners(panel: Panel, rng: np.random.Generator) -> tuple[tuple[float, float
         frame = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
         places = np.column_stack([frame, np.zeros(4)]) @ (turns[2] @ turns[1] @ turns[0]).T
         distance = rng.uniform(0.95, 1.9)
-        seen = places[:, :2] / (places[:, 2:] + distance) * WIDTH + [WIDTH / 2, HEIGHT / 2]
+        seen = places[:, :2] / (places[:, 2:] + distance) * width + [width / 2, height / 2]
         seen += rng.uniform(-60, 60, 2)
-        inside = (seen > 12).all() and (seen < [WIDTH - 12, HEIGHT - 12]).all()
+        inside = (seen > 12).all() and (seen < [width - 12, height - 12]).all()
         if inside:
             return tuple((float(x), float(y)) for x, y in seen)

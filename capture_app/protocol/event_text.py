@@ -171,6 +171,12 @@ def client_line(event: events.ClientEvent[Any]) -> str:
     return _clock_line(event)
 
 
+def why_doubted(event: clock_events.TimesDoubted) -> str:
+    """Describe why times of an interval were wrong."""
+    what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
+    return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"
+
+
 def _clock_line(event: object) -> str:
     """Describe a clock event; empty for events that need no report."""
     match event:

@@ -4,10 +4,11 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from capture_app.common.bounds import Count, Message, Number, Real, Sentence, Text
+from capture_app.common.bounds import Count, Message, Number, Real, Sentence, Text, TimeNs
 from capture_app.common.camera_facts import CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.common.names import Name
 from capture_app.protocol.status import LogLine, NodeDetail, Preview
+from capture_app.session.format.marks import Mark
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 
 MAX_PREVIEW_PX = 1920
@@ -173,6 +174,30 @@ class PhoneInvited(Message, frozen=True, kw_only=True, tag="phone-invited"):
     good_for_s: int
 
 
+class TimeRequest(Message, frozen=True, kw_only=True, tag="time-request"):
+    """Operator's request for the leader's time."""
+
+
+class TimeAnswer(Message, frozen=True, kw_only=True, tag="time"):
+    """Time of the leader when it answered, by its own clock and as Unix time."""
+
+    leader_ns: TimeNs
+    unix_ns: TimeNs
+
+
+class PlaceMark(Message, frozen=True, kw_only=True, tag="place-mark"):
+    """Operator's mark for the takes that it falls into."""
+
+    mark: Mark
+
+
+class MarkPlaced(Message, frozen=True, kw_only=True, tag="mark-placed"):
+    """Names of the sessions that a mark was stored in; if there are none, the file that has it instead."""
+
+    sessions: tuple[str, ...]
+    file: str = ""
+
+
 class Done(Message, frozen=True, kw_only=True, tag="done"):
     """Confirmation that a request was carried out."""
 
@@ -193,8 +218,26 @@ Order = (
 )
 """Orders of an operator to a leader, besides a burst."""
 FromOperator = (
-    WatchRequest | PreviewRequest | PreviewSeen | DetailRequest | ControlsRequest | SaveStamp | Order
+    WatchRequest
+    | PreviewRequest
+    | PreviewSeen
+    | DetailRequest
+    | ControlsRequest
+    | SaveStamp
+    | TimeRequest
+    | PlaceMark
+    | Order
 )
 FromViewfinder = CameraHealth | Preview | NodeDetail | ControlsAnswer | StampSaved
-ToOperator = LogAnswer | Preview | NodeDetail | ControlsAnswer | StampSaved | PhoneInvited | Done
+ToOperator = (
+    LogAnswer
+    | Preview
+    | NodeDetail
+    | ControlsAnswer
+    | StampSaved
+    | PhoneInvited
+    | TimeAnswer
+    | MarkPlaced
+    | Done
+)
 ToViewfinder = PreviewRequest | PreviewSeen | DetailRequest | ControlsRequest | SaveStamp | RemoveCamera

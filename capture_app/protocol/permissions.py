@@ -35,6 +35,8 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.DetailRequest,
         orders.ControlsRequest,
         orders.SaveStamp,
+        orders.TimeRequest,
+        orders.PlaceMark,
         orders.AddCamera,
         orders.AddSimulated,
         orders.RemoveCamera,

@@ -22,6 +22,7 @@ from capture_app.protocol.status import RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, instant_previews
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import RigLink, ask_status, give_order, present_cameras
+from capture_app.rig.rig_time import PlacedMark, RigTime, place_mark, rig_time
 from capture_app.rig.taking import Saved, TakePlan, Taking
 from capture_app.session.reading.array_access import OpenSession
 
@@ -122,6 +123,18 @@ class AsyncRig:
                     hint=status.advice,
                 )
             await asyncio.sleep(LOOK_EVERY_S)
+
+    async def now(self) -> RigTime:
+        """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""
+        return await rig_time(self.address)
+
+    async def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
+        """Note an event, such as a stimulus, in the take under way; its time is that of this call.
+
+        `local_ns`: its `time.monotonic_ns()` on this machine, if it was earlier. Without a take, the rig
+        stores it in a file beside its sessions. Raises BadInputError for an empty or long text, NetworkError.
+        """
+        return await place_mark(self.address, text, local_ns)
 
     def take(self, plan: TakePlan) -> Taking:
         """Take pictures: iterate over the events with `async for`, or await its `result()`."""
@@ -230,6 +243,15 @@ class Rig:
     def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
         """Wait until at least `cameras` cameras are here and all are ready. Raises IncompleteError."""
         return _run(self._rig.wait_until_ready(cameras, timeout_s))
+
+    def now(self) -> RigTime:
+        """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""
+        return _run(self._rig.now())
+
+    def mark(self, text: str, *, local_ns: int | None = None) -> PlacedMark:
+        """Note an event in the take under way; its time is that of this call. Raises as in `AsyncRig`."""
+        called_ns = time.monotonic_ns() if local_ns is None else local_ns
+        return _run(self._rig.mark(text, local_ns=called_ns))
 
     def take(self, plan: TakePlan) -> Saved:
         """Take pictures, and return the last saved take. Raises the first error of a take."""

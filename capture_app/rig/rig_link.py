@@ -29,6 +29,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
 from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, LogLine, Preview, RigStatus
+from capture_app.rig.rig_time import PlacedMark, place_mark
 
 A = TypeVar("A", bound=Message)
 RETRY_S = (0.2, 0.5, 1.0, 2.0)
@@ -182,6 +183,10 @@ class RigLink:
     def another(self) -> "RigLink":
         """Return a second link to the same leader, for another reader of updates."""
         return RigLink(self.leader)
+
+    async def mark(self, text: str) -> PlacedMark:
+        """Note an event in the take under way, at the time of this call."""
+        return await place_mark(self.leader, text)
 
     async def updates(self) -> AsyncGenerator[Update, None]:
         """Yield the rig's changes, forever; for one reader at a time.

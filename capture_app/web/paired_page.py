@@ -193,12 +193,15 @@ class PairedPage(ABC):
         self, admission: Admission, folder: Path, values: Mapping[str, str] = MappingProxyType({})
     ) -> None:
         """Create a server; `values` replace the placeholders @NAME@ in the files."""
-        self._admission = admission
+        self.admission = admission
         self._files = {path.name.removeprefix("index.html"): path for path in folder.iterdir()}
         self._values = values
         self._door = Door()
         self._links: dict[PageLink, None] = {}
         """Open links, oldest first."""
+
+    def add_routes(self, app: web.Application) -> None:  # noqa: B027 - most pages have none
+        """Add requests that devices may send beside their link; each checks that they are admitted."""
 
     @abstractmethod
     async def serve_link(self, link: PageLink) -> None:
@@ -222,6 +225,7 @@ class PairedPage(ABC):
             app.router.add_get(f"/{name}", self._send_file)
         app.router.add_post("/join", self._join)
         app.router.add_get("/link/{ticket}", self._link)
+        self.add_routes(app)
         runner = web.AppRunner(app)
         await runner.setup()
         assert runner.server is not None
@@ -251,13 +255,13 @@ class PairedPage(ABC):
                 {"words": "This page is outdated: load it again."}, status=HTTPStatus.BAD_REQUEST
             )
         try:
-            admitted = self._admission.admit(*requested)
+            admitted = self.admission.admit(*requested)
         except UnknownMachineError as error:
             return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
-        return web.json_response({"name": admitted.name, "ticket": self._admission.ticket(admitted)})
+        return web.json_response({"name": admitted.name, "ticket": self.admission.ticket(admitted)})
 
     async def _link(self, request: web.Request) -> web.StreamResponse:
-        admitted = self._admission.redeem(request.match_info["ticket"])
+        admitted = self.admission.redeem(request.match_info["ticket"])
         if admitted is None:
             raise web.HTTPForbidden(text="this link was not asked for")
         socket_ = web.WebSocketResponse(

@@ -25,6 +25,7 @@ from capture_app.protocol.permissions import SENDERS
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
+from capture_app.session.format.marks import Mark
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
@@ -80,6 +81,8 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.CameraHealth(fps=1.0),
         orders.SaveStamp(camera="cam", stamp=EXACT_STAMPS, asymmetry=PathAsymmetry(1, 2, 3)),
         orders.StampSaved(camera="cam", is_stored=True),
+        orders.TimeRequest(),
+        orders.PlaceMark(mark=Mark(text="stimulus", leader_ns=0, uncertainty_ns=0)),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),
         pairing_messages.EnrolRequest(certificate=b"none"),

@@ -28,6 +28,8 @@ from capture_app.protocol.status import (
 )
 from capture_app.rig.motion_watch import LEARN
 from capture_app.rig.rig_link import A, CamerasControls, LinkLost, RigLink, Update
+from capture_app.rig.rig_time import PlacedMark
+from capture_app.session.format.marks import Mark
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_000
@@ -166,6 +168,11 @@ class FakeRig(RigLink):
             yield self.status()
         while True:
             yield await self._updates.get()
+
+    async def mark(self, text: str) -> PlacedMark:
+        self._ask("mark", text)
+        mark = Mark(text=text, leader_ns=5_000_000_000, uncertainty_ns=100_000)
+        return PlacedMark(mark=mark, sessions=("burst-001",), file="")
 
     async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
         self.asked.append(("want_previews", cameras, width, fps))

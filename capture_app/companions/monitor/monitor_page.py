@@ -7,21 +7,23 @@ import asyncio
 import contextlib
 import math
 from collections.abc import AsyncIterator
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
-from aiohttp import WSMsgType
+from aiohttp import WSMsgType, web
 from msgspec import Struct
 
 from capture_app.common.child import LOWEST_PRIORITY, ask_reconstruct
-from capture_app.common.errors import IncompleteError, SimulshotError
+from capture_app.common.errors import IncompleteError, SimulshotError, UnknownMachineError
 from capture_app.common.names import natural_order
 from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.rig.rig_time import PlacedMark
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
 from capture_app.session.library.changes import results_folder
 from capture_app.session.reading.decoding import encode_image
@@ -122,6 +124,10 @@ class MonitorFeed:
             self._say_course("idle")
         elif burst is not None and burst.recording and not burst.done:
             await self._link.order(EndBurst(burst=burst.burst))
+
+    async def mark(self, text: str) -> PlacedMark:
+        """Note an event now, in the take under way. Raises SimulshotError."""
+        return await self._link.mark(text)
 
     def request_picture(self, key: str) -> None:
         """Make a picture of the last take, unless it is there or being made."""
@@ -270,6 +276,17 @@ def _depth(sheet: TakeSheet) -> bytes:
 _PICTURES = {"sheet": _contact_sheet, "wiggle": _wiggle, "depth": _depth}
 
 
+class MarkPost(Struct, frozen=True):
+    """Body of `POST /mark`: the secret of a code, the program's own key, and the mark's text.
+
+    A secret admits one key, which needs none from then on.
+    """
+
+    key: str
+    text: str
+    secret: str = ""
+
+
 class PageOrder(Struct, frozen=True):
     """Order of a monitor's page.
 
@@ -296,6 +313,25 @@ class MonitorPage(PairedPage):
     def __init__(self, admission: Admission, feed: MonitorFeed) -> None:
         super().__init__(admission, Path(__file__).parent / "page")
         self._feed = feed
+
+    def add_routes(self, app: web.Application) -> None:
+        """Add `POST /mark`, for devices without a page."""
+        app.router.add_post("/mark", self._mark)
+
+    async def _mark(self, request: web.Request) -> web.Response:
+        """Note an event for a program that was admitted, as pages are, by a code's secret and its own key."""
+        try:
+            asked = msgspec.json.decode(await request.read(), type=MarkPost)
+            self.admission.admit(asked.secret, asked.key, "program")
+            placed = await self._feed.mark(asked.text)
+        except UNREADABLE:
+            words = "Send JSON with secret, key (32 hexadecimal digits) and text."
+            return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
+        except UnknownMachineError as error:
+            return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
+        except SimulshotError as error:
+            return web.json_response({"words": str(error)}, status=HTTPStatus.BAD_REQUEST)
+        return web.json_response(msgspec.to_builtins(placed))
 
     async def serve_link(self, link: PageLink) -> None:
         """Send the feed to a monitor and obey its orders until its page closes the link."""

@@ -32,23 +32,40 @@ RATE_LIMIT_PPM = 3_000.0
 """Maximum rate difference of panel and session; beyond it the markers name another panel."""
 
 
-@click.command(epilog=examples("capture-app panel read sessions/burst-001"))
+@click.command(
+    epilog=examples(
+        "capture-app panel read sessions/burst-001", "capture-app panel read sessions/videos --apply"
+    )
+)
 @click.argument("session", type=ANY_PATH)
 @click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
+@click.option(
+    "--apply",
+    is_flag=True,
+    help="Correct the times of an imported session by its panel, and pair its images again.",
+)
 @json_option
-def read(session: Path, out: Path | None, as_json: bool) -> None:
+def read(session: Path, out: Path | None, apply: bool, as_json: bool) -> None:
     """Measure the time differences between cameras from a panel in the pictures of SESSION.
 
     The panel is detected by its markers, in imported sessions too. Total is the difference that the panel
     shows, phase the difference by the session's timestamps, and clock the rest, the clock errors.
     """
+    import msgspec
+
     from capture_app.companions.panel.pair_errors import rig_errors
     from capture_app.companions.panel.session_times import read_session
     from capture_app.session.files.output_folder import OutputFolder, replaces_only
     from capture_app.session.reading.reader import Session
 
-    times = read_session(Session.open(session), show_count("pictures"))
+    opened = Session.open(session)
+    times = read_session(opened, show_count("pictures"))
     found = _as_json(times, rig_errors(times))
+    if apply:
+        from capture_app.companions.panel.session_alignment import apply_panel
+
+        found["applied"] = {name: msgspec.to_builtins(of) for name, of in apply_panel(opened, times).items()}
+        found["words"]["remarks"] += _corrections(found["applied"])
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
             (output.folder / RESULT).write_bytes(pretty_json(found))
@@ -113,6 +130,15 @@ def _words(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
             *_judgement(times, errors),
         ],
     }
+
+
+def _corrections(applied: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return a line for each camera whose times were corrected."""
+    return [
+        f"{name}: times corrected by {of['offset_ns'] / 1e6:+.2f} ± {of['uncertainty_ns'] / 1e6:.2f} ms"
+        for name, of in applied.items()
+        if of.get("uncertainty_ns")
+    ]
 
 
 def _lines(words: Mapping[str, Any]) -> Iterator[str]:

@@ -1,6 +1,7 @@
 """Detection of a panel in an image by the ArUco markers of its frame."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -65,16 +66,41 @@ class PanelNotFoundError(Exception):
     """No panel is visible in an image, or its time cannot be read; the message gives the reason."""
 
 
+def panels_seen(grey: NDArray[np.uint8]) -> list[str]:
+    """Return the names of all panels with MIN_MARKERS markers in a grey image, in a quick look.
+
+    A panel of a name that is seen twice is named twice.
+    """
+    found: list[str] = []
+    for seen, scale in _looks(grey):
+        markers = Counter(number for number, _ in _markers(_detector(), seen, scale))
+        found = [
+            name
+            for name, numbers in _by_panel(markers).items()
+            for times in range(1, max(markers.values()) + 1)
+            if sum(markers[number] >= times for number in numbers) >= MIN_MARKERS
+        ]
+        # An image without any marker is not searched further: most of a video's are such.
+        if found or not _by_panel(markers):
+            break
+    return sorted(found)
+
+
+def _by_panel(numbers: Iterable[int]) -> dict[str, list[int]]:
+    """Return the marker numbers of each panel, by its name."""
+    by_panel: dict[str, list[int]] = {}
+    for number in numbers:
+        if (panel := PANEL_OF_MARKER.get(number)) is not None:
+            by_panel.setdefault(panel.name, []).append(number)
+    return by_panel
+
+
 def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
     """Return the panel with the most visible markers in a grey image (uint8). Raises PanelNotFoundError."""
-    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
-    options = cv2.aruco.DetectorParameters()
-    options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    options.minMarkerPerimeterRate = 0.02
-    detector = cv2.aruco.ArucoDetector(words, options)
+    detector = _detector()
     best: dict[int, Floats] = {}
     for seen, scale in _looks(grey):
-        best = max(best, _of_one_panel(_detect(detector, seen, scale)), key=len)
+        best = max(best, _of_one_panel(dict(_markers(detector, seen, scale))), key=len)
         if len(best) == 4:
             break
     if len(best) < MIN_MARKERS:
@@ -95,23 +121,30 @@ def _looks(grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
     yield cv2.resize(grey, None, fx=scale, fy=scale, interpolation=method), scale
 
 
-def _detect(detector: "cv2.aruco.ArucoDetector", grey: NDArray[Any], scale: float) -> dict[int, Floats]:
+def _detector() -> "cv2.aruco.ArucoDetector":
+    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+    options = cv2.aruco.DetectorParameters()
+    options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    options.minMarkerPerimeterRate = 0.02
+    return cv2.aruco.ArucoDetector(words, options)
+
+
+def _markers(
+    detector: "cv2.aruco.ArucoDetector", grey: NDArray[Any], scale: float
+) -> list[tuple[int, Floats]]:
+    """Return the number and the corners (4, 2) of each marker in an image."""
     corners, numbers, _ = detector.detectMarkers(grey)
     if numbers is None:
-        return {}
+        return []
     # Integer coordinates are pixel centres.
     places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
-    return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+    return list(zip(np.ravel(numbers).tolist(), places, strict=True))
 
 
 def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
     """Return the markers of the panel that has the most visible ones."""
-    by_panel: dict[str, dict[int, Floats]] = {}
-    for number, corners in markers.items():
-        panel = PANEL_OF_MARKER.get(number)
-        if panel is not None:
-            by_panel.setdefault(panel.name, {})[number] = corners
-    return max(by_panel.values(), key=len, default={})
+    panels = [{n: markers[n] for n in numbers} for numbers in _by_panel(markers).values()]
+    return max(panels, key=len, default={})
 
 
 def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:

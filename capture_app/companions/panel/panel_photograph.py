@@ -24,6 +24,7 @@ from capture_app.companions.panel.pattern import (
     marker_squares,
     panel_named,
 )
+from capture_app.companions.panel.turn_code import Turn, cell_places, encode_turn
 
 Image = NDArray[np.uint8]
 Corners = tuple[tuple[float, float], ...]
@@ -49,7 +50,13 @@ UNEVEN = 0.05
 
 @lru_cache(maxsize=8)
 def see_panel(
-    panel: Panel, width: int, height: int, corners: Corners, distortion: float, hidden: tuple[int, ...]
+    panel: Panel,
+    width: int,
+    height: int,
+    corners: Corners,
+    distortion: float,
+    hidden: tuple[int, ...],
+    turn: Turn | None = None,
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Trace every pixel's rays back through the lens onto the panel.
 
@@ -64,7 +71,7 @@ def see_panel(
     for dy, dx in product(offsets, offsets):
         x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
         which, profile = _lamp_at(panel, x, y)
-        still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
+        still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden, turn))
         rows, columns = np.nonzero(which >= 0)
         found.append((np.stack([which[rows, columns], rows, columns]), weight * profile[rows, columns]))
     places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
@@ -87,11 +94,14 @@ def _trace(
     return ends[..., 0], ends[..., 1]
 
 
-def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Floats:
+def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...], turn: Turn | None) -> Floats:
     """Return the light reflected by points of the panel and of the wall around it."""
     light = np.where(_is_on(panel, x, y), _WHITE, _WALL)
     for left, top, width, height in panel.dark:
         light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
+    cells = zip(cell_places(panel), () if turn is None else encode_turn(turn), strict=turn is not None)
+    for (left, top), _ in (one for one in cells if one[1]):
+        light[(x > left) & (x < left + 1) & (y > top) & (y < top + 1)] = _BLACK
     for corner, (number, left, top) in enumerate(panel.markers):
         squares = np.array(marker_squares(number))
         column = np.floor((x - left) / MARKER_SIZE * MARKER_MODULES).astype(int)
@@ -157,6 +167,8 @@ class Photograph:
     read_noise: float = 4.0
     hidden: tuple[int, ...] = ()
     """Corners whose markers are covered."""
+    turn: Turn | None = None
+    """Turn that a screen's code shows; None: a page without a code."""
 
     def take(self, start_ns: float, rng: np.random.Generator) -> Image:
         """Return the image, BGR uint8 (height, width, 3), exposed from panel time `start_ns` in row 0."""
@@ -169,7 +181,13 @@ class Photograph:
     def _look(self, start_ns: float, rng: np.random.Generator) -> Floats:
         """Return the light (height, width, 3) through a sharp lens."""
         still, (lamp, row, column), weight = see_panel(
-            self.panel, self.width, self.height, self.corners, self.distortion, tuple(sorted(self.hidden))
+            self.panel,
+            self.width,
+            self.height,
+            self.corners,
+            self.distortion,
+            tuple(sorted(self.hidden)),
+            self.turn,
         )
         pairs, inverse = np.unique(np.stack([lamp, row]), axis=1, return_inverse=True)
         shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]

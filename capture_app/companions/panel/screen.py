@@ -13,6 +13,13 @@ from capture_app.companions.panel.pattern import (
     SCAN_FRACTION,
     marker_squares,
 )
+from capture_app.companions.panel.turn_code import (
+    CHECK_BITS,
+    CHECK_POLYNOMIAL,
+    PAGE_BITS,
+    TURN_BITS,
+    cell_places,
+)
 
 HERE = Path(__file__).parent / "page"
 SCRIPTS = ("counter.js", "drawing.js", "page.js")
@@ -52,7 +59,10 @@ def _panels() -> dict[str, Any]:
     fields = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
     return {
         "scan_share": SCAN_FRACTION,
-        "layout": {key: layout[key] for key in fields} | {"rate_tolerance": RATE_TOLERANCE},
+        "layout": {key: layout[key] for key in fields}
+        | {"rate_tolerance": RATE_TOLERANCE, "cells": cell_places(screens[0])}
+        | {"turn_bits": TURN_BITS, "page_bits": PAGE_BITS}
+        | {"check_bits": CHECK_BITS, "check_polynomial": CHECK_POLYNOMIAL},
         "screens": [
             {
                 "name": panel.name,

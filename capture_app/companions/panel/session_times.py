@@ -4,20 +4,15 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, groupby
-from statistics import median
 
 from capture_app.common.errors import NotApplicableError
+from capture_app.companions.panel.camera_reading import CameraReading
 from capture_app.companions.panel.finder import PanelNotFoundError
 from capture_app.companions.panel.pattern import Panel
-from capture_app.companions.panel.time_reading import PanelTime, read_panel
+from capture_app.companions.panel.time_reading import PanelTime
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, row_exposures
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
-
-_LEARN = 3
-"""Images per camera whose unknown exposure and row time are estimated separately."""
-_MAX_LENGTH_RATIO = 0.1
-"""Estimated exposures that differ by at most this fraction are taken as one exposure for all images."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +29,8 @@ class PictureTime:
     true_ns: int | None
     """True time, in a simulated session."""
     reading: PanelTime
+    row: float
+    """The image's middle row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +62,11 @@ def read_session(
     )
     pictures: list[PictureTime] = []
     refusals: list[tuple[ImageRecord, str]] = []
-    learnt: defaultdict[str, list[PanelTime]] = defaultdict(list)
+    readings: defaultdict[str, CameraReading] = defaultdict(CameraReading)
     for number, image in enumerate(images):
         camera = session.camera(image.camera)
         try:
-            read = _read(session, camera, image, learnt[image.camera])
+            read = _read(session, camera, image, readings[image.camera])
         except PanelNotFoundError as error:
             refusals.append((image, str(error)))
         else:
@@ -87,6 +84,7 @@ def read_session(
                     else image.leader_ns,
                     true_ns=None if true_ns is None else true_ns + later_ns,
                     reading=read,
+                    row=row,
                 )
             )
         done(number + 1, len(images))
@@ -112,25 +110,16 @@ def read_session(
     )
 
 
-def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: list[PanelTime]) -> PanelTime:
-    """Read an image's panel; `learnt` holds the camera's first readings, for unknown shutter values.
-
-    Raises PanelNotFoundError if the panel cannot be read.
-    """
+def _read(session: Session, camera: CameraRecord, image: ImageRecord, reading: CameraReading) -> PanelTime:
+    """Read an image's panel. Raises PanelNotFoundError if it cannot be read."""
     picture = decode_image(session.image_bytes(image), colour=True)
     if picture is None:
         raise PanelNotFoundError("the picture cannot be decoded")
-    exposure_ns = image.exposure_ns or camera.facts.exposure_ns
-    row_time_ns = camera.facts.row_time_ns
-    exposures = [read.shutter.exposure_ns for read in learnt]
-    # The row time stays free: its uncertainty is part of each reading's uncertainty.
-    learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
-    if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _MAX_LENGTH_RATIO:
-        exposure_ns = round(median(exposures))
-    read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-    if learns:
-        learnt.append(read)
-    return read
+    return reading.read(
+        picture,
+        exposure_ns=image.exposure_ns or camera.facts.exposure_ns,
+        row_time_ns=camera.facts.row_time_ns,
+    )
 
 
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":

@@ -17,14 +17,16 @@ from capture_app.common.text import duration
 from capture_app.companions.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.companions.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.companions.panel.pattern import COUNT, Panel
+from capture_app.companions.panel.turn_code import Turn, read_turn
 
 SIGMAS_95 = 1.96
 STEPS = 8
 """Search steps per tick."""
 _GROUP_STEPS = 16
 """Maximum search steps per lamp of a group; steps are wider for lamps with a longer lit time."""
-SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
-"""Range of exposures, and maximum row time, for cameras that do not report them."""
+SHORTEST_NS = 50e3
+LONGEST = Shutter(24e6, 36e3)
+"""Range of exposures, and maximum row time, for cameras of which nothing is known."""
 CANDIDATES, FEW_CANDIDATES = 12, 4
 """Number of candidate times for a known shutter, and for each of several possible shutters."""
 TEMPER = 0.55
@@ -82,21 +84,23 @@ Range = tuple[Floats, dict[Shutter, Floats]]
 """Evenly spaced times (ns) near a candidate, and their log-probabilities by shutter."""
 
 
-def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
-    """Return the known shutter, or the shutters to try if exposure or row time is unknown."""
+def possible_shutters(
+    panel: Panel, exposure_ns: float | None, row_time_ns: float | None, longest: Shutter = LONGEST
+) -> list[Shutter]:
+    """Return the known shutter, or the shutters to try, up to `longest`, if a value is unknown."""
     cycle_ns = COUNT * panel.tick_ns
     if exposure_ns is not None:
         exposures = [float(exposure_ns)]
     else:
-        exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, LONGEST_NS), 16).tolist()
+        exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, longest.exposure_ns), 16).tolist()
         # Exposures longer than one turn of all columns differ only by the excess over whole turns.
-        exposures += np.arange(cycle_ns * 1.2, LONGEST_NS, cycle_ns / 5).tolist()
+        exposures += np.arange(cycle_ns * 1.2, longest.exposure_ns, cycle_ns / 5).tolist()
     if row_time_ns is not None:
         return [Shutter(exposure, float(row_time_ns)) for exposure in exposures]
     return [
         Shutter(exposure, row)
         for exposure in exposures
-        for row in np.linspace(0, LONGEST_ROW_NS, 7 if exposure > cycle_ns else 11).tolist()
+        for row in np.linspace(0, longest.row_time_ns, 7 if exposure > cycle_ns else 11).tolist()
     ]
 
 
@@ -312,6 +316,8 @@ class PanelTime:
     markers: int
     residual: float
     """RMS residual of the lamps, in sigmas."""
+    turn: Turn | None = None
+    """Turn that the code of a screen's panel shows; None if it shows none, or it is unreadable."""
 
     def at_row(self, row: float) -> tuple[float, float]:
         """Return a row's mid-exposure time in ns of the panel, and its 95 % uncertainty."""
@@ -321,14 +327,19 @@ class PanelTime:
 
 
 def read_panel(
-    picture: NDArray[np.uint8], *, exposure_ns: float | None = None, row_time_ns: float | None = None
+    picture: NDArray[np.uint8],
+    *,
+    exposure_ns: float | None = None,
+    row_time_ns: float | None = None,
+    longest: Shutter = LONGEST,
 ) -> PanelTime:
     """Read the time of a panel in an image (uint8, BGR); finds the panel and identifies it.
 
-    `exposure_ns` and `row_time_ns` are estimated where None. Raises PanelNotFoundError if no panel is
-    visible, or if its time is unreadable or ambiguous.
+    `exposure_ns` and `row_time_ns` are estimated where None, up to the values of `longest`. Raises
+    PanelNotFoundError if no panel is visible, or if its time is unreadable or ambiguous.
     """
-    found = find_panel(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
+    grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
+    found = find_panel(grey)
     model = LightModel(found, picture)
     _, on = model.rough_fit
     dark, bright = np.percentile(model.light, (20, 97))
@@ -336,7 +347,7 @@ def read_panel(
         raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
-    candidates = search(model, possible_shutters(found.panel, exposure_ns, row_time_ns))
+    candidates = search(model, possible_shutters(found.panel, exposure_ns, row_time_ns, longest))
     best, ranges = gather(model, candidates, exposure_ns is None, row_time_ns is None)
     residual = model.fit(model.shares(np.array([best.middle_ns]), best.shutter), on)[1][0]
     wrong = float((np.abs(residual) > _OUTLIER_SIGMAS).mean())
@@ -371,4 +382,5 @@ def read_panel(
         row_time_error_ns,
         found.markers,
         rms,
+        read_turn(found, grey),
     )

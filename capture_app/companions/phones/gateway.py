@@ -71,7 +71,7 @@ class PhoneGateway(PairedPage):
             phone.link_closed(send, by_user=link.socket.close_code == LEFT)
 
     def _put_off(self, admitted: Admitted) -> None:
-        self._admission.put_off(admitted)
+        self.admission.put_off(admitted)
         if (phone := self._phones.pop(admitted.key, None)) is not None:
             phone.said_goodbye = True
         reason = b"The leader has put this phone off. To come back, scan the code that it shows now."

@@ -49,6 +49,7 @@ from capture_app.session.format.manifest import (
     check_image_path,
     image_path,
 )
+from capture_app.session.format.marks import Mark
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, Burst
@@ -57,6 +58,8 @@ SAID_AFTER_S = 1.0
 """A wait for the disk or for cameras that takes longer is reported."""
 
 
+MARK_MARGIN_NS = 1_000_000_000
+"""Marks so long before the first instant or after the last belong to the take."""
 Lost = dict[tuple[str, int], MissingImage]
 """Images that an earlier run of the leader missed or lost, with the reason, by camera and instant."""
 
@@ -262,6 +265,19 @@ class BurstSession:
         """Note that a camera's stream broke off or was closed."""
         self._delivery(camera).streams -= 1
         self._delivery(camera).note_heard(now_ns)
+
+    def contains(self, leader_ns: int) -> bool:
+        """Return whether a time falls into this burst, MARK_MARGIN_NS around it included."""
+        instants_ns = self.burst.instants_ns
+        return (
+            not self.finished.is_set()
+            and self._is_of_this_run
+            and instants_ns[0] - MARK_MARGIN_NS <= leader_ns <= instants_ns[-1] + MARK_MARGIN_NS
+        )
+
+    async def place_mark(self, mark: Mark) -> None:
+        """Store a mark among the session's events. Raises DiskError."""
+        await on_disk(self._disk, self._writer.add_event, mark.as_event())
 
     async def accept_report(self, report: CameraReport, now_ns: int, *, wait_s: float = 0.0) -> ReportAck:
         """Store a camera's report of what it will send; return which images to send, and which are here.

@@ -27,16 +27,16 @@ from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.endpoint import Endpoint
-from capture_app.protocol.event_text import client_line, client_record
+from capture_app.protocol.event_text import client_line, client_record, why_doubted
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord, WidenedTimes
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig import events, status_text
+from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
-from capture_app.sync.timekeeping.clock_events import TimesDoubted
+from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES = 300
@@ -85,7 +85,7 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
-        self._stepped: TimesDoubted | None = None
+        self._stepped: clock_events.TimesDoubted | None = None
         """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
@@ -181,7 +181,7 @@ class CameraNode:
             self._engine.set_path_asymmetry(link.asymmetry)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        if isinstance(event, TimesDoubted):
+        if isinstance(event, clock_events.TimesDoubted):
             self._uploader.widen_times(widened_times(event))
             self._stepped = event if event.jumped else self._stepped
         self._happened.append({"local_ns": self._clock.now_ns(), **client_record(event)})
@@ -280,12 +280,12 @@ def camera_record(
     )
 
 
-def widened_times(event: TimesDoubted) -> WidenedTimes:
+def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
     """Return the record of times that were found to be wrong, for a burst's manifest."""
     return WidenedTimes(
         from_local_ns=event.from_local_ns,
         until_local_ns=event.until_local_ns,
         uncertainty_ns=event.error_ns,
         hard_bound_ns=event.hard_bound_ns,
-        reason=status_text.why_doubted(event),
+        reason=why_doubted(event),
     )

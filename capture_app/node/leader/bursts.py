@@ -33,7 +33,10 @@ from capture_app.node.leader.readiness import (
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
+from capture_app.protocol.orders import MarkPlaced
 from capture_app.protocol.status import BurstStatus
+from capture_app.session.format.marks import RIG_MARKS, Mark, check_mark_text
+from capture_app.session.writing.rig_marks import append_mark
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import TriggerAnswered
@@ -355,6 +358,21 @@ class ActiveBursts:
             session.burst = ended
         else:
             await session.end(ended)
+
+    async def place_mark(self, mark: Mark) -> MarkPlaced:
+        """Store a mark in the takes that it falls into; without one, in a file of the rig's.
+
+        Raises BadInputError for a text that a mark cannot have, DiskError.
+        """
+        check_mark_text(mark.text)
+        takes = [of for of in self._bursts.values() if of.contains(mark.leader_ns)]
+        for session in takes:
+            await session.place_mark(mark)
+        if takes:
+            return MarkPlaced(sessions=tuple(of.folder.name for of in takes))
+        file = self._options.sessions / RIG_MARKS
+        await asyncio.to_thread(append_mark, file, mark)
+        return MarkPlaced(sessions=(), file=str(file))
 
     async def find_session(self, report: CameraReport, pin: str) -> BurstSession | ReportAck:
         """Return the burst of a report, from this run or an earlier one whose session lacks images.

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import time
 from typing import Any
 
 from msgspec.structs import replace
@@ -251,8 +252,6 @@ class LeaderService:
 
     async def _answer_operator(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:
         match message:
-            case messages.StatusRequest():
-                await channel.send(messages.StatusAnswer(rig=self._rig.status(message.after)))
             case messages.BurstRequest():
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
@@ -265,14 +264,26 @@ class LeaderService:
                     await self._viewfinders.serve(channel, message)
                 finally:
                     giving.cancel()
+            case _:
+                await channel.send(await self._single_answer(message))
+
+    async def _single_answer(self, message: messages.ToLeader) -> messages.FromLeader:
+        """Return the answer to a request that has one. Raises NetworkError for any other message."""
+        match message:
+            case messages.StatusRequest():
+                return messages.StatusAnswer(rig=self._rig.status(message.after))
+            case orders.TimeRequest():
+                return orders.TimeAnswer(leader_ns=self._bursts.now_ns(), unix_ns=time.time_ns())
+            case orders.PlaceMark(mark=mark):
+                return await self._bursts.place_mark(mark)
             case orders.SaveStamp():
-                await channel.send(await self._viewfinders.ask(message, orders.StampSaved))
+                return await self._viewfinders.ask(message, orders.StampSaved)
             case orders.DetailRequest():
-                await channel.send(await self._viewfinders.ask(message, NodeDetail))
+                return await self._viewfinders.ask(message, NodeDetail)
             case orders.ControlsRequest():
-                await channel.send(await self._settings.ask(message))
+                return await self._settings.ask(message)
             case _ if isinstance(message, orders.Order):
-                await channel.send(await self.carry_out(message))
+                return await self.carry_out(message)
             case _:
                 raise NetworkError(f"a {type(message).__name__} was not expected here")
 

@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from capture_app.common.errors import BadInputError, IncompleteError, reading
-from capture_app.session.files.untrusted_files import RESTORE_IMAGE
+from capture_app.session.files.untrusted_files import RESTORE_IMAGE, read_input
 from capture_app.session.format.lens import triangulate_rays, undistort_pixels
-from capture_app.session.format.manifest import CameraRecord, ImageRecord
+from capture_app.session.format.manifest import EVENTS, CameraRecord, ImageRecord
+from capture_app.session.format.marks import Mark, marks_of
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
@@ -280,6 +281,13 @@ class OpenSession(Session):
     def verdict(self) -> Verdict:
         """Synchronization quality of the burst, as text and numbers."""
         return judge(self.manifest)
+
+    @cached_property
+    def marks(self) -> tuple[Mark, ...]:
+        """Events that operators noted during the take, in order. Raises BadInputError."""
+        file = self.folder / EVENTS
+        data = read_input(file) if file.exists() else b""
+        return tuple(sorted(marks_of(data.splitlines()), key=lambda mark: mark.leader_ns))
 
     def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
         """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown.

@@ -8,7 +8,6 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.clock.time_map import SIGMAS_95
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.timekeeping.clock_events import TimesDoubted
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.datagrams import Report
@@ -105,12 +104,6 @@ def degraded(
         why, remedy = f"messages with a round trip of {duration(round_trip_ns)} are delayed at times", "use "
     enough = f"--clock-tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
     return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {why}; {remedy}{enough}"
-
-
-def why_doubted(event: TimesDoubted) -> str:
-    """Describe why times of an interval were wrong."""
-    what = "a clock was changed" if event.jumped else "a clock ran faster or slower"
-    return f"{what}, which was noticed only afterwards: these times are known to {duration(event.error_ns)}"
 
 
 def rate(watch: RateWatch, now_ns: int) -> str:

@@ -84,6 +84,7 @@ class ShootView(ModeView):
         Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
         Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
         Binding("right_curly_bracket", "frames(0,1)", "More after", id="shoot.after-more", show=False),
+        Binding("m", "mark", "Mark", id="shoot.mark", show=False, tooltip="an event in the take under way"),
         Binding("escape", "stop", "Stop, or back to live", id="shoot.stop", show=False),
         Binding(
             "x",
@@ -211,6 +212,13 @@ class ShootView(ModeView):
             self._trash(last, last.sheet)
         if answer is not None:
             self._shoot(plan, retake_of=last.status.name)
+
+    @work(group="marking")
+    async def action_mark(self) -> None:
+        """Note an event now, in the session of the take under way."""
+        with showing_errors(self):
+            placed = await self._rig.mark("mark")
+            self.notify(f"marked in {', '.join(placed.sessions) or placed.file}")
 
     def action_edit(self, what: str) -> None:
         """Edit the name or the notes of the following takes."""

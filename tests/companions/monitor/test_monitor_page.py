@@ -1,6 +1,7 @@
 """The monitor's server without a browser: who is admitted, what is sent, and what orders do."""
 
 import asyncio
+import json
 import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -155,3 +156,28 @@ async def test_depth_is_computed_when_a_monitor_asks(tmp_path: Path) -> None:
     await until(lambda: "take/jumper/depth" in feed.pictures, seconds=SLOW_PATIENCE_S)
     assert feed.pictures["take/jumper/depth"].startswith(b"\x89PNG")
     await end(following)
+
+
+async def test_a_program_marks_by_http_and_a_stranger_does_not(served: ServedMonitor) -> None:
+    async with StandInMonitor(served.page) as program:
+
+        async def post(**asked: str) -> tuple[int, dict[str, object]]:
+            async with program.session.post(f"{served.base}mark", json=asked) as answer:
+                return answer.status, await answer.json()
+
+        key = "a" * 32
+        for stranger in ({"key": key}, {"key": key, "secret": "guessed"}, {"key": "x"}):
+            assert (await post(text="theirs", **stranger))[0] == 403
+        for nonsense in ({}, {"text": "only"}):
+            assert (await post(**nonsense))[0] == 400
+        status, body = await post(text="one", key=key, secret=served.page.admission.secret)
+        assert (status, body["sessions"]) == (200, [])
+        # It is admitted from then on, and another is not by the same secret.
+        assert (await post(text="two", key=key))[0] == 200
+        assert (await post(text="", key=key))[0] == 400
+        async with program.session.post(
+            f"{served.base}mark", json={"text": "x", "key": key}, headers={"Origin": "https://evil.example"}
+        ) as answer:
+            assert answer.status == 403
+    kept = await asyncio.to_thread(Path(str(body["file"])).read_text)
+    assert [json.loads(line)["text"] for line in kept.splitlines()] == ["one", "two"]

@@ -247,3 +247,14 @@ def test_it_looks_as_it_did_without_colours(snap_compare: Any, tmp_path: Path) -
         await studio.settle(pilot)
 
     assert snap_compare(studio.app, terminal_size=(120, 40), run_before=before)
+
+
+async def test_m_marks_the_take_under_way(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("m")
+        await studio.settle(pilot)
+        assert ("mark", "mark") in rig.asked
+        assert [one.message for one in studio.app._notifications] == ["marked in burst-001"]

@@ -20,7 +20,10 @@ class Drawing {
     this.panel = null;
     this.lit = [];
     this.tick = null;
+    this.turn = null;
     this.share = 0;
+    // Number that tells this page from others, and from itself before it was loaded again.
+    this.page = Math.floor(Math.random() * 2 ** layout.page_bits);
   }
 
   // Choose and place the panel for a rate in Hz and a scan direction in the screen's coordinates.
@@ -70,14 +73,17 @@ class Drawing {
     this.tick = null;
   }
 
-  // Draw a tick; null clears the panel, so that no image of it can be read.
-  show(tick) {
-    if (tick === null || !this.panel) {
+  // Draw a refresh's number; null clears the panel, so that no image of it can be read.
+  show(number) {
+    if (number === null || !this.panel) {
       if (this.tick !== null) this.clear();
       return;
     }
     if (this.tick === null) this.begin();
+    const tick = number % this.layout.cycle_ticks;
+    const turn = Math.floor(number / this.layout.cycle_ticks);
     this.tick = tick;
+    if (turn !== this.turn) this.showTurn(turn);
     const reach = this.layout.lamp_size / 2;
     this.layout.lamps.forEach((lamp, number) => {
       const lit = (((tick - lamp.start) % lamp.period) + lamp.period) % lamp.period < lamp.lit;
@@ -87,7 +93,26 @@ class Drawing {
     });
   }
 
+  // Draw the code of a turn: its number, this page's, and a checksum (CRC-6-ITU), highest bit first.
+  showTurn(turn) {
+    this.turn = turn;
+    const { turn_bits, page_bits, check_bits, check_polynomial, cells } = this.layout;
+    const value = (turn % 2 ** turn_bits) * 2 ** page_bits + this.page;
+    const full = 2 ** check_bits - 1;
+    let check = full;
+    for (let bit = turn_bits + page_bits - 1; bit >= 0; bit--) {
+      const top = (check >> (check_bits - 1)) ^ ((value >> bit) & 1);
+      check = ((check << 1) ^ (top ? check_polynomial : 0)) & full;
+    }
+    const coded = value * 2 ** check_bits + check;
+    cells.forEach(([x, y], number) => {
+      const black = (coded >> (cells.length - 1 - number)) & 1;
+      this.fill(black ? "#000" : "#fff", x, y, 1, 1);
+    });
+  }
+
   begin() {
+    this.turn = null;
     for (const ground of this.layout.dark) this.fill("#000", ...ground);
     this.lit = this.layout.lamps.map(() => false);
     this.layout.markers.forEach((marker, number) => {

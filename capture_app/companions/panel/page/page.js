@@ -59,7 +59,7 @@ function frame(timestamp) {
     drawing.place(1000 / counter.period, way(), size());
     placed = true;
   }
-  drawing.show(number === null ? null : number % panels.layout.cycle_ticks);
+  drawing.show(number);
   if (timestamp - saidAt > 500) {
     saidAt = timestamp;
     say();

@@ -1,0 +1,156 @@
+"""Aligns recordings of a panel drawn at random, and counts how far off they are and whether they know it.
+
+Rendered videos, H.264: `python -m benchmarks.panel.align_takes [--count 40] [--first 0] [--jobs 1]`.
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.panel.recorded_takes import Take, draw_take
+from capture_app.common.errors import BadInputError
+from capture_app.companions.panel.panel_alignment import match_panels
+from capture_app.companions.panel.panel_track import PanelTrack
+from capture_app.companions.panel.panel_video import read_panel_video
+from capture_app.session.format.common_times import CameraTimes
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Result of a take: errors and 95 % error bars at its visits and between them, ms; or the refusal."""
+
+    take: Take
+    errors_ms: tuple[float, ...] = ()
+    bars_ms: tuple[float, ...] = ()
+    rate_error_ppm: float = 0.0
+    rate_bar_ppm: float = 0.0
+    read_s: float = 0.0
+    refusal: str = ""
+
+
+def is_seen_twice(take: Take) -> bool:
+    """Return whether the cameras saw the panel again ten minutes later."""
+    return len(take.cameras[0].visits_s) > 1
+
+
+def is_carried(take: Take) -> bool:
+    """Return whether the cameras saw the panel one after the other."""
+    return take.cameras[0].visits_s != take.cameras[1].visits_s
+
+
+def _on_screen(rate_hz: int) -> Callable[[Take], bool]:
+    return lambda take: round(1e9 / take.panel.tick_ns) == rate_hz
+
+
+def _with_a(kind: str) -> Callable[[Take], bool]:
+    return lambda take: any(camera.kind == kind for camera in take.cameras)
+
+
+KINDS: dict[str, Callable[[Take], bool]] = {
+    "all": lambda take: True,
+    "carried, seen once": lambda take: is_carried(take) and not is_seen_twice(take),
+    "all others": lambda take: is_seen_twice(take) or not is_carried(take),
+    **{f"a screen of {hz} Hz": _on_screen(hz) for hz in (60, 120, 144)},
+    **{f"a camera {kind}": _with_a(kind) for kind in ("dim", "oblique", "blurred")},
+    "a camera of 120 or 240 /s": lambda take: any(camera.rate_hz > 100 for camera in take.cameras),
+    "cameras up to 30 /s": lambda take: all(camera.rate_hz < 31 for camera in take.cameras),
+}
+"""The rows of the table."""
+
+
+def judge(seed: int, tracks: Path | None = None) -> Outcome:
+    """Record a take, align it, and compare with the truth; store what was read in the folder `tracks`."""
+    take = draw_take(seed)
+    found: list[PanelTrack] = []
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{number}.mp4" for number in range(2)]
+        for camera, path in zip(take.cameras, paths, strict=True):
+            camera.record(path)
+        began = time.process_time()
+        for path in paths:
+            try:
+                found.append(read_panel_video(path))
+            except BadInputError as error:
+                return Outcome(take, refusal=error.what)
+    read_s = time.process_time() - began
+    if tracks is not None:
+        np.save(tracks / f"{seed}.npy", np.array(found, object), allow_pickle=True)
+    return compare(take, match_panels(*found), read_s)
+
+
+def compare(take: Take, times: CameraTimes, read_s: float = 0.0) -> Outcome:
+    """Compare an alignment with the truth, at each visit's middle and midway between two."""
+    if times.offset_ns is None:
+        return Outcome(take, refusal=times.reason)
+    reference, camera = take.cameras
+    moments = [at + 0.5 for at in camera.visits_s]
+    errors, bars = [], []
+    for true_s in [*moments, *([sum(moments) / 2] if len(moments) > 1 else [])]:
+        own_ns = round(camera.own_s(true_s) * 1e9)
+        errors.append(times.leader_from_local(own_ns) / 1e6 - reference.own_s(true_s) * 1e3)
+        bars.append((times.uncertainty_at_ns(own_ns) or 0) / 1e6)
+    true_ppm = reference.ppm - camera.ppm
+    return Outcome(
+        take,
+        tuple(errors),
+        tuple(bars),
+        times.rate_ppm - true_ppm,
+        times.rate_uncertainty_ppm or 0.0,
+        read_s,
+    )
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """Return takes, refusals, RMSE, largest error, coverage and median bar, of all takes and of kinds."""
+    lines = ["takes                     taken  refused  RMSE ms  largest ms  inside bar  median bar ms"]
+    for name, is_one in KINDS.items():
+        some = [o for o in outcomes if is_one(o.take)]
+        read = [o for o in some if not o.refusal]
+        if not read:
+            continue
+        errors = np.abs(np.concatenate([o.errors_ms for o in read]))
+        bars = np.concatenate([o.bars_ms for o in read])
+        lines.append(
+            f"{name:26s} {len(read):4d} {len(some) - len(read):8d} {np.sqrt((errors**2).mean()):8.2f}"
+            f" {errors.max():11.2f} {100 * (errors <= bars).mean():9.1f} % {np.median(bars):13.2f}"
+        )
+    if rates := [o for o in outcomes if not o.refusal and is_seen_twice(o.take)]:
+        inside = np.mean([abs(o.rate_error_ppm) <= o.rate_bar_ppm for o in rates])
+        rms = np.sqrt(np.mean([o.rate_error_ppm**2 for o in rates]))
+        lines.append(f"rates, seen twice: RMSE {rms:.2f} ppm, inside bar {100 * inside:.1f} %")
+    if times_s := [o.read_s for o in outcomes if o.read_s]:
+        lines.append(f"reading takes {np.median(times_s):.0f} s of a processor (median, two videos)")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run it and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--tracks", type=Path, help="folder for what was read")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.count)
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        outcomes = list(pool.map(partial(judge, tracks=options.tracks), seeds))
+    for seed, one in zip(seeds, outcomes, strict=True):
+        rates = " and ".join(f"{c.rate_hz:.4g} Hz {c.kind}" for c in one.take.cameras)
+        found = one.refusal or " ".join(
+            f"{e:+.2f}±{b:.2f}" for e, b in zip(one.errors_ms, one.bars_ms, strict=True)
+        )
+        print(f"{seed:4d} {one.take.panel.name:18s} {rates}: {found}")
+    print(f"{options.count} rendered takes, seeds from {options.first}")
+    print(table(outcomes))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Turn code of a screen's panel: cells beside the lamps with the number of the turn, and of the page.
+
+The lamps repeat after a turn, 17 s at 60 Hz. The code tells which turn it is, which recordings that nothing
+synchronized do not. Its cells are black or white squares of one pitch between the left markers and between
+the right ones: 12 bits of the turn, 6 bits that the page draws by chance when it is loaded, and a checksum
+(CRC-6-ITU).
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.companions.panel.finder import Floats, FoundPanel
+from capture_app.companions.panel.pattern import Panel
+
+TURN_BITS, PAGE_BITS, CHECK_BITS = 12, 6, 6
+BITS = TURN_BITS + PAGE_BITS + CHECK_BITS
+TURNS, PAGES = 1 << TURN_BITS, 1 << PAGE_BITS
+"""Number of turns before they repeat, 19 hours at 60 Hz; and of pages that can be told apart."""
+CHECK_POLYNOMIAL = 0b000011
+"""CRC-6-ITU's polynomial, x^6 + x + 1, without its highest term."""
+_ROWS, _COLUMNS = 6, 2
+_LEFT = 1.0
+"""Distance of the cells from the frame's left and right edges."""
+_WHITE_AT = 3.6
+"""Distance of the white ground that a row's cells are compared with."""
+_CLEAR = 0.15
+"""Minimum distance of a cell from the middle between black and white, relative to their difference."""
+
+
+class Turn(NamedTuple):
+    """What a turn code says: the number of the turn, and of the page that drew it."""
+
+    number: int
+    page: int
+
+
+def cell_places(panel: Panel) -> tuple[tuple[float, float], ...]:
+    """Return the upper left corners of the cells, in pitches, from the highest bit to the lowest."""
+    top = panel.height / 2 - _ROWS / 2
+    lefts = [_LEFT + n for n in range(_COLUMNS)]
+    lefts += [panel.width - _LEFT - _COLUMNS + n for n in range(_COLUMNS)]
+    return tuple((left, top + row) for left in lefts for row in range(_ROWS))
+
+
+def encode_turn(turn: Turn) -> tuple[int, ...]:
+    """Return the cells of a turn, 1 for black."""
+    value = turn.number % TURNS << PAGE_BITS | turn.page % PAGES
+    coded = value << CHECK_BITS | _checksum(value)
+    return tuple(coded >> bit & 1 for bit in reversed(range(BITS)))
+
+
+def decode_turn(cells: "tuple[int, ...]") -> Turn | None:
+    """Return the turn of cells, or None if their checksum is wrong."""
+    coded = int("".join(map(str, cells)), 2)
+    value = coded >> CHECK_BITS
+    if coded & (1 << CHECK_BITS) - 1 != _checksum(value):
+        return None
+    return Turn(value >> PAGE_BITS, value & PAGES - 1)
+
+
+def _checksum(value: int) -> int:
+    # All cells of a page without a code are white, and their checksum must be wrong.
+    check = (1 << CHECK_BITS) - 1
+    for bit in reversed(range(TURN_BITS + PAGE_BITS)):
+        top = check >> CHECK_BITS - 1 ^ value >> bit & 1
+        check = (check << 1 ^ (CHECK_POLYNOMIAL if top else 0)) & (1 << CHECK_BITS) - 1
+    return check
+
+
+def read_turn(found: FoundPanel, grey: NDArray[np.uint8]) -> Turn | None:
+    """Return the turn that a screen's panel shows in an image, or None if it shows or tells none."""
+    if not found.panel.is_screen:
+        return None
+    places = np.array(cell_places(found.panel)) + 0.5
+    near = np.array([[x, y] for x in (-0.2, 0.0, 0.2) for y in (-0.2, 0.0, 0.2)])
+    levels = _levels(found, grey, (places[:, None] + near).reshape(-1, 2)).reshape(len(places), -1).mean(1)
+    side = np.where(places[:, 0] < found.panel.width / 2, _WHITE_AT, found.panel.width - _WHITE_AT)
+    white = _levels(found, grey, np.column_stack([side, places[:, 1]]))
+    # A marker's border is black, and half a square wide from its edge to the border's middle.
+    middles = np.array([[left + 0.25, top + 1.5] for _, left, top in found.panel.markers])
+    black = float(np.median(_levels(found, grey, middles)))
+    whiteness = (levels - black) / np.maximum(white - black, 1.0)
+    if (np.abs(whiteness - 0.5) < _CLEAR).any():
+        return None
+    return decode_turn(tuple(int(level < 0.5) for level in whiteness))
+
+
+def _levels(found: FoundPanel, grey: NDArray[np.uint8], places: Floats) -> Floats:
+    """Return the image's levels (n,) at points (n, 2) of the panel."""
+    x, y = found.pixels(places).astype(np.float32).T
+    seen = cv2.remap(
+        grey, x[:, None].copy(), y[:, None].copy(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(seen, float).ravel()

@@ -24,7 +24,8 @@
 # make bench NAME=panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make bench NAME=panel-takes   forty rendered recordings aligned by a screen's panel, and whether the error bars hold (30 min; BENCH="--count 8 --jobs 4")
 # make bench NAME=rig-time   the rig's time and marks of an operator, against the truth (a minute)
-# make bench NAME=stagger   a drawn ball's path by four cameras in step and staggered, and errors and readiness of such rigs (6 min)
+# make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
+# make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
@@ -128,7 +129,8 @@ BENCH_folders := benchmarks.sessions.folders
 BENCH_panel := benchmarks.panel.read_photographs
 BENCH_panel-takes := benchmarks.panel.align_takes
 BENCH_rig-time := benchmarks.clock.rig_time
-BENCH_stagger := benchmarks.stagger
+BENCH_ball := benchmarks.stagger.ball_path
+BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence

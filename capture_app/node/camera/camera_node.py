@@ -85,7 +85,7 @@ class CameraNode:
         profile = options.profiles.read(mode_key(facts))
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
-        self._stepped: clock_events.TimesDoubted | None = None
+        self._stepped: TimesDoubted | None = None
         """The last step of a clock: frames from before it that are selected afterwards have wrong times."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
@@ -280,7 +280,7 @@ def camera_record(
     )
 
 
-def widened_times(event: clock_events.TimesDoubted) -> WidenedTimes:
+def widened_times(event: TimesDoubted) -> WidenedTimes:
     """Return the record of times that were found to be wrong, for a burst's manifest."""
     return WidenedTimes(
         from_local_ns=event.from_local_ns,

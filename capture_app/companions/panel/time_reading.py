@@ -17,7 +17,8 @@ from capture_app.common.text import duration
 from capture_app.companions.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.companions.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.companions.panel.pattern import COUNT, Panel
-from capture_app.companions.panel.turn_code import Turn, read_turn
+from capture_app.companions.panel.turn_code import Turn
+from capture_app.companions.panel.turn_reading import read_turn
 
 SIGMAS_95 = 1.96
 STEPS = 8

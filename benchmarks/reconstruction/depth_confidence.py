@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.confidence import RIGHT, Support, measure_support
+from reconstruction.depth.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
@@ -58,7 +58,7 @@ class Judged:
     """All pixels with depth and truth of one case: what supports their depth, and whether it is right."""
 
     case: str
-    support: Support
+    support: DepthSupport
     right: Array
     misfit_px: float | None
     cpu_s: float
@@ -86,7 +86,7 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
     parts = [[part[known[name]] for part in supports[name]] for name in known]
     return Judged(
         case,
-        Support(*map(np.concatenate, zip(*parts, strict=True))),
+        DepthSupport(*map(np.concatenate, zip(*parts, strict=True))),
         np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
         misfit_px,
         cpu_s,

@@ -174,7 +174,7 @@ class PhoneInvited(Message, frozen=True, kw_only=True, tag="phone-invited"):
     good_for_s: int
 
 
-class TimeRequest(Message, frozen=True, kw_only=True, tag="time-request"):
+class AskTime(Message, frozen=True, kw_only=True, tag="ask-time"):
     """Operator's request for the leader's time."""
 
 
@@ -224,7 +224,7 @@ FromOperator = (
     | DetailRequest
     | ControlsRequest
     | SaveStamp
-    | TimeRequest
+    | AskTime
     | PlaceMark
     | Order
 )

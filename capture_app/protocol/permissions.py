@@ -35,7 +35,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.DetailRequest,
         orders.ControlsRequest,
         orders.SaveStamp,
-        orders.TimeRequest,
+        orders.AskTime,
         orders.PlaceMark,
         orders.AddCamera,
         orders.AddSimulated,

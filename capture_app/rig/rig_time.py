@@ -77,7 +77,7 @@ async def read_rig_time(
     best: RigTime | None = None
     for _ in range(exchanges):
         asked_ns = now_ns()
-        answer = await ask(channel, orders.TimeRequest(), orders.TimeAnswer)
+        answer = await ask(channel, orders.AskTime(), orders.TimeAnswer)
         local_ns = now_ns()
         time_now = RigTime(
             answer.leader_ns,

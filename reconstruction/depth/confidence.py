@@ -37,7 +37,7 @@ MATCHING_PX, POSE_FACTOR = 0.1, 0.8
 """Standard deviation of a match, and that of errors by the calibration relative to its misfit."""
 
 
-class Support(NamedTuple):
+class DepthSupport(NamedTuple):
     """What is known of the depths of a view; each float32 height x width."""
 
     evidence: Array
@@ -66,7 +66,7 @@ def measure_support(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     found: Mapping[str, ViewDepth],
-) -> Iterator[tuple[str, Support]]:
+) -> Iterator[tuple[str, DepthSupport]]:
     """Yield each camera with what supports its depth, from the surfaces of all cameras' `found` depth.
 
     `sources` are the cameras that each was matched with. COLMAP's maps, without a surface, are left out.
@@ -78,7 +78,7 @@ def measure_support(
         yield name, _support(surface, voters)
 
 
-def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> Support:
+def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> DepthSupport:
     level = surface.inverse_depth
     agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
     for view, other in voters:
@@ -88,7 +88,7 @@ def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> 
         close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
     beside = 1 / (1 + _distance_to_edges(level))
-    return Support((agreeing + CLOSELY * close) / (able + AGAINST) - BESIDE_EDGE * beside, worth)
+    return DepthSupport((agreeing + CLOSELY * close) / (able + AGAINST) - BESIDE_EDGE * beside, worth)
 
 
 def _agreement(relative: float) -> Agreement:

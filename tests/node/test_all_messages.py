@@ -81,7 +81,7 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.CameraHealth(fps=1.0),
         orders.SaveStamp(camera="cam", stamp=EXACT_STAMPS, asymmetry=PathAsymmetry(1, 2, 3)),
         orders.StampSaved(camera="cam", is_stored=True),
-        orders.TimeRequest(),
+        orders.AskTime(),
         orders.PlaceMark(mark=Mark(text="stimulus", leader_ns=0, uncertainty_ns=0)),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),

@@ -32,7 +32,7 @@ READINGS = 8
 Grey = NDArray[np.uint8]
 
 
-class _Video:
+class _Frames:
     """A video's first stream, decoded in parts; times in s, as the video states them."""
 
     def __init__(self, container: Any) -> None:
@@ -83,7 +83,7 @@ def read_panel_video(path: Path) -> PanelTrack:
     Raises BadInputError with a short reason if it shows no readable panel, or several.
     """
     with open_container(path) as (_, container):
-        video = _Video(container)
+        video = _Frames(container)
         head_s = min(video.start_s + EDGE_S, video.end_s)
         tail_s = max(head_s, video.end_s - EDGE_S)
         parts = [(video.start_s, head_s), (tail_s, np.inf)]
@@ -111,7 +111,9 @@ def _visits(seen_s: list[float]) -> list[tuple[float, float]]:
     )
 
 
-def _read_visit(video: _Video, visit_s: tuple[float, float], reasons: Counter[str]) -> Iterator[TrackReading]:
+def _read_visit(
+    video: _Frames, visit_s: tuple[float, float], reasons: Counter[str]
+) -> Iterator[TrackReading]:
     """Yield the readings of a visit, evenly distributed over it, with the time before and after its looks."""
     from_s, to_s = visit_s[0] - LOOK_EVERY_S, visit_s[1] + LOOK_EVERY_S
     times_s = [at_s for at_s, _ in video.frames(from_s, to_s)]

@@ -272,7 +272,7 @@ class LeaderService:
         match message:
             case messages.StatusRequest():
                 return messages.StatusAnswer(rig=self._rig.status(message.after))
-            case orders.TimeRequest():
+            case orders.AskTime():
                 return orders.TimeAnswer(leader_ns=self._bursts.now_ns(), unix_ns=time.time_ns())
             case orders.PlaceMark(mark=mark):
                 return await self._bursts.place_mark(mark)

@@ -7,7 +7,7 @@ from itertools import chain
 from math import hypot, sqrt
 
 from capture_app.common.bounds import Real
-from capture_app.sync.clock.gap_watch import Cause, Gap, GapWatch, cause_of
+from capture_app.sync.clock.gap_watch import Cause, GapWatch, LineGap, cause_of
 from capture_app.sync.clock.likely_line import (
     ASYMMETRY,
     DRIFT,
@@ -305,8 +305,8 @@ class ClockFilter:
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:
         return [*self._blocks.values(), self._bounds]
 
-    def _gap(self, gap: float, excess: float) -> Gap:
-        return Gap(self._newest_ns, gap, GAP_SIGMAS * sqrt(excess))
+    def _gap(self, gap: float, excess: float) -> LineGap:
+        return LineGap(self._newest_ns, gap, GAP_SIGMAS * sqrt(excess))
 
     def _look_for_change(self) -> LikelyLine:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""

@@ -24,7 +24,7 @@ All of it after a change, and none of it on a path that has become faster.
 """
 
 
-class Gap(NamedTuple):
+class LineGap(NamedTuple):
     """Gap of a line until a local time; all in ns."""
 
     local_ns: int
@@ -50,12 +50,12 @@ class GapWatch:
     """Gaps of the lines of one clock and path, of which those that are relevant are stored."""
 
     def __init__(self) -> None:
-        self._gaps: deque[Gap] = deque()
+        self._gaps: deque[LineGap] = deque()
         """Each is later than the one before, and its `least` is smaller."""
         self.least_ns: float | None = None
         """Smallest gap so far, in ns."""
 
-    def add(self, gap: Gap) -> None:
+    def add(self, gap: LineGap) -> None:
         """Add the gap of the newest line."""
         while self._gaps and self._gaps[-1].least <= gap.least:
             self._gaps.pop()
@@ -64,7 +64,7 @@ class GapWatch:
             self._gaps.popleft()
         self.least_ns = gap.gap if self.least_ns is None else min(self.least_ns, gap.gap)
 
-    def before(self, gap_ns: float) -> Gap | None:
+    def before(self, gap_ns: float) -> LineGap | None:
         """Return the newest gap for which this one is too small; None if there is none."""
         return next((one for one in reversed(self._gaps) if one.least > gap_ns), None)
 
@@ -74,7 +74,7 @@ class GapWatch:
             self._gaps.popleft()
 
 
-def cause_of(before: Gap, gap_ns: float, newest: Gap) -> Cause:
+def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause:
     """Return why a gap is smaller than the one before: the newest samples alone have a gap, too."""
     missing, restored = before.gap - gap_ns, newest.gap - gap_ns
     if restored - newest.sigma > RESTORED * missing:

@@ -5,7 +5,7 @@ import pytest
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.confidence import ASSUMED_MISFIT_PX, Support, measure_support
+from reconstruction.depth.confidence import ASSUMED_MISFIT_PX, DepthSupport, measure_support
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
 from tests.reconstruction.depth.small_views import HEIGHT, WIDTH, photo_of, view_at
@@ -13,7 +13,7 @@ from tests.reconstruction.depth.small_views import HEIGHT, WIDTH, photo_of, view
 INNER = slice(25, -25), slice(35, -35)
 
 
-def supports(levels: dict[float, Array]) -> list[Support]:
+def supports(levels: dict[float, Array]) -> list[DepthSupport]:
     """What supports the depth of cameras at these places along x, which found these inverse depths."""
     images: dict[str, CalibratedImage] = {}
     found = {}
@@ -79,7 +79,7 @@ def test_two_percent_are_worth_what_the_widest_baseline_moves() -> None:
 
 def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
     def confidence(worth_px: float, misfit_px: float | None, evidence: float = 1.5) -> float:
-        return float(Support(np.array(evidence), np.array(worth_px)).confidence(misfit_px))
+        return float(DepthSupport(np.array(evidence), np.array(worth_px)).confidence(misfit_px))
 
     assert confidence(4.0, 0.1) == pytest.approx(0.99, abs=0.001)
     # One standard deviation: 68.3 % of 99 %.

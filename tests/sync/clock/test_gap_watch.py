@@ -6,15 +6,15 @@ import pytest
 
 from benchmarks.clock.ready_clocks import Slew, run_slew
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.gap_watch import WATCHED_NS, Cause, Gap, GapWatch, cause_of
+from capture_app.sync.clock.gap_watch import WATCHED_NS, Cause, GapWatch, LineGap, cause_of
 from tests.benchmarks.simulated.clock_changes import SPELL_CASES, cable, run_case, wifi
 from tests.benchmarks.simulated.link_spells import LAWS
 
 MS, S = 10**6, 10**9
-BEFORE = Gap(10 * S, 1_000_000.0, 10_000.0)
+BEFORE = LineGap(10 * S, 1_000_000.0, 10_000.0)
 
 
-def watched(*gaps: Gap) -> GapWatch:
+def watched(*gaps: LineGap) -> GapWatch:
     """A watch that has seen these gaps."""
     watch = GapWatch()
     for gap in gaps:
@@ -30,10 +30,10 @@ def test_a_gap_is_too_small_beyond_chance_and_a_change_of_the_path() -> None:
 
 
 def test_the_newest_large_gap_is_found() -> None:
-    gaps = [Gap(second * S, 1_000_000.0 - 1_000.0 * second, 1_000.0) for second in range(20)]
+    gaps = [LineGap(second * S, 1_000_000.0 - 1_000.0 * second, 1_000.0) for second in range(20)]
     found = watched(*gaps).before(gaps[7].least - 1.0)
     assert found == gaps[7]
-    assert watched(*gaps, Gap(20 * S, 1_000_000.0, 1_000.0)).before(gaps[19].least) == (
+    assert watched(*gaps, LineGap(20 * S, 1_000_000.0, 1_000.0)).before(gaps[19].least) == (
         20 * S,
         1_000_000.0,
         1_000.0,
@@ -41,7 +41,7 @@ def test_the_newest_large_gap_is_found() -> None:
 
 
 def test_a_gap_of_long_ago_is_forgotten() -> None:
-    watch = watched(BEFORE, Gap(BEFORE.local_ns + WATCHED_NS + 1, 500_000.0, 1_000.0))
+    watch = watched(BEFORE, LineGap(BEFORE.local_ns + WATCHED_NS + 1, 500_000.0, 1_000.0))
     assert watch.before(600_000.0) is None
     assert watch.least_ns == 500_000.0
 
@@ -57,7 +57,7 @@ def test_a_gap_of_long_ago_is_forgotten() -> None:
     ],
 )
 def test_the_newest_samples_tell_a_clock_from_a_path(gap_us: float, sigma_us: float, cause: Cause) -> None:
-    assert cause_of(BEFORE, 700_000.0, Gap(11 * S, gap_us * 1e3, sigma_us * 1e3)) is cause
+    assert cause_of(BEFORE, 700_000.0, LineGap(11 * S, gap_us * 1e3, sigma_us * 1e3)) is cause
 
 
 @pytest.mark.parametrize("link", ["wire", pytest.param("paper", marks=pytest.mark.slow)])

@@ -226,7 +226,7 @@ class ClockFilter:
         asymmetry_ns = ASYMMETRY * gap / 2.0 if sigma is None else sigma
         chance = hypot(sqrt(line.variance_at(age)), STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
-        self.longer_ns = max((gap - (self._watch.least_ns or gap)) / 2.0 - sqrt(line.excess), 0.0)
+        self.longer_ns = max((gap - (self._watch.path_ns or gap)) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + self.hidden_ns + unseen + ROUNDING_NS
         self.chance_ns = SIGMAS_95 * chance + self.longer_ns + self.hidden_ns + unseen
         skew_bound = MAX_SKEW + abs(line.skew)
@@ -254,6 +254,7 @@ class ClockFilter:
         # Messages from before the step may still be in transit.
         self._not_before_ns = suspects[0].t0_ns
         self._note_change(STEPPED_NS)
+        self._watch.restart()
         self._clear()
         for suspect in suspects:
             self.add(suspect)
@@ -299,7 +300,6 @@ class ClockFilter:
         """Note that one of the two clocks has stepped, or that its rate has changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SHOWN_NS:
             self._changed = self._newest_ns, 0.0 if self._fitted is None else self._fitted.skew
-        self._watch = GapWatch()
         self._unsure_until_ns = max(self._unsure_until_ns, self._newest_ns + unsure_ns)
 
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:
@@ -325,6 +325,7 @@ class ClockFilter:
                 continue
             cause = cause_of(before, line.gap, self._gap(*gap_of(*newest)))
             if cause is Cause.CLOCK:
+                self._watch.restart(before)
                 return self._forget_before(since_ns)
             if cause is Cause.PATH:
                 self._watch.forget_before(before.local_ns)

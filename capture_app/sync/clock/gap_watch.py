@@ -47,31 +47,36 @@ class Cause(Enum):
 
 
 class GapWatch:
-    """Gaps of the lines of one clock and path, of which those that are relevant are stored."""
+    """Gaps of a link's lines, of which those that are relevant are stored."""
 
     def __init__(self) -> None:
-        self._gaps: deque[LineGap] = deque()
-        """Each is later than the one before, and its `least` is smaller."""
-        self.least_ns: float | None = None
-        """Smallest gap so far, in ns."""
+        self._gaps: deque[tuple[LineGap, float]] = deque()
+        """Each is later than the one before, and its `least` is smaller; with the path's gap until then."""
+        self.path_ns: float | None = None
+        """Smallest gap of the path so far, in ns; None before the first."""
 
     def add(self, gap: LineGap) -> None:
         """Add the gap of the newest line."""
-        while self._gaps and self._gaps[-1].least <= gap.least:
+        self.path_ns = gap.gap if self.path_ns is None else min(self.path_ns, gap.gap)
+        while self._gaps and self._gaps[-1][0].least <= gap.least:
             self._gaps.pop()
-        self._gaps.append(gap)
-        while self._gaps[0].local_ns < gap.local_ns - WATCHED_NS:
+        self._gaps.append((gap, self.path_ns))
+        while self._gaps[0][0].local_ns < gap.local_ns - WATCHED_NS:
             self._gaps.popleft()
-        self.least_ns = gap.gap if self.least_ns is None else min(self.least_ns, gap.gap)
 
     def before(self, gap_ns: float) -> LineGap | None:
         """Return the newest gap for which this one is too small; None if there is none."""
-        return next((one for one in reversed(self._gaps) if one.least > gap_ns), None)
+        return next((one for one, _ in reversed(self._gaps) if one.least > gap_ns), None)
 
     def forget_before(self, local_ns: int) -> None:
         """Remove the gaps until a local time in ns: the path was slower then."""
-        while self._gaps and self._gaps[0].local_ns <= local_ns:
+        while self._gaps and self._gaps[0][0].local_ns <= local_ns:
             self._gaps.popleft()
+
+    def restart(self, before: LineGap | None = None) -> None:
+        """Remove all gaps, as a clock has changed: those after `before` were too small for the path."""
+        self.path_ns = next((path_ns for one, path_ns in self._gaps if one is before), self.path_ns)
+        self._gaps.clear()
 
 
 def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause:

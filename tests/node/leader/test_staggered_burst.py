@@ -1,8 +1,6 @@
 """A staggered rig of real nodes in virtual time: what its session says, and what is made of it."""
 
-import asyncio
 from collections.abc import AsyncIterator
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,23 +8,17 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import replace
 
-from capture_app.cameras.specs import open_camera
 from capture_app.cli import app
-from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError
-from capture_app.common.node_state import NodeState
 from capture_app.common.stagger import Stagger
-from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import StaggerCameras
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.reading.array_access import OpenSession, open_session
 from capture_app.session.reading.take_sheet import TakeSheet, contact_sheet
 from capture_app.session.reading.verify import verify
-from tests.waiting import until
+from tests.cheap_rig import ready_rig, take_session
 
 pytestmark = pytest.mark.virtual
 NAMES = tuple(f"cam{number}" for number in range(4))
@@ -38,37 +30,14 @@ TOLERANCE_NS = 100_000
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
     options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, stagger=Stagger())
-    async with await LeaderNode.start(options) as leader:
-        nodes = [
-            CameraNode(
-                NodeOptions(
-                    name=name,
-                    open_camera=partial(
-                        open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
-                    ),
-                    leaders=(leader.own_address,),
-                )
-            )
-            for name in NAMES
-        ]
-        running = [asyncio.create_task(node.run()) for node in nodes]
-        await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY] * len(NAMES))
+    async with ready_rig(options, NAMES) as leader:
         yield leader
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-
-
-async def take(leader: LeaderNode, request: BurstRequest) -> OpenSession:
-    statuses = [status async for status in RigLink(leader.own_address).burst(request)]
-    assert statuses[-1].session is not None
-    return open_session(statuses[-1].session)
 
 
 @pytest.mark.parametrize("video", [False, True])
 async def test_a_session_tells_instants_and_the_sequence(leader: LeaderNode, video: bool) -> None:
     assert leader.status().order == "stagger: even, steps of 8.33 ms"
-    session = await take(leader, BurstRequest(frames=5, video=video))
+    session = await take_session(leader, BurstRequest(frames=5, video=video))
     assert verify(session) == []
     assert session.is_staggered
     delays_ns = [session.cameras[name].record.delay_ns for name in NAMES]
@@ -82,7 +51,7 @@ async def test_a_session_tells_instants_and_the_sequence(leader: LeaderNode, vid
 
 
 async def test_nothing_says_that_its_images_are_of_one_moment(leader: LeaderNode) -> None:
-    session = await take(leader, BurstRequest(frames=5))
+    session = await take_session(leader, BurstRequest(frames=5))
     verdict = session.verdict
     assert verdict.headline.startswith("staggered, steps of 8.33 ms: ")
     assert "beside the planned steps" in verdict.sentence
@@ -105,7 +74,7 @@ async def test_an_operator_can_put_a_rig_in_step_and_stagger_it_again(leader: Le
     ):
         await link.order(StaggerCameras(order=order))
         assert leader.status().stagger == order
-        session = await take(leader, BurstRequest(frames=2, wait_ready_s=30.0))
+        session = await take_session(leader, BurstRequest(frames=2, wait_ready_s=30.0))
         assert {camera.delay_ns for camera in session.manifest.cameras} == delays_ns
         assert verify(session) == []
     with pytest.raises(BadInputError, match="stagger"):
@@ -113,7 +82,7 @@ async def test_an_operator_can_put_a_rig_in_step_and_stagger_it_again(leader: Le
 
 
 async def test_a_wrong_delay_in_a_manifest_is_found(leader: LeaderNode) -> None:
-    session = await take(leader, BurstRequest(frames=2))
+    session = await take_session(leader, BurstRequest(frames=2))
     first, *others = session.manifest.cameras
     wrong = replace(session.stored_manifest, cameras=(replace(first, delay_ns=STEP_NS), *others))
     problems = verify(type(session)(session.folder, wrong))
@@ -122,7 +91,7 @@ async def test_a_wrong_delay_in_a_manifest_is_found(leader: LeaderNode) -> None:
 
 async def test_an_mp4_of_all_cameras_has_four_times_the_rate(leader: LeaderNode, tmp_path: Path) -> None:
     av = pytest.importorskip("av")
-    session = await take(leader, BurstRequest(frames=5))
+    session = await take_session(leader, BurstRequest(frames=5))
     arguments = ["sessions", "export", str(session.folder), "--to", "mp4", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0, done.output

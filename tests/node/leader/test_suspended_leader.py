@@ -3,28 +3,21 @@
 import asyncio
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
 import pytest
 from click.testing import CliRunner
 
-from capture_app.cameras.specs import open_camera
 from capture_app.cli import app
 from capture_app.common.clock import HostClock
-from capture_app.common.node_state import NodeState
-from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.rig_link import RigLink
-from capture_app.session.reading.array_access import OpenSession, open_session
 from capture_app.session.reading.verify import verify
 from capture_app.sync.timekeeping.poll_schedule import SteadySchedule
+from tests.cheap_rig import ready_rig, take_session
 from tests.virtual.rig import RARE
-from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
 S = 1_000_000_000
@@ -64,39 +57,16 @@ def rare_requests() -> Iterator[None]:
 @pytest.fixture
 async def leader(tmp_path: Path, clock: SuspendedClock) -> AsyncIterator[LeaderNode]:
     options = LeaderOptions(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, clock=clock)
-    async with await LeaderNode.start(options) as leader:
-        nodes = [
-            CameraNode(
-                NodeOptions(
-                    name=name,
-                    open_camera=partial(
-                        open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
-                    ),
-                    leaders=(leader.own_address,),
-                )
-            )
-            for name in NAMES
-        ]
-        running = [asyncio.create_task(node.run()) for node in nodes]
-        await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY] * len(NAMES))
+    async with ready_rig(options, NAMES) as leader:
         yield leader
-        for task in running:
-            task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
-
-
-async def take(leader: LeaderNode, request: BurstRequest) -> OpenSession:
-    statuses = [status async for status in RigLink(leader.own_address).burst(request)]
-    assert statuses[-1].session is not None
-    return open_session(statuses[-1].session)
 
 
 @pytest.mark.parametrize("request_", [BurstRequest(frames=90, video=True), BurstRequest(frames=90)])
 async def test_its_frames_have_wider_bars_and_the_reason(
     leader: LeaderNode, clock: SuspendedClock, request_: BurstRequest
 ) -> None:
-    earlier = await take(leader, BurstRequest(frames=2))
-    running = asyncio.create_task(take(leader, request_))
+    earlier = await take_session(leader, BurstRequest(frames=2))
+    running = asyncio.create_task(take_session(leader, request_))
     await asyncio.sleep(2)
     woke_ns = clock.own.now_ns()
     clock.slept_ns = SLEPT_NS

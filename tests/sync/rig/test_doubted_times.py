@@ -5,7 +5,7 @@ own clock showed its timestamp; a suspended machine's clock stands still.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import pytest
 
@@ -13,32 +13,10 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
+from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 from tests.sync.rig.rigs import LAN, MS, S
 
 PERFECT = PROFILES["perfect"]
-
-
-@dataclass
-class SlewedClock:
-    """A clock that an NTP daemon speeds up between two true times."""
-
-    own: SimulatedClock
-    from_ns: int
-    until_ns: int
-    ppm: float
-
-    def local_from_true(self, true_ns: int) -> int:
-        gained_ns = max(0, min(true_ns, self.until_ns) - self.from_ns)
-        return self.own.local_from_true(true_ns) + round(self.ppm * 1e-6 * gained_ns)
-
-    def true_from_local(self, local_ns: int) -> int:
-        true_ns = self.own.true_from_local(local_ns)
-        for _ in range(4):
-            true_ns += local_ns - self.local_from_true(true_ns)
-        return true_ns
-
-    def now_ns(self) -> int:
-        raise NotImplementedError
 
 
 def doubts(node: VirtualNode) -> list[TimesDoubted]:
@@ -94,7 +72,7 @@ def test_bars_of_frames_taken_while_a_leader_was_suspended_hold_afterwards(suspe
 @pytest.mark.parametrize("ppm", [500.0, -1500.0])
 def test_bars_of_frames_taken_before_a_slew_was_noticed_hold_afterwards(ppm: float) -> None:
     """The second is beyond what a line may have: the clock counts as one that has stepped."""
-    slewed = SlewedClock(SimulatedClock(3600 * S, 10.0), 20 * S, 25 * S, ppm)
+    slewed = ChangingClock(3600 * S, 10e-6, 0, (RateSpell(20 * S, 25 * S, ppm * 1e-6),))
     specs = [
         NodeSpec("cam0", PERFECT, SimulatedClock(0, -10.0), LAN),
         NodeSpec("cam1", PERFECT, slewed, LAN),

@@ -31,8 +31,9 @@ BLOCKS = 30
 DRIFT_SHARE = 0.2
 """The window of a slow link is so long that drift bends the line by this part of the asymmetry's error.
 
-Its fast messages are few, and its bar is calmer in a longer window: three cameras over a recorded WiFi link
-were all ready in 55 % of three minutes with 30 s, and in 100 % with this (simulated).
+Its fast messages are few. Three cameras over a recorded WiFi link were all ready in 99.5 % of three minutes
+with 30 s, their frames 123 us apart, and in 100 % with this, 95 us apart. An estimate takes 6.6 ms of a
+processor instead of 3.9 (simulated).
 """
 CHANGE_SKEW, SHOWN_NS = 2.0 * SKEW, 10_000_000_000
 """Smallest rate change that is reported, two sigma of the skew of two crystals, and the time in which it must
@@ -226,7 +227,7 @@ class ClockFilter:
         asymmetry_ns = ASYMMETRY * gap / 2.0 if sigma is None else sigma
         chance = hypot(sqrt(line.variance_at(age)), STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
-        self.longer_ns = max((gap - (self._watch.path_ns or gap)) / 2.0 - sqrt(line.excess), 0.0)
+        self.longer_ns = max((gap - self._watch.path_ns) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + self.hidden_ns + unseen + ROUNDING_NS
         self.chance_ns = SIGMAS_95 * chance + self.longer_ns + self.hidden_ns + unseen
         skew_bound = MAX_SKEW + abs(line.skew)

@@ -7,6 +7,7 @@ messages, makes no gap smaller. A path that has become faster makes that of the 
 
 from collections import deque
 from enum import Enum, auto
+from math import inf
 from typing import NamedTuple
 
 from capture_app.sync.clock.likely_line import ASYMMETRY
@@ -14,8 +15,8 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 SIGMAS, WATCHED_NS = 3.0, 30_000_000_000
 """A gap is too small for chance beyond this many sigma, compared with those of this time before.
 
-With a sigma of the asymmetry besides, nothing was detected in two hours without a change, 12 minutes on each
-of 13 links, four of them recorded (simulated; docs/accuracy-measurements.md).
+With a sigma of the asymmetry besides, nothing was detected in 2.8 hours without a change, 12 minutes on each
+of 14 links, three of them a recording (simulated; docs/accuracy-measurements.md).
 """
 RESTORED = 0.5
 """Fraction of the missing gap that the newest samples alone have to have, for a clock to have changed.
@@ -52,12 +53,12 @@ class GapWatch:
     def __init__(self) -> None:
         self._gaps: deque[tuple[LineGap, float]] = deque()
         """Each is later than the one before, and its `least` is smaller; with the path's gap until then."""
-        self.path_ns: float | None = None
-        """Smallest gap of the path so far, in ns; None before the first."""
+        self.path_ns = inf
+        """Smallest gap of the path so far, in ns."""
 
     def add(self, gap: LineGap) -> None:
         """Add the gap of the newest line."""
-        self.path_ns = gap.gap if self.path_ns is None else min(self.path_ns, gap.gap)
+        self.path_ns = min(self.path_ns, gap.gap)
         while self._gaps and self._gaps[-1][0].least <= gap.least:
             self._gaps.pop()
         self._gaps.append((gap, self.path_ns))

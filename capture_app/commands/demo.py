@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.commands.shared_options import FOLDER, run_until_stopped
+from capture_app.commands.shared_options import FOLDER, run_until_stopped, stagger_option
 from capture_app.common.child import ask_reconstruct
 from capture_app.common.errors import BadInputError
+from capture_app.common.stagger import Stagger
 from capture_app.common.text import ProgressStep, Talk
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
@@ -28,7 +29,11 @@ QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
 
 
-@click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
+@click.command(
+    epilog=examples(
+        "capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo", "capture-app demo --stagger even"
+    )
+)
 @click.option("--cameras", type=click.IntRange(2, 7), default=5, metavar="N", help="Simulated cameras.")
 @click.option(
     "--out",
@@ -37,13 +42,14 @@ QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
     metavar="DIR",
     help="Folder for the session and the comparison.",
 )
+@stagger_option
 @json_option
-def demo(cameras: int, out: Path, as_json: bool) -> None:
+def demo(cameras: int, out: Path, stagger: Stagger | None, as_json: bool) -> None:
     """Synchronize simulated cameras, take a burst, and compare synchronized with delayed pictures.
 
     Each camera is a process whose clock is hours off; they communicate over this machine's network.
     """
-    result = run_until_stopped(run_demo(out, cameras, _show_line))
+    result = run_until_stopped(run_demo(out, cameras, _show_line, stagger))
     answer(as_json, result, _lines(result), said=f"done in {result['seconds']:.0f} s")
 
 
@@ -65,7 +71,9 @@ def _lines(result: dict[str, Any]) -> Iterator[str]:
     yield f"report   {result['report']}"
 
 
-async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
+async def run_demo(
+    out: Path, cameras: int, talk: Talk, stagger: Stagger | None = None
+) -> dict[str, Any]:
     """Take a burst of `cameras` simulated cameras into a session in `out`, compare it, and return the result.
 
     `compare` is the comparison's `metrics.json`.
@@ -73,7 +81,7 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
     Raises SimulshotError where a part of it fails; what is saved by then stays.
     """
     began_s = time.monotonic()
-    session = await capture(out, cameras, talk)
+    session = await capture(out, cameras, talk, stagger=stagger)
     report = free_name(out / "compare")
     arguments = ("compare", str(session.folder), *QUICK, "--out", str(report))
     compared = await ask_reconstruct(arguments, dict[str, Any], on_line=talk)
@@ -87,7 +95,9 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
     }
 
 
-async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> "Session":
+async def capture(
+    out: Path, cameras: int, talk: Talk, *, scene: str = "studio", stagger: Stagger | None = None
+) -> "Session":
     """Start a rig of simulated cameras, take one burst when all are ready, and return its session."""
     from capture_app.protocol.orders import AddSimulated
     from capture_app.rig import taking
@@ -97,7 +107,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
 
     waited_for = ""
     plan = taking.TakePlan(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)
-    async with AsyncRig(sessions=out) as rig:
+    async with AsyncRig(sessions=out, stagger=None if stagger is None else str(stagger)) as rig:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
         order = AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=50)
         await give_order(rig.address, order)
@@ -122,8 +132,8 @@ def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
     """Return each camera's errors (ns) at its worst image in a simulated session, against the ground truth.
 
     The clock error is that of the timestamp's estimated leader time, the phase error the frame's recorded
-    leader time minus its instant, and the total error the frame's true start minus its instant. The leader's
-    clock is the host's, which is the true time. Raises BadInputError where the session has no
+    leader time minus its planned time, and the total error the frame's true start minus that time: its
+    instant, and in a staggered rig its camera's delay. The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
     ground truth.
     """
     truth = session.true_times()
@@ -135,13 +145,14 @@ def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
     errors = defaultdict[str, list[dict[str, Any]]](list)
     for image in session.manifest.images:
-        instant_ns = session.manifest.burst.instants_ns[image.instant]
+        delay_ns = session.camera(image.camera).delay_ns
+        planned_ns = session.manifest.burst.instants_ns[image.instant] + delay_ns
         assert image.local_ns is not None
         of_image = {
             "name": image.camera,
             "clock_error_ns": image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
-            "phase_error_ns": image.leader_ns - instant_ns,
-            "total_error_ns": true_ns[image.camera, image.instant] - instant_ns,
+            "phase_error_ns": image.leader_ns - planned_ns,
+            "total_error_ns": true_ns[image.camera, image.instant] - planned_ns,
             "hard_bound_ns": image.hard_bound_ns or 0,
         }
         errors[image.camera].append(of_image)

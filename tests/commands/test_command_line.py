@@ -58,6 +58,7 @@ NAMES = app.list_commands(click.Context(app))
         (("relay", "127.0.0.1", "--clock", "sundial"), BAD_INPUT, "unknown clock"),
         (("relay", "[::1]:5", "--host", "127.0.0.1", "--port", "0"), NETWORK, "mix IPv4 and IPv6"),
         (("demo", "--cameras", "8"), USAGE, "--cameras"),
+        (("demo", "--stagger", "odd"), USAGE, "does not say how to stagger"),
         (("sessions", "show", "nowhere"), BAD_INPUT, "nowhere"),
     ],
 )

@@ -11,6 +11,7 @@ import pytest
 from capture_app.commands.demo import capture, measure_sync_errors
 from capture_app.common.child import ask_reconstruct
 from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.common.stagger import Stagger
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.processes import children_of, is_running
@@ -53,6 +54,15 @@ async def test_a_burst_of_simulated_nodes_is_held_against_the_truth(tmp_path: Pa
     for node in nodes:
         assert abs(node["clock_error_ns"]) <= node["hard_bound_ns"]
         assert abs(node["total_error_ns"]) < session.manifest.burst.period_ns // 2
+
+
+async def test_a_staggered_burst_is_held_against_its_plan(tmp_path: Path) -> None:
+    session = await capture(tmp_path, 2, lambda _: None, scene="bars", stagger=Stagger())
+    delays_ns = [session.camera(name).delay_ns for name in ("cam00", "cam01")]
+    assert delays_ns == [0, pytest.approx(session.manifest.burst.period_ns / 2, abs=1)]
+    for node in measure_sync_errors(session):
+        assert abs(node["total_error_ns"]) < delays_ns[1] // 2
+        assert abs(node["phase_error_ns"]) < delays_ns[1] // 2
 
 
 async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_path: Path) -> None:

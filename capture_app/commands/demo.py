@@ -71,9 +71,7 @@ def _lines(result: dict[str, Any]) -> Iterator[str]:
     yield f"report   {result['report']}"
 
 
-async def run_demo(
-    out: Path, cameras: int, talk: Talk, stagger: Stagger | None = None
-) -> dict[str, Any]:
+async def run_demo(out: Path, cameras: int, talk: Talk, stagger: Stagger | None = None) -> dict[str, Any]:
     """Take a burst of `cameras` simulated cameras into a session in `out`, compare it, and return the result.
 
     `compare` is the comparison's `metrics.json`.
@@ -133,8 +131,8 @@ def measure_sync_errors(session: "Session") -> list[dict[str, Any]]:
 
     The clock error is that of the timestamp's estimated leader time, the phase error the frame's recorded
     leader time minus its planned time, and the total error the frame's true start minus that time: its
-    instant, and in a staggered rig its camera's delay. The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
-    ground truth.
+    instant, and in a staggered rig its camera's delay. The leader's clock is the host's, which is the true
+    time. Raises BadInputError where the session has no ground truth.
     """
     truth = session.true_times()
     if truth is None or not truth.clocks:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
-from capture_app.companions.panel.camera_reading import CameraReading
-from capture_app.companions.panel.finder import PanelNotFoundError, panels_seen
+from capture_app.companions.panel.finder import panels_seen
 from capture_app.companions.panel.light_model import Shutter
 from capture_app.companions.panel.panel_track import VISIT_GAP_S, PanelTrack, TrackReading, make_track
+from capture_app.companions.panel.visit_reading import Image, read_visit
 from capture_app.session.importing.video_tracks import open_container
 
 EDGE_S = 30.0
@@ -28,7 +28,7 @@ KEY_EVERY_S = 0.5
 VISIT_S = 5.0
 """Maximum duration of a visit that is read, s."""
 READINGS = 8
-"""Maximum readings of a visit. More hardly help: what they have in common remains."""
+"""Maximum frames of a visit that are read. More hardly help: what they have in common remains."""
 Grey = NDArray[np.uint8]
 
 
@@ -116,20 +116,17 @@ def _read_visit(
 ) -> Iterator[TrackReading]:
     """Yield the readings of a visit, evenly distributed over it, with the time before and after its looks."""
     from_s, to_s = visit_s[0] - LOOK_EVERY_S, visit_s[1] + LOOK_EVERY_S
-    times_s = [at_s for at_s, _ in video.frames(from_s, to_s)]
+    due_s = iter(np.linspace(visit_s[0], visit_s[1], READINGS))
+    next_s = next(due_s)
+    times_s, chosen = list[float](), list[tuple[float, Image]]()
+    for at_s, frame in video.frames(from_s, to_s):
+        times_s.append(at_s)
+        if at_s >= next_s:
+            chosen.append((at_s, frame.to_ndarray(format="bgr24")))
+            next_s = next((due for due in due_s if due > at_s), np.inf)
     # A frame's rows are exposed and read within its interval, a longer one after a dropped frame aside.
     period_ns = 1e9 * (float(np.median(np.diff(times_s))) if len(times_s) > 1 else LOOK_EVERY_S)
-    reading: CameraReading | None = None
-    chosen = {times_s[round(k)] for k in np.linspace(0, len(times_s) - 1, min(READINGS, len(times_s)))}
-    for at_s, frame in video.frames(from_s, to_s):
-        if at_s in chosen:
-            reading = reading or CameraReading(Shutter(period_ns, period_ns / frame.height))
-            try:
-                read = reading.read(frame.to_ndarray(format="bgr24"))
-            except PanelNotFoundError as error:
-                reasons[str(error)] += 1
-            else:
-                yield TrackReading(at_s, read, (frame.height - 1) / 2)
+    yield from read_visit(chosen, Shutter(period_ns, period_ns / chosen[0][1].shape[0]), reasons)
 
 
 def _grey(frame: Any) -> Grey:

@@ -1,5 +1,6 @@
 """Recordings that nothing synchronized are aligned by a panel, within their bars, or it is said why not."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from capture_app.companions.panel.light_model import Shutter
 from capture_app.companions.panel.panel_alignment import match_panels
 from capture_app.companions.panel.panel_track import NO_TURN, PanelTrack, TrackReading, make_track
 from capture_app.companions.panel.pattern import panel_named
-from capture_app.companions.panel.time_reading import PanelTime
+from capture_app.companions.panel.time_reading import PanelTime, read_panel
 from capture_app.companions.panel.turn_code import Turn
+from capture_app.companions.panel.visit_reading import read_visit
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -131,6 +133,29 @@ def photograph(turn: Turn | None = None, **fields: Any) -> HandheldPhotograph:
     return HandheldPhotograph(
         SCREEN, WIDTH, HEIGHT, corners, 10e6, 15e3, defocus=0.6, jpeg_quality=None, turn=turn, **fields
     )
+
+
+@pytest.mark.slow
+def test_frames_of_a_visit_know_together_what_each_does_not() -> None:
+    """A screen that draws to the right shows where it is only while it passes the lit column."""
+    panel = panel_named("screen-60hz-right")
+    corners = draw_corners(panel, np.random.default_rng(5), WIDTH, HEIGHT, oblique=False)
+    one = HandheldPhotograph(
+        panel, WIDTH, HEIGHT, corners, 3.3e6, 16e3, defocus=0.6, jpeg_quality=None, response_ns=1e6
+    )
+    rng, true_s = np.random.default_rng(3), 2.0 + np.arange(8) * 0.0517
+    middle_ns = one.exposure_ns / 2 + (HEIGHT - 1) / 2 * one.row_time_ns
+    images = [
+        (at - 1.5, replace(one, turn=Turn(0, 3)).take(at * 1e9 - middle_ns, rng)) for at in true_s.tolist()
+    ]
+    seen = sorted(read_visit(images, Shutter(8.3e6, 8.3e6 / HEIGHT), Counter()), key=lambda one: one.own_s)
+    assert len(seen) == 8
+    # The cells' mean delay is no error of the reading: all cameras see it.
+    off_ms = [one.read.middle_ns / 1e6 - (at * 1e3 - 1.0) for one, at in zip(seen, true_s, strict=True)]
+    assert np.abs(off_ms).max() < 1.0
+    assert seen[0].read.uncertainty_ns < 4e6
+    alone = read_panel(images[1][1], longest=Shutter(8.3e6, 8.3e6 / HEIGHT))
+    assert alone.uncertainty_ns > 3 * seen[1].read.uncertainty_ns / len(seen) ** 0.5
 
 
 def test_two_panels_in_one_image_are_seen_as_two() -> None:

@@ -1,0 +1,64 @@
+"""The path of a moving object: the method, its options and its words."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from capture_app.common.text import count
+from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.compare.method import Method
+from reconstruction.session.conditions import Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.methods.trajectory.trajectory_run import TrajectoryResult
+    from reconstruction.session.dataset import Dataset
+
+
+class TrajectoryOptions(MethodOptions, frozen=True, kw_only=True):
+    """Options of an object's path."""
+
+    # No option: a path has many instants.
+    instant: int = 0
+    instants: Annotated[
+        tuple[int, ...],
+        command_flag("--instants", metavar="all|K-L,M,...", help="Instants in which the object is followed."),
+    ] = ()
+    """Empty = all."""
+
+
+class TrajectoryMethod(Method):
+    """Path of the largest thing that moves, by the time of each frame; the cameras may be staggered."""
+
+    name = "trajectory"
+    Options = TrajectoryOptions
+    help = (
+        "Follow the largest thing that moves in SESSION through space, such as a thrown ball.\n\n"
+        "Each frame counts at its own time, so that a staggered rig of four cameras at 30 follows it at 120 "
+        "a second. SESSION must be calibrated, and its cameras must stand still."
+    )
+    examples = ("trajectory sessions/burst-001 --out path",)
+    result_file = "trajectory.json"
+
+    def output_folder(self, out: Path) -> "OutputFolder":
+        """Return the folder that replaces an earlier path; see `Method.output_folder`."""
+        from capture_app.session.files.output_folder import OutputFolder, replaces_only
+        from reconstruction.methods.trajectory.trajectory_run import TABLE
+
+        return OutputFolder(out, replaces_only({TABLE, self.result_file}))
+
+    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
+        """Find the object in all frames, and fit its path; see `Method.run`."""
+        from reconstruction.methods.trajectory.trajectory_run import follow
+
+        return follow(dataset, self.options.instants, output.folder, self.progress)
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield how often and how well the object was seen; see `Method.lines`."""
+        rate = (len(result.points) - 1) / result.seconds_followed
+        yield (
+            f"{count(result.frames, 'frame')} of {count(len(result.cameras), 'camera')},"
+            f" {count(len(result.points), 'moment')} in {result.seconds_followed:.2f} s ({rate:.0f} a second)"
+        )
+        yield f"reprojection error {result.rms_px:.2f} px (RMS); {result.outliers} outliers left out"
+        yield from super().lines(result, out)

@@ -1,0 +1,139 @@
+"""Following of a moving object in a session, and its path as a table."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.console.terminal import Progress
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.format.manifest import row_exposures
+from reconstruction.calibration.calibrated_rig import calibrated_views
+from reconstruction.common.geometry import Array
+from reconstruction.compare.moments import require_calibration
+from reconstruction.methods.trajectory.moving_point import find_moving_point
+from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import SceneMotion
+from reconstruction.session.provenance import Provenance
+
+TABLE = "trajectory.csv"
+MIN_FRAMES = 8
+MAX_OUTLIERS = 0.4
+"""Fraction of outliers from which on the cameras do not see one object."""
+TOGETHER_NS = 1_000_000
+"""Frames that are no farther apart are of one moment."""
+SIGMAS_95 = 1.96
+
+
+class PathPoint(msgspec.Struct, frozen=True):
+    """The object at one moment."""
+
+    leader_ns: int
+    position: tuple[float, float, float]
+    """In the rig's frame and the calibration's unit."""
+    uncertainty: float
+    """95 % uncertainty along the least certain direction."""
+
+
+class TrajectoryResult(Provenance, frozen=True, kw_only=True):
+    """An object's path; written to trajectory.json and printed by --json."""
+
+    session: str
+    unit: str
+    cameras: dict[str, int]
+    """Frames of each camera in which the object was found."""
+    frames: int
+    outliers: int
+    rms_px: float
+    """Reprojection error without outliers."""
+    knot_ms: float
+    """Spacing of the spline's knots."""
+    seconds_followed: float
+    left_out: dict[str, str]
+    points: tuple[PathPoint, ...]
+
+
+def follow(
+    dataset: Dataset, instants: Sequence[int], folder: Path, progress: Progress | None = None
+) -> TrajectoryResult:
+    """Find the largest moving object in each frame, fit its path, and write it as a table to a folder.
+
+    A frame's time is the middle of its exposure in the object's row, if all cameras report what that needs;
+    else the frame's time.
+
+    Raises:
+        IncompleteError: the session is not calibrated.
+        NotApplicableError: nothing moves, too few frames show it, or the cameras see different things.
+    """
+    calibration = require_calibration(dataset)
+    views = calibrated_views(dataset, calibration)
+    motion = SceneMotion(dataset, step=1)
+    motion.require_several_images(views)
+    chosen = dataset.chosen_instants(instants)
+    frames = [(name, k) for name in views for k in chosen if dataset.has_image(name, k)]
+    knows_rows = all(
+        row_exposures(dataset.session.camera(name), dataset.record(name, k)) is not None for name, k in frames
+    )
+    times_ns, projections, pixels, counted = list[int](), list[Array](), list[Array](), dict[str, int]()
+    for name, view in views.items():
+        if progress is not None:
+            progress.step(name)
+        projection = view.matrix @ np.column_stack([view.rotation, view.translation])
+        for k in (k for of, k in frames if of == name):
+            point = find_moving_point(dataset.grey(name, k), motion.background(name))
+            if point is None:
+                continue
+            record = dataset.record(name, k)
+            exposures = row_exposures(dataset.session.camera(name), record) if knows_rows else None
+            row = round(float(point[1]) * dataset.size_on_disk(name)[1] / view.height)
+            times_ns.append(record.leader_ns if exposures is None else exposures.middle_ns(row))
+            projections.append(projection)
+            pixels.append(view.undistort(point[None])[0])
+            counted[name] = counted.get(name, 0) + 1
+    if len(counted) < 2 or len(times_ns) < MIN_FRAMES:
+        raise NotApplicableError(
+            f"one moving object is seen in {len(times_ns)} frames of {len(counted)} cameras;"
+            f" two cameras and {MIN_FRAMES} frames are needed",
+            hint="take a burst in which it crosses the views of still cameras",
+        )
+    order = np.argsort(times_ns, kind="stable")
+    at_ns = np.array(times_ns, np.int64)[order]
+    moments = np.concatenate([[0], np.cumsum(np.diff(at_ns) > TOGETHER_NS)])
+    rays = Rays((at_ns - at_ns[0]) / 1e9, np.array(projections)[order], np.array(pixels)[order])
+    path, sd_px = choose_path(rays, moments)
+    odd = outliers(path, rays, sd_px)
+    if odd.mean() > MAX_OUTLIERS:
+        raise NotApplicableError(
+            f"{odd.sum()} of {len(odd)} frames do not fit one path: the cameras see different things move",
+            hint="leave one moving object in view, or choose --instants in which there is one",
+        )
+    of_moment = [float(rays.times_s[moments == number].mean()) for number in range(int(moments[-1]) + 1)]
+    seen_s = np.array(of_moment)
+    places, bars = path.at(seen_s), SIGMAS_95 * sd_px * path.sd_at(seen_s)
+    points = tuple(
+        PathPoint(int(at_ns[0]) + round(s * 1e9), (float(x), float(y), float(z)), float(bar))
+        for s, (x, y, z), bar in zip(seen_s, places, bars, strict=True)
+    )
+    lines = ["time_s,x,y,z,uncertainty"]
+    lines += [
+        f"{(one.leader_ns - points[0].leader_ns) / 1e9:.9f},"
+        + ",".join(f"{value:.6g}" for value in (*one.position, one.uncertainty))
+        for one in points
+    ]
+    write_atomic(folder / TABLE, ("\n".join(lines) + "\n").encode())
+    kept = path.residuals_px(rays.choose(~odd))
+    return TrajectoryResult(
+        session=dataset.name,
+        unit=calibration.unit,
+        cameras=counted,
+        frames=len(odd),
+        outliers=int(odd.sum()),
+        rms_px=round(float(np.sqrt((kept**2).mean())), 4),
+        knot_ms=round(path.knot_s * 1e3, 3),
+        seconds_followed=round(float(seen_s[-1] - seen_s[0]), 6),
+        left_out={name: "the object is in none of its frames" for name in views if name not in counted},
+        points=points,
+    )

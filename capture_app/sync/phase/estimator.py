@@ -4,7 +4,7 @@ Frames are indexed along one line, time = intercept + period * index. A restart 
 new run with another intercept. The period stays, as it belongs to the camera's crystal.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import deque
 from dataclasses import dataclass
 from math import sqrt
@@ -25,6 +25,8 @@ RATE_FRAMES, CALM_FRAMES = 15, 5
 show a moved phase, as two or three may be late by chance."""
 TIMEOUT_FRAMES = 30
 """Frames after which a shift is given up: devices respond after 2 to 12 frames."""
+NEIGHBOURS = 2
+"""Frames on either side of one that tell an outlier from a line that is wrong."""
 UNMISTAKABLE = 4.0
 """A single frame shows an expected shift if that exceeds the noise tolerance by this factor."""
 
@@ -247,8 +249,19 @@ class PhaseEstimator(FrameLine):
         line_ns = self.quantum_error_ns + 2.0 * sigma_ns
         if line_ns < step_ns and self.shifts.all_in_effect(self.index_near(stamp_ns)):
             return StampError(off_ns, line_ns, step_ns)
-        outlier = abs(off_ns) > self.tolerance_ns + 3.0 * sigma_ns
+        limit_ns = self.tolerance_ns + 3.0 * sigma_ns
+        outlier = abs(off_ns) > limit_ns and abs(off_ns - self._neighbours_off_ns(stamp_ns)) > limit_ns
         return StampError(off_ns, step_ns, step_ns) if outlier else reported
+
+    def _neighbours_off_ns(self, stamp_ns: int) -> float:
+        """Return the median distance in ns from the line of the frames around one, itself included.
+
+        A clock that is slewed leaves the line with all frames; an outlier leaves it alone.
+        """
+        index, run = self.index_near(stamp_ns), self.run
+        low, high = (bisect_left(run, (at, 0)) for at in (index - NEIGHBOURS, index + NEIGHBOURS + 1))
+        offs = [intercept - self.intercept_ns for intercept in self.intercepts_of(run[low:high])]
+        return median(offs) if offs else 0.0
 
     def sigma_at(self, local_ns: int) -> float:
         """Return one standard deviation in ns of a predicted frame time near a local time."""

@@ -216,6 +216,19 @@ def test_frames_from_before_the_latest_shifts_lie_on_their_line() -> None:
     assert phase.stamp_error(late_ns).outlier_ns == pytest.approx(60_000, abs=8_000)
 
 
+@pytest.mark.parametrize("ppm", [500, -500, 80])
+def test_the_stamps_of_a_slewed_clock_are_no_outliers(ppm: int) -> None:
+    """Its line is behind until it is fitted again; only a frame that left it alone is corrected."""
+    phase, slewed_after = PhaseEstimator(period_ns=NOMINAL_NS), 150
+    for stamp in stream(220, noise_ns=2_000, seed=5):
+        slewed_ns = max(0, stamp.sequence - slewed_after) * PERIOD_NS * ppm * 1e-6
+        slewed = FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + round(slewed_ns))
+        is_late = stamp.timestamp_ns - 10**9 - stamp.sequence * PERIOD_NS > 50_000
+        phase.add(slewed)
+        if stamp.sequence > 40:
+            assert (phase.stamp_error(slewed.timestamp_ns).outlier_ns != 0) == is_late
+
+
 @pytest.mark.parametrize("noise_ns", [2_000, 100_000, 1_000_000])
 def test_a_stamp_is_known_no_better_than_it_scatters(noise_ns: int) -> None:
     rng, phase = random.Random(8), PhaseEstimator(period_ns=NOMINAL_NS)

@@ -1,7 +1,7 @@
 """The drawn ball's path by `reconstruct trajectory`: in step, in two steps, and staggered.
 
-Whole images of four calibrated cameras at 30 a second, which see an empty view first. Errors are those of the path's points;
-`inside` is how many are within their 95 % uncertainty. Simulated.
+Whole images of four calibrated cameras at 30 a second, which see an empty view first. Errors are those of
+the path's points; `inside` is how many are within their 95 % uncertainty. Simulated.
 """
 
 import tempfile

@@ -23,10 +23,8 @@ from capture_app.session.alignment.clock_line import CRYSTAL_PPM
 from capture_app.session.format.common_times import CameraTimes
 
 STEPS = 20
-COMMON_TICKS = 0.04
+COMMON_TICKS = 0.025
 """Standard deviation of a visit's common error, in refreshes, whatever the places in the refresh."""
-PHASE_SHARE = 1.0
-"""Part of a reading's error that readings at one place in the refresh have in common."""
 _CAUCHY = 2.5
 """Residual in standard deviations at which a reading has half its weight: missed refreshes."""
 
@@ -99,9 +97,9 @@ def _visits(*tracks: PanelTrack) -> tuple[Floats, Floats]:
             column[before : before + len(mine)] = mine
             columns.append(column)
             # 1 if all readings are at one place in the refresh, 0 if they are spread over all of it.
-            alike = float(abs(np.exp(2j * np.pi * of.shown_s[mine] / tick_s).mean()))
+            same_place = float(abs(np.exp(2j * np.pi * of.shown_s[mine] / tick_s).mean()))
             errors.append(
-                float(np.hypot(COMMON_TICKS * tick_s, PHASE_SHARE * alike * np.median(of.sd_s[mine])))
+                float(np.hypot(COMMON_TICKS * tick_s, of.alike * same_place * np.median(of.sd_s[mine])))
             )
         before += len(of.own_s)
     return np.column_stack(columns), np.array(errors)

@@ -40,9 +40,12 @@ class PanelTrack:
     sd_s: Floats
     visit: NDArray[np.intp]
     """Number of the visit that a reading belongs to: a time in which the camera saw the panel."""
+    alike: float = 1.0
+    """Part of a reading's error that readings at one place in the refresh have in common; 0 for frames that
+    were read together."""
 
 
-def make_track(readings: Sequence[TrackReading]) -> PanelTrack:
+def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> PanelTrack:
     """Return the track of readings, whose turn codes tell which of the pattern's repetitions they show.
 
     Raises BadInputError with a short reason if they show several panels, or no turn.
@@ -78,7 +81,7 @@ def make_track(readings: Sequence[TrackReading]) -> PanelTrack:
         )
     known = np.isfinite(shown_s)
     sd_s = np.array([error_ns for _, error_ns in found]) / SIGMAS_95 / 1e9
-    return PanelTrack(panel, page, own_s[known], shown_s[known], sd_s[known], visit[known])
+    return PanelTrack(panel, page, own_s[known], shown_s[known], sd_s[known], visit[known], alike)
 
 
 def _unwrap(own_s: Floats, within_s: Floats, turn_s: Sequence[float | None], cycle_s: float) -> Floats:

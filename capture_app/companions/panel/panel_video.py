@@ -98,7 +98,7 @@ def read_panel_video(path: Path) -> PanelTrack:
         if not found:
             reason, _ = reasons.most_common(1)[0]
             raise BadInputError(f"its panel at {seen[0]:.1f} s cannot be read: {reason}")
-        return make_track(found)
+        return make_track(found, alike=0.0)
 
 
 def _visits(seen_s: list[float]) -> list[tuple[float, float]]:

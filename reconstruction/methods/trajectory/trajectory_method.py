@@ -21,10 +21,10 @@ class TrajectoryOptions(MethodOptions, frozen=True, kw_only=True):
     # No option: a path has many instants.
     instant: int = 0
     instants: Annotated[
-        tuple[int, ...],
+        tuple[int, ...] | None,
         command_flag("--instants", metavar="all|K-L,M,...", help="Instants in which the object is followed."),
-    ] = ()
-    """Empty = all."""
+    ] = None
+    """None or empty = all."""
 
 
 class TrajectoryMethod(Method):

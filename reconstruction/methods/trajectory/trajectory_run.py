@@ -57,7 +57,7 @@ class TrajectoryResult(Provenance, frozen=True, kw_only=True):
 
 
 def follow(
-    dataset: Dataset, instants: Sequence[int], folder: Path, progress: Progress | None = None
+    dataset: Dataset, instants: Sequence[int] | None, folder: Path, progress: Progress | None = None
 ) -> TrajectoryResult:
     """Find the largest moving object in each frame, fit its path, and write it as a table to a folder.
 

@@ -2,15 +2,18 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from benchmarks.stagger.ball_path import MOTIONS, Motion, project, projections
 from benchmarks.stagger.ball_session import EMPTY, PERIOD_NS, write_session
-from capture_app.common.errors import NotApplicableError
+from capture_app.common.errors import ExitCode, NotApplicableError
+from reconstruction.cli import run
 from reconstruction.methods.trajectory.moving_point import find_moving_point
 from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
 from reconstruction.methods.trajectory.trajectory_method import TrajectoryMethod
+from reconstruction.methods.trajectory.trajectory_run import TrajectoryResult
 from tests.reconstruction.conftest import VIEWS, Scene
 from tests.reconstruction.conftest import write_session as write_boards
 
@@ -72,10 +75,11 @@ def test_still_things_are_not_followed(scene: Scene, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_thrown_ball_is_followed_in_two_steps(tmp_path: Path) -> None:
+def test_a_thrown_ball_is_followed_in_two_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     thrown = MOTIONS["thrown in an arc"]
     session = write_session(tmp_path, thrown, "two steps", error_s=20e-6, seed=1)
-    result = TrajectoryMethod().make([session], tmp_path / "path")
+    assert run(["trajectory", str(session), "--out", str(tmp_path / "path"), "--json"]) == ExitCode.OK
+    result = msgspec.json.decode(capsys.readouterr().out, type=TrajectoryResult)
     assert len(result.points) == 96
     times_s = np.array([one.leader_ns for one in result.points]) / 1e9 - EMPTY * PERIOD_NS / 1e9
     off_m = np.linalg.norm(np.array([one.position for one in result.points]) - thrown(times_s), axis=1)

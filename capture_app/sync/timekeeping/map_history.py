@@ -37,7 +37,7 @@ class MapHistory:
         """Return what the maps until now got wrong according to a new map; None if it agrees with them.
 
         Maps are contradicted where the error bars do not overlap; if a clock `is_changed` for certain, within
-        LOOK_BACK_NS also where the old bar does not contain the new time. The interval reaches back to where
+        LOOK_BACK_NS also where the old bar does not contain the new time, and for as long again before. The interval reaches back to where
         the new line crosses the old ones, as a slewed clock's does, or agrees with them; or to `after_ns`,
         the last sample that agreed with the old maps: a clock that has stepped was right until then.
         """
@@ -71,6 +71,9 @@ class MapHistory:
             until_ns = from_ns
         if begins_ns == ends_ns:
             return None
+        if is_changed and after_ns is None:
+            # So soon the new line's slope is known to a factor of two: so is where it leaves the old one.
+            begins_ns -= min(ends_ns - begins_ns, LOOK_BACK_NS)
         return TimesDoubted(begins_ns, ends_ns, round(max(errors)), round(max(bounds)), after_ns is not None)
 
 

@@ -59,6 +59,14 @@ def test_a_change_that_is_certain_doubts_what_a_bar_alone_does_not_contain() -> 
     assert found.error_ns == 130 * US
 
 
+def test_a_slew_that_is_certain_doubts_for_as_long_again_before() -> None:
+    """A slope from a second of samples may be half the true one, and leaves the old line too late."""
+    slewed = replace(RIGHT, epoch_local_ns=2 * S, skew=250e-6)
+    found = history(RIGHT, RIGHT, RIGHT).doubt(slewed, 3 * S, is_changed=True)
+    assert found is not None
+    assert found.from_local_ns == pytest.approx(S, abs=S // 100)
+
+
 def test_maps_before_one_that_agreed_are_not_doubted() -> None:
     new = replace(RIGHT, offset_ns=S)
     found = history(RIGHT, new, RIGHT).doubt(new, 3 * S)

@@ -21,8 +21,6 @@ FOLDS = 8
 """Every eighth moment is left out in turn, to see how well the others predict it."""
 FINER = 0.87
 """Ratio of the spacings of knots that are tried."""
-PATIENCE, WORSE = 6, 1.3
-"""Finer spacings are tried until so many predict no better, and the last one by this factor worse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +38,29 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class SplinePath:
-    """A uniform cubic spline: control points (m, 3), and their covariance (3m, 3m) for residuals of 1 px."""
+    """A uniform cubic spline: control points (m, 3), and their covariance (3m, 3m) for residuals of 1 px.
+
+    `pixel` is the size of a pixel at the object.
+    """
 
     begin_s: float
     knot_s: float
     control: Array
     covariance: Array
+    pixel: float
 
     def at(self, times_s: Array) -> Array:
         """Return positions (n, 3)."""
         return np.asarray(self._basis(times_s) @ self.control)
 
     def sd_at(self, times_s: Array) -> Array:
-        """Return the standard deviation (n,) of positions along the least certain direction, per px."""
+        """Return the standard deviation (n,) of positions along the least certain direction, per px.
+
+        It is at least a pixel: rays of a motion that the spline cannot follow are off together.
+        """
         rows = np.kron(self._basis(times_s), np.eye(3)).reshape(len(times_s), 3, -1)
         spreads = np.einsum("nij,jk,nlk->nil", rows, self.covariance, rows)
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(spreads)[:, -1], 0.0))
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(spreads)[:, -1], self.pixel**2))
 
     def residuals_px(self, rays: Rays) -> Array:
         """Return the distances (n,) of the path's points from the rays' pixels."""
@@ -104,7 +109,7 @@ def fit_path(rays: Rays, begin_s: float, end_s: float, knot_s: float) -> SplineP
         depth = np.maximum(seen[:, 2], 0.05 * max(float(np.median(seen[:, 2])), 1e-9))
         residual = np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1)
         weight = 1 / (1 + (residual / (CAUCHY * max(_scatter(residual), FLOOR_PX))) ** 2)
-    return SplinePath(begin_s, knot_s, control, np.linalg.inv(normal))
+    return SplinePath(begin_s, knot_s, control, np.linalg.inv(normal), float(np.median(depth)) / scale)
 
 
 def choose_path(rays: Rays, moments: Array) -> tuple[SplinePath, float]:
@@ -125,8 +130,6 @@ def choose_path(rays: Rays, moments: Array) -> tuple[SplinePath, float]:
                 left_out.append(path.residuals_px(rays.choose(tested)))
         errors[knot_s] = _scatter(np.concatenate(left_out))
         best = min(errors, key=lambda knot: errors[knot])
-        if errors[knot_s] > WORSE * errors[best] and knot_s < best * FINER**PATIENCE:
-            break
         knot_s *= FINER
     return fit_path(rays, begin_s, end_s, best), max(errors[best], FLOOR_PX)
 

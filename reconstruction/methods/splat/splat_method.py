@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
-from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.common.options import MethodOptions, command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import Condition
 
@@ -51,6 +51,15 @@ class SplatOptions(MethodOptions, frozen=True, kw_only=True):
         command_flag("--quick", help="Take half the time for depth; thin parts and edges are less accurate."),
     ] = False
 
+    splats: Annotated[
+        bool,
+        flag(
+            "--splats",
+            help="Also make a splat of one instant without one of four or more cameras, and compare it with "
+            "that camera's picture. Takes about half a minute.",
+        ),
+    ] = False
+
     def __post_init__(self) -> None:
         """Refuse both `instant` and `instants`, with ValueError."""
         if self.instants is not None and self.instant:
@@ -62,6 +71,7 @@ class SplatMethod(Method):
 
     name = "splat"
     Options = SplatOptions
+    study = f"{__package__}.splat_study:SplatStudy"
     made = f"{__package__}.splat_run:MadeSplat"
     help = (
         "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"

@@ -118,7 +118,6 @@ def make_splats(
         dataset,
         dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
-        time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,
         progress=progress,
     ):

@@ -84,7 +84,6 @@ def render_views(
         dataset,
         dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
-        time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,
         progress=progress,
     ):

@@ -51,6 +51,9 @@ class SplatOptions(MethodOptions, frozen=True, kw_only=True):
         command_flag("--quick", help="Take half the time for depth; thin parts and edges are less accurate."),
     ] = False
 
+    page: Annotated[
+        bool, command_flag("--page", help="Also write walk.html, a page that plays the splats.")
+    ] = False
     splats: Annotated[
         bool,
         flag(
@@ -80,15 +83,16 @@ class SplatMethod(Method):
     examples = (
         "splat sessions/burst-001 --instant 3 --out splat",
         "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
+        "splat sessions/burst-001 --instants all --page --out splats",
     )
     result_file = "splat.json"
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier splats; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.splat.splat_run import SPLATS
+        from reconstruction.methods.splat.splat_run import OURS
 
-        return OutputFolder(out, replaces_only({SPLATS, self.result_file}))
+        return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "SplatResult":
         """Compute depth, and optimize the splats; see `Method.run`."""
@@ -105,4 +109,6 @@ class SplatMethod(Method):
             f"at least {match:.1f} dB to the pictures they were made from"
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
+        if self.options.page:
+            yield f"page: {out / 'walk.html'}"
         yield from super().lines(result, out)

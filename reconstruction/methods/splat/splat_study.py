@@ -42,8 +42,8 @@ WORSE_DB = 1.0
 DECIBEL = "dB"
 WHOLE = Picture(
     key="splat",
-    title="The moment as a splat",
-    caption="What {reference} would see, from a splat that was made without its picture.",
+    title="From the camera that was left out",
+    caption="What {reference} would see. Its own picture is below.",
 )
 CLOSE_UP = Picture(
     key="splat_close",

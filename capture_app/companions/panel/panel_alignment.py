@@ -23,7 +23,7 @@ from capture_app.session.alignment.clock_line import CRYSTAL_PPM
 from capture_app.session.format.common_times import CameraTimes
 
 STEPS = 20
-COMMON_TICKS = 0.025
+COMMON_TICKS = 0.04
 """Standard deviation of a visit's common error, in refreshes, whatever the places in the refresh."""
 _CAUCHY = 2.5
 """Residual in standard deviations at which a reading has half its weight: missed refreshes."""

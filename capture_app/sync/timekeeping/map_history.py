@@ -39,7 +39,7 @@ class MapHistory:
         Maps are contradicted where the error bars do not overlap; if a clock `is_changed` for certain, within
         LOOK_BACK_NS also where the old bar does not contain the new time, and for as long again before. The
         interval reaches back to where the new line crosses the old ones, as a slewed clock's does, or agrees
-        with them; or to `after_ns`, the last sample that agreed with the old maps: a clock that has stepped was
+        with them; or to `after_ns`, the last sample that agreed with the old maps: a stepped clock was
         right until then.
         """
         begins_ns = ends_ns = until_ns = now_ns

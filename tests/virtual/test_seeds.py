@@ -40,7 +40,7 @@ def test_a_seed(seed: int) -> None:
 
 
 def test_a_seed_replays_exactly() -> None:
-    assert run_seed(5).digest == run_seed(5).digest != run_seed(6).digest
+    assert run_seed(1).digest == run_seed(1).digest != run(draw(2).only([], 0.0)).digest
 
 
 @pytest.mark.parametrize(
@@ -54,4 +54,6 @@ def test_a_seed_replays_exactly() -> None:
 )
 def test_a_planted_fault_is_found(fault: str, seed: int) -> None:
     assert run(draw(seed), PLANTED[fault]).failures
-    assert not run_seed(seed).failures
+    # The others are among the seeds of the slow tests.
+    if seed >= SLOW:
+        assert not run_seed(seed).failures

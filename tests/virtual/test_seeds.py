@@ -20,7 +20,7 @@ FOUND = {
     3907: "a recording did not wait for an image that had been reported missing before",
     3913: "frames of beyond a recording's end were refused for ever",
 }
-"""Further seeds that have found a fault, and which."""
+"""Further seeds that have found a fault, and which; changing the virtual rig changes what befalls them."""
 
 
 def check(seed: int) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from capture_app.common.address import Address, parse_address
 from capture_app.common.clock import SimulatedClock
+from capture_app.common.host_clock import host_from_monotonic
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig.rig_time import RigTime, place_mark, rig_time
@@ -38,7 +39,7 @@ def _lead(sessions: str, trust: str, told: Connection) -> None:
 
 def error_ns(found: RigTime) -> int:
     """Return the error of a time's middle, ns."""
-    return found.leader_ns - CLOCK.local_from_true(found.local_ns)
+    return found.leader_ns - CLOCK.local_from_true(host_from_monotonic(found.local_ns))
 
 
 async def measure(leader: Address, count: int) -> None:
@@ -49,7 +50,7 @@ async def measure(leader: Address, count: int) -> None:
     for _ in range(count):
         called_ns = time.monotonic_ns()
         mark = (await place_mark(leader, "stimulus", called_ns)).mark
-        errors.append(mark.leader_ns - CLOCK.local_from_true(called_ns))
+        errors.append(mark.leader_ns - CLOCK.local_from_true(host_from_monotonic(called_ns)))
         bars.append(mark.uncertainty_ns)
     report("marks", errors, bars)
 

@@ -28,6 +28,7 @@ from capture_app.common.address import Address, parse_address
 from capture_app.common.child import Child
 from capture_app.common.clock import seeded_clock
 from capture_app.common.errors import SimulshotError
+from capture_app.common.host_clock import host_ns
 from capture_app.common.node_state import NodeState
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
@@ -92,7 +93,7 @@ async def lead(name: str, options: Namespace) -> None:
         )
 
     async def serve(node: LeaderNode) -> None:
-        now_ns, clock, continued = time.monotonic_ns(), node.options.clock, node.options.continued
+        now_ns, clock, continued = host_ns(), node.options.clock, node.options.continued
         told = (
             None
             if continued is None
@@ -146,7 +147,7 @@ async def wait_for_cameras(machine: Machine, cameras: int) -> None:
 async def kill_and_take(run: Run, leader: Machine, other: Machine, cameras: int) -> None:
     """Kill the leader, take a burst of the other one once it has a camera, and judge both."""
     leader.child.process.send_signal(signal.SIGKILL)
-    killed_s, killed_ns = time.monotonic(), time.monotonic_ns()
+    killed_s, killed_ns = time.monotonic(), host_ns()
 
     async def wait_for_all() -> None:
         await wait_for_cameras(other, cameras)

@@ -20,6 +20,7 @@ from typing import Any
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, ROOT, Network, in_namespace, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
+from capture_app.common.host_clock import host_ns
 from capture_app.session.reading.reader import Session
 from tests.browser import CHROMIUM, Browser
 
@@ -117,9 +118,7 @@ def _run(
     if first:
         browser.ask("document.getElementById('go').click()")
     ready_s = _wait_ready(browser, began_s)
-    zero_ns = browser.ask_worker("link.js", "performance.timeOrigin") * 1e6 - (
-        time.time_ns() - time.monotonic_ns()
-    )
+    zero_ns = browser.ask_worker("link.js", "performance.timeOrigin") * 1e6 - (time.time_ns() - host_ns())
     bursts = []
     # A fake camera is irregular on a busy machine, and may lose its phase again, so this does not wait.
     for _ in range(options.bursts):

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from capture_app.common.address import parse_address
+from capture_app.common.host_clock import host_ns
 from capture_app.companions.phones.gateway import PhoneGateway
 from capture_app.companions.phones.phone import Phone
 from capture_app.companions.phones.phone_camera import PhoneNodes
@@ -43,7 +44,7 @@ async def serve(leader: str, host: str, folder: Path) -> None:
             await asyncio.sleep(1.0)
             for phone in phones:
                 if phone.came.is_set():
-                    page_us = phone.clock.page_us(time.monotonic_ns())
+                    page_us = phone.clock.page_us(host_ns())
                     told = {
                         "page_us": page_us,
                         "gateway_ns": phone.clock.gateway_ns(page_us),

@@ -13,6 +13,7 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import CameraFacts, CameraListing, Control, ControlState
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
+from capture_app.common.host_clock import host_from_monotonic
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -64,12 +65,11 @@ class Camera(ABC):
         return self
 
     def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Store the callbacks for frames, which drivers stamp in the host's clock, and for a failure."""
-        self._on_frame, self._on_failure, clock = on_frame, on_failure, self._clock_of_node
-        if not isinstance(clock, HostClock):
-            self._on_frame = lambda frame: on_frame(
-                replace(frame, timestamp_ns=clock.local_from_true(frame.timestamp_ns))
-            )
+        """Store the callbacks for frames, which drivers stamp in CLOCK_MONOTONIC, and for a failure."""
+        self._on_failure, clock = on_failure, self._clock_of_node
+        self._on_frame = lambda frame: on_frame(
+            replace(frame, timestamp_ns=clock.local_from_true(host_from_monotonic(frame.timestamp_ns)))
+        )
 
     @property
     def facts(self) -> CameraFacts:

@@ -1,17 +1,10 @@
 """Clocks of nodes: the host's own, or a simulated one with hours of offset and a small skew.
 
-True time (`true_ns`) is the host's CLOCK_MONOTONIC, which all processes of one machine share, so that the
-error of an estimate between simulated nodes is known. Only `now_ns` reads a clock.
-
-CLOCK_MONOTONIC stamps frames and messages. An NTP daemon that corrects the time makes it run faster or slower
-for a while. CLOCK_MONOTONIC_RAW is the same hardware clock without corrections, and `adjtimex` reports the
-steady frequency correction in force (adjtimex(2), clock_gettime(2)).
+True time (`true_ns`) is the host's clock (`host_clock`), which all processes of one machine share, so that
+the error of an estimate between simulated nodes is known.
 """
 
-import ctypes
 import random
-import sys
-import time
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,18 +12,12 @@ from msgspec import Struct
 
 from capture_app.common.bounds import TimeNs
 from capture_app.common.errors import BadInputError
+from capture_app.common.host_clock import host_ns
 
 MAX_SKEW_PPM = 1000.0
 SEEDED_SKEW_PPM = 50.0
 _UNIT = 10**12
 _HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
-EVERY_NS = 4_000_000_000
-"""Interval over which two clocks read microseconds apart show their rates to about one ppm."""
-SLEWED_PPM = 20.0
-"""Minimum rate correction beyond the steady one that is reported."""
-STEADY_PPM = 100.0
-"""Maximum steady correction of an ordinary crystal; the excess is an ongoing correction of the time."""
-TYPICAL_TICK_US = 10_000
 
 
 class NodeClock(Protocol):
@@ -48,7 +35,7 @@ class NodeClock(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class HostClock:
-    """The host's monotonic clock, unchanged."""
+    """The host's clock, unchanged."""
 
     def local_from_true(self, true_ns: int) -> int:
         """Return `true_ns` itself: this clock is the true time."""
@@ -59,8 +46,8 @@ class HostClock:
         return local_ns
 
     def now_ns(self) -> int:
-        """Return CLOCK_MONOTONIC now, in ns."""
-        return time.monotonic_ns()
+        """Return the host's clock now, in ns."""
+        return host_ns()
 
 
 class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
@@ -91,7 +78,7 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 
     def now_ns(self) -> int:
         """Return the reading of this clock now, in ns."""
-        return self.local_from_true(time.monotonic_ns())
+        return self.local_from_true(host_ns())
 
     @property
     def _skew_units(self) -> int:
@@ -138,77 +125,3 @@ def parse_clock(text: str, *, node: str) -> NodeClock:
 def _divide(numerator: int, denominator: int) -> int:
     """Return the quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
     return (2 * numerator + denominator) // (2 * denominator)
-
-
-class _Timex(ctypes.Structure):
-    """First fields of `struct timex`, and space for the rest."""
-
-    _fields_ = (
-        ("modes", ctypes.c_uint),
-        ("offset", ctypes.c_long),
-        ("freq", ctypes.c_long),
-        ("maxerror", ctypes.c_long),
-        ("esterror", ctypes.c_long),
-        ("status", ctypes.c_int),
-        ("constant", ctypes.c_long),
-        ("precision", ctypes.c_long),
-        ("tolerance", ctypes.c_long),
-        ("time", ctypes.c_long * 2),
-        ("tick", ctypes.c_long),
-        ("rest", ctypes.c_long * 32),
-    )
-
-
-class HostRate:
-    """Measurement of the rate by which this host is slewing its clock."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, int] | None = None
-        self._slewing_ppm: float | None = None
-        self._due_ns: int | None = None
-
-    def slewing_ppm(self, now_ns: int) -> float | None:
-        """Return the rate by which the host is slewing its clock, in ppm; None if unknown.
-
-        0 if it is below SLEWED_PPM. It is measured once per EVERY_NS; calls may be more frequent. `now_ns`
-        may be of any clock that does not jump.
-        """
-        if self._due_ns is None or now_ns >= self._due_ns:
-            self._due_ns = now_ns + EVERY_NS
-            self._slewing_ppm = self._measure()
-        return self._slewing_ppm
-
-    def _measure(self) -> float | None:
-        before, now, steady_ppm = self._last, self.read_clocks(), self.steady_correction_ppm()
-        self._last = now
-        if now is None or before is None or steady_ppm is None or now[1] - before[1] < EVERY_NS // 2:
-            return None
-        steady_ppm = min(max(steady_ppm, -STEADY_PPM), STEADY_PPM)
-        slewing_ppm = ((now[0] - before[0]) / (now[1] - before[1]) - 1.0) * 1e6 - steady_ppm
-        return slewing_ppm if abs(slewing_ppm) >= SLEWED_PPM else 0.0
-
-    @staticmethod
-    def steady_correction_ppm() -> float | None:
-        """Return the kernel's steady frequency correction in ppm; None if the platform does not report it."""
-        if not sys.platform.startswith("linux"):
-            return None
-        kernel = _Timex()
-        try:
-            if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(kernel)) < 0:
-                return None
-        except (OSError, AttributeError):
-            return None
-        return (int(kernel.tick) / TYPICAL_TICK_US - 1.0) * 1e6 + int(kernel.freq) / 65536.0
-
-    @staticmethod
-    def read_clocks() -> tuple[int, int] | None:
-        """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW at one moment in ns; None if one is missing."""
-        if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
-            return None
-        readings = []
-        for _ in range(5):
-            before_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
-            monotonic_ns = time.monotonic_ns()
-            after_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
-            readings.append((after_ns - before_ns, monotonic_ns, (before_ns + after_ns) // 2))
-        return min(readings)[1:]

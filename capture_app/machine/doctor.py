@@ -16,8 +16,8 @@ from msgspec import Struct
 from capture_app import __version__
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraListing
-from capture_app.common.clock import EVERY_NS, HostRate
 from capture_app.common.errors import DiskError, SimulshotError
+from capture_app.common.host_clock import has_raw_clock
 from capture_app.common.text import count, megabytes
 from capture_app.machine.cameras import list_cameras
 from capture_app.net.discovery import LeaderBrowser, announced_hosts
@@ -34,7 +34,6 @@ from capture_app.node.camera.burst_upload import REPORT
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.rig_link import ask_status
 from capture_app.session.files.disk import disk_error, free_bytes
-from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
@@ -81,17 +80,15 @@ def version() -> Finding:
     )
 
 
-async def clock(rate: HostRate, watched_s: float = 2.2) -> Finding:
-    """Watch this host's clock for `watched_s`, as an NTP daemon may be slewing it."""
-    rate.slewing_ppm(0)
-    await asyncio.sleep(watched_s)
-    ppm = rate.slewing_ppm(EVERY_NS)
-    if ppm is None:
-        return Finding("clock", "note", "this host does not report whether its clock is being corrected")
-    if ppm:
-        what, _, remedy = slewing("this host", ppm).partition("; ")
-        return Finding("clock", "warning", what, remedy)
-    return Finding("clock", "good", "this host's clock runs steadily")
+def clock() -> Finding:
+    """Report whether this host has a clock that no NTP daemon slews."""
+    if has_raw_clock():
+        return Finding("clock", "good", "frames are timed by a clock that no NTP daemon slews")
+    return Finding(
+        "clock",
+        "note",
+        "an NTP daemon may slew the clock of this system; a rig notices it within seconds",
+    )
 
 
 def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
@@ -301,13 +298,11 @@ async def examine(
     store their images.
     """
     sessions = dict.fromkeys((folder, "sessions", "--sessions") for _, folder in own_rigs)
-    clock_finding, announced, rigs, paths = await asyncio.gather(
-        clock(HostRate()),
+    announced, rigs, paths = await asyncio.gather(
         announced_leaders(),
         asyncio.gather(*(own_rig(address) for address, _ in own_rigs)),
         asyncio.gather(*map(leader, leaders)),
     )
-    # After the clock check, whose readings a busy disk would delay.
     written = await asyncio.gather(
         *(asyncio.to_thread(disk, *one) for one in ((spool, "the spool", "--spool"), *sessions))
     )
@@ -319,7 +314,7 @@ async def examine(
         *announced,
         *firewalls(active_firewalls(), sorted({address.port for address, _ in own_rigs})),
         *wifi(wifi_interfaces()),
-        clock_finding,
+        clock(),
         *written,
         *await asyncio.to_thread(lambda: [*spooled(spool)]),
         *cameras(await asyncio.to_thread(list_cameras)),

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable
 from capture_app.common.address import Address
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NetworkError
+from capture_app.common.host_clock import host_from_monotonic
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
 
@@ -45,9 +46,10 @@ class ReceiptTimes:
         *,
         realtime: Reading | None = None,
         monotonic: Reading | None = None,
+        host: Callable[[int], int] = host_from_monotonic,
     ) -> None:
-        """The readings are this host's clocks unless they are given."""
-        self._clock = clock
+        """The readings are this host's unless given; `host` converts CLOCK_MONOTONIC to its clock."""
+        self._clock, self._host_from_monotonic = clock, host
         # Looked up now, so that a simulation of time can be in their place.
         self._realtime, self._monotonic = realtime or time.time_ns, monotonic or time.monotonic_ns
         self._before = self._after = self._read()
@@ -63,8 +65,8 @@ class ReceiptTimes:
                 placed_ns = max(
                     mono_ns + stamp_ns - real_ns for real_ns, mono_ns in (self._before, self._after)
                 )
-                return self._clock.local_from_true(min(placed_ns, now_ns))
-        return self._clock.local_from_true(now_ns)
+                now_ns = min(placed_ns, now_ns)
+        return self._clock.local_from_true(self._host_from_monotonic(now_ns))
 
     def queue_was_empty(self) -> None:
         """Note that the receive queue was empty: later datagrams arrive after the last reading."""

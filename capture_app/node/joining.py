@@ -5,7 +5,6 @@ import contextlib
 from collections.abc import Sequence
 
 from capture_app.common.address import Address
-from capture_app.common.clock import HostRate
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
@@ -52,13 +51,11 @@ class Joining:
         self._time, self._keys, self._pump, self._trust = time, keys, pump, trust
         self._log, self._leaders, self._succession = log, leaders, succession
         self._request = KeyRequest(name=time.name, instance=time.instance, is_relay=is_relay)
-        self._host_rate = HostRate()
         self._missing = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()
 
-    def look(self, now_ns: int) -> None:
-        """Wake `run` if a datagram key is missing, and note whether this host is slewing its clock."""
-        self._time.note_host_slewing(self._host_rate.slewing_ppm(now_ns))
+    def look(self, _now_ns: int) -> None:
+        """Wake `run` if a datagram key is missing."""
         if self._keys.missing:
             self._missing.set()
 

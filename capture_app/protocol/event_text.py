@@ -75,8 +75,6 @@ def off_rate_line(off: HostOffRate) -> str:
     """Return a line on a clock at an unusual rate and possible causes, or on its return to the baseline."""
     if not off.fast_ppm:
         return f"the clock of {off.name or 'the leader'} runs at its normal rate again"
-    if off.certain:
-        return status_text.slewing(off.name or "the leader's host", off.fast_ppm)
     against = "the leader's" if off.ambiguous else "all others"
     return (
         f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"

@@ -8,7 +8,6 @@ import contextlib
 import logging
 import socket
 import ssl
-import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Collection, Mapping
 from datetime import UTC, datetime
@@ -25,6 +24,7 @@ from platformdirs import user_data_path
 
 from capture_app.common.address import Address, listen_tcp, reachable_host
 from capture_app.common.errors import UnknownMachineError
+from capture_app.common.host_clock import host_ns
 from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
 from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
@@ -75,10 +75,10 @@ class _Connection(web.RequestHandler):
     """Records when bytes arrive, before the task that reads them is woken."""
 
     received_ns = 0
-    """Arrival of the last bytes, by the monotonic clock: possibly late, never early."""
+    """Arrival of the last bytes, in the host's clock: possibly late, never early."""
 
     def data_received(self, data: bytes) -> None:
-        self.received_ns = time.monotonic_ns()
+        self.received_ns = host_ns()
         super().data_received(data)
 
 

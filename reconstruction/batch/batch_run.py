@@ -1,7 +1,7 @@
 """`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from reconstruction.batch.summary import (
     unit_row,
     write_summary,
 )
-from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
+from reconstruction.batch.units import UNITS, WORK, Outcome, Shard, Unit, is_done, remove_leftovers
 from reconstruction.batch.workers import Workers
 
 TIMINGS = "timings.csv"
@@ -32,18 +32,23 @@ def batch(
     options: BatchOptions,
     workers: Workers,
     task: str = DEPTH_TASK,
+    shard: Shard | None = None,
 ) -> BatchResult:
     """Compute all units that are not in `out` yet, and the summary of all.
 
-    Failed units are listed in the result and do not affect the others.
+    Failed units are listed in the result and do not affect the others. With a `shard`, compute its units
+    only, and no summary; other shards may run at the same time.
 
     Raises:
         BadInputError: `out` cannot be used.
-        TryAgainError: another run is writing to `out`.
+        TryAgainError: another run is writing to `out`, or the shard is running.
     """
     began = time.monotonic()
-    with growing_folder(out, f"{WORK}/batch.lock", {UNITS, WORK, *NAMES}) as root:
+    lock = f"{WORK}/{shard.name if shard else 'batch'}.lock"
+    with growing_folder(out, lock, {UNITS, WORK, *NAMES}) as root:
         units, failures = _plan(sessions, options)
+        if shard:
+            units = list(shard.units(units))
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
@@ -54,22 +59,54 @@ def batch(
             outcomes = _run_units(missing, done, root, workers, task)
         finally:
             remove_leftovers(root)
-        rows = judged_rows([_row(unit, root, outcomes) for unit in units] + failures)
-        skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
-        computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
-        result = BatchResult(
-            out=str(out),
-            computed=computed,
-            # Includes units that another process finished meanwhile.
-            reused=sum(not row.problem for row in rows) - computed,
-            failed=sum(bool(row.error) for row in rows),
-            not_applicable=sum(bool(row.not_applicable) for row in rows),
-            groups=group_medians(rows),
-            units=tuple(rows),
-            seconds=round(time.monotonic() - began, 3),
-        )
+        result = _result(out, root, units, outcomes, failures, began)
+        if not shard:
+            write_summary(root, result)
+    return result
+
+
+def summarize(sessions: Sequence[Path], out: Path, options: BatchOptions) -> BatchResult:
+    """Write the summary of the units that are in `out`, and compute none; missing ones are failures.
+
+    Raises as `batch` does.
+    """
+    began = time.monotonic()
+    with growing_folder(out, f"{WORK}/batch.lock", {UNITS, WORK, *NAMES}) as root:
+        units, failures = _plan(sessions, options)
+        remove_leftovers(root)
+        missing = {
+            unit.key: Outcome(key=unit.key, error="it is not computed yet", exit_code=ExitCode.INCOMPLETE)
+            for unit in units
+            if not is_done(unit, root)
+        }
+        result = _result(out, root, units, missing, failures, began)
         write_summary(root, result)
     return result
+
+
+def _result(
+    out: Path,
+    root: Path,
+    units: Sequence[Unit],
+    outcomes: Mapping[str, Outcome],
+    failures: Sequence[UnitRow],
+    began: float,
+) -> BatchResult:
+    """Return the rows of units, those that this run computed by their `outcomes`, and of failures."""
+    rows = judged_rows([*(_row(unit, root, outcomes) for unit in units), *failures])
+    skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
+    computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
+    return BatchResult(
+        out=str(out),
+        computed=computed,
+        # Includes units that another process finished meanwhile.
+        reused=sum(not row.problem for row in rows) - computed,
+        failed=sum(bool(row.error) for row in rows),
+        not_applicable=sum(bool(row.not_applicable) for row in rows),
+        groups=group_medians(rows),
+        units=tuple(rows),
+        seconds=round(time.monotonic() - began, 3),
+    )
 
 
 def exit_code(result: BatchResult) -> ExitCode:
@@ -134,7 +171,7 @@ def _run_units(
     return outcomes
 
 
-def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> UnitRow:
+def _row(unit: Unit, root: Path, outcomes: Mapping[str, Outcome]) -> UnitRow:
     outcome = outcomes.get(unit.key)
     if outcome is None or not outcome.error:
         return completed_row(unit, root)

@@ -5,12 +5,13 @@ Imports nothing that starts threads: a worker chooses its cores first.
 
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from typing import Self
 
-from capture_app.common.errors import DiskFullError, ExitCode, SimulshotError
+from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, SimulshotError
 from capture_app.session.files.output_folder import OutputFolder, clear_leftovers
 
 UNITS = "units"
@@ -41,6 +42,31 @@ class Unit:
     def folder(self) -> str:
         """Folder of the unit's result, relative to the batch's folder."""
         return f"{UNITS}/{self.name}/{self.instant:04d}-{self.condition}-{self.key[:16]}"
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A part of a batch's units: every `of`th, from the `number`th on, counted from 1."""
+
+    number: int
+    of: int
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse `I/N`; raise BadInputError if it is not that, or I is not one of 1 to N."""
+        first, _, second = text.partition("/")
+        if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
+            return cls(int(first), int(second))
+        raise BadInputError(f"{text!r} is not a shard", hint="write I/N with I from 1 to N, as in 2/3")
+
+    @property
+    def name(self) -> str:
+        """Name of the shard in messages and of its lock."""
+        return f"shard-{self.number}-of-{self.of}"
+
+    def units(self, units: Sequence[Unit]) -> Sequence[Unit]:
+        """Return the shard's units of all of a batch."""
+        return units[self.number - 1 :: self.of]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,8 @@ from reconstruction.session.conditions import SYNCED
     epilog=examples(
         "reconstruct batch sessions/burst-001 sessions/burst-002 --out depth",
         "reconstruct batch sessions/burst-001 --condition synced --condition 66 --instants 0-4 --out depth",
+        "reconstruct batch sessions/* --shard $SLURM_ARRAY_TASK_ID/8 --out depth",
+        "reconstruct batch sessions/* --summary --out depth",
     )
 )
 @click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -67,6 +69,17 @@ from reconstruction.session.conditions import SYNCED
     show_default="one per core, as memory allows; in a queue one per instant, at most 100",
     help="Number of instants to process in parallel.",
 )
+@click.option(
+    "--shard",
+    metavar="I/N",
+    help="Process only the I-th of N parts, and write no summary. The parts may run at the same time, as "
+    "jobs of an array.",
+)
+@click.option(
+    "--summary",
+    is_flag=True,
+    help="Process nothing, and write the summary of what is there. Use it when all shards have ended.",
+)
 @out_option
 @memory_option
 @json_option
@@ -75,6 +88,8 @@ def batch(
     cluster: str,
     settings: tuple[str, ...],
     jobs: int | None,
+    shard: str | None,
+    summary: bool,
     out: Path,
     as_json: bool,
     **options: Any,
@@ -86,13 +101,21 @@ def batch(
     """
     from reconstruction.batch.batch_plan import BatchOptions
     from reconstruction.batch.batch_run import batch as run
-    from reconstruction.batch.batch_run import exit_code
+    from reconstruction.batch.batch_run import exit_code, summarize
+    from reconstruction.batch.units import Shard
     from reconstruction.batch.workers import Workers
 
-    result = run(sessions, out, BatchOptions(**options), Workers(cluster, jobs, settings))
+    if summary and shard:
+        raise click.UsageError("--summary is of all shards: leave out --shard")
+    chosen, part = BatchOptions(**options), Shard.parse(shard) if shard else None
+    if summary:
+        result = summarize(sessions, out, chosen)
+    else:
+        result = run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
     inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
     counts = f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
-    answer(as_json, result, [counts, f"summary: {out / 'summary.html'}"])
+    where = [] if part else [f"summary: {out / 'summary.html'}"]
+    answer(as_json, result, [counts, *where])
     if (code := exit_code(result)) is not ExitCode.OK:
         failure = SimulshotError(
             f"{result.failed} of {len(result.units)} failed",

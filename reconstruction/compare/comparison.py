@@ -156,6 +156,7 @@ class Comparison:
             middle=offset.pairs[len(offset.pairs) // 2][0],
             max_instants=options.max_instants,
             options=options.of_studies,
+            studies=options.studies,
             folder=output.folder,
             progress=Progress(CORE_STEPS),
         )

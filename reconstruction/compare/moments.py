@@ -42,22 +42,23 @@ def see_moments(
     instants: Sequence[int],
     condition: Condition = SYNCHRONIZED,
     *,
-    time_shifts_ms: Mapping[str, float] = {},
+    without: Sequence[str] = (),
     quick: bool = False,
     progress: Progress | None = None,
 ) -> Iterator[SeenInstant]:
     """Yield each instant with depth of all cameras that have it, under a condition.
 
-    Several instants share what stands still. Raises as the method does, and IncompleteError without a
-    calibration.
+    Several instants share what stands still. One instant can be seen `without` some cameras. Raises as the
+    method does, and IncompleteError without a calibration.
     """
     views = calibrated_views(dataset, require_calibration(dataset))
     method = find_method(DEPTH)
-    common: dict[str, Any] = {"quick": quick, "calibrated": True, "time_shifts_ms": time_shifts_ms}
+    common: dict[str, Any] = {"quick": quick, "calibrated": True, "time_shifts_ms": dataset.time_shifts_ms}
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         folder = Path(scratch, "maps")
         if len(instants) == 1:
-            chosen = method.Options(instant=instants[0], mesh=False, cloud=False, workspace=False, **common)
+            lean: dict[str, Any] = {"mesh": False, "cloud": False, "workspace": False}
+            chosen = method.Options(instant=instants[0], without=tuple(without), **lean, **common)
             result = method(chosen, progress).make([dataset.session.folder], folder, condition)
             images = {one.camera: dataset.image(one.camera, one.instant) for one in result.views}
             files = {camera: folder / "depth" / f"{camera}.npz" for camera in images}

@@ -46,6 +46,8 @@ class Context:
     max_instants: int = 16
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of all studies, by their keywords."""
+    studies: Sequence[str] = ()
+    """Names of the studies asked for; empty = all."""
     folder: Path | None = None
     """Folder for pictures; None = no pictures."""
     progress: Progress = field(default_factory=lambda: Progress(0, silent=True))

@@ -86,11 +86,11 @@ class Dataset:
         self.cameras = tuple(camera.name for camera in manifest.cameras)
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        for name in shifts_ms or {}:
+        self.time_shifts_ms = dict(shifts_ms or {})
+        for name in self.time_shifts_ms:
             session.camera(name)
         own_records = [record for record in manifest.images if not record.substitute]
-        self._records = shift_times(own_records, shifts_ms or {}, self.instants_ns, self.period_ns)
-        self._shifted = any((shifts_ms or {}).values())
+        self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._adopted: Calibration | None = None
         self._scale = 1.0
         self._read = self._image_cache()
@@ -264,7 +264,8 @@ class Dataset:
     def unsynchronized(self) -> str:
         """Description of times too uncertain to assign images to instants; empty if the times are good."""
         times = self.session.manifest.burst.common_times
-        return "" if times is None or self._shifted else times.why_not_synchronized(self.period_ns)
+        shifted = any(self.time_shifts_ms.values())
+        return "" if times is None or shifted else times.why_not_synchronized(self.period_ns)
 
     @property
     def staggered(self) -> str:

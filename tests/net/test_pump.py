@@ -13,6 +13,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
+from capture_app.common.host_clock import host_ns
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 
 Received = tuple[bytes, tuple[str, int], int]
@@ -72,10 +73,10 @@ async def test_a_busy_process_does_not_delay_the_time_of_receipt(other: socket.s
     with pumping(engine) as (_, address):
         # The kernel begins to stamp a moment after the first socket asks for it (net_enable_timestamp).
         for _ in range(100):
-            before_ns = time.monotonic_ns()
+            before_ns = host_ns()
             other.sendto(b"now", address)
             time.sleep(0.02)  # noqa: ASYNC251 - the loop is blocked on purpose
-            after_ns = time.monotonic_ns()
+            after_ns = host_ns()
             data, sender, received_ns = await engine.received.get()
             assert (data, sender) == (b"now", other.getsockname())
             assert before_ns <= received_ns
@@ -102,7 +103,7 @@ async def test_what_the_engine_wants_sent_goes_out_and_unreachable_peers_are_onl
 async def test_the_timer_fires_not_before_it_is_due() -> None:
     engine = Notes()
     with pumping(engine) as (pump, _):
-        engine.timer_ns = due_ns = time.monotonic_ns() + 5_000_000
+        engine.timer_ns = due_ns = host_ns() + 5_000_000
         pump.turn()
         await engine.ticked.wait()
     assert engine.ticks_ns[0] >= due_ns

@@ -33,7 +33,7 @@ class Host:
         return EPOCH_NS + mono_ns + (self._set_by_ns if mono_ns >= self._set_at_ns else 0)
 
     def times(self, clock: NodeClock) -> ReceiptTimes:
-        return ReceiptTimes(clock, realtime=self.realtime, monotonic=self.monotonic)
+        return ReceiptTimes(clock, realtime=self.realtime, monotonic=self.monotonic, host=int)
 
     def ancillary(self, arrived_ns: int) -> list[tuple[int, int, bytes]]:
         stamp_ns = self.stamp_at(arrived_ns)

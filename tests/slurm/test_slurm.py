@@ -1,6 +1,7 @@
 """`reconstruct batch --cluster slurm` on a real SLURM of one machine (make test KIND=slurm)."""
 
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -139,3 +140,25 @@ def test_a_setting_that_jobs_do_not_have(session: Session, tmp_path: Path) -> No
     assert running.returncode == 3
     assert len(talk.splitlines()) == 1
     assert "partition" in talk
+
+
+def test_an_array_of_shards_makes_the_same_bytes_as_one_command(session: Session, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), "--jobs", "1"]
+    subprocess.run([*command, "--out", str(tmp_path / "here")], cwd=ROOT, check=True, capture_output=True)
+    there = [*command, "--out", str(tmp_path / "there")]
+    script = f"{shlex.join(there)} --shard $SLURM_ARRAY_TASK_ID/3"
+    array = [
+        "sbatch",
+        "--wait",
+        "--array=1-3",
+        "--mem=500MB",
+        f"--output={tmp_path}/%a.log",
+        "--wrap",
+        script,
+    ]
+    done = subprocess.run(array, cwd=ROOT, text=True, capture_output=True, check=False)
+    logs = "".join(path.read_text() for path in tmp_path.glob("*.log"))
+    assert done.returncode == 0, done.stderr + logs
+    assert len(list(tmp_path.glob("there/units/*/*/unit.json"))) == 4
+    subprocess.run([*there, "--summary"], cwd=ROOT, check=True, capture_output=True)
+    assert results(tmp_path / "here") == results(tmp_path / "there")

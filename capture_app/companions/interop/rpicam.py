@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 
 from capture_app.common.address import own_hosts
 from capture_app.common.clock import NodeClock
+from capture_app.common.host_clock import host_ns
 from capture_app.common.tasks import end
 from capture_app.node.followers import Follower, SharedGrid
 from capture_app.protocol.log import Log
@@ -77,7 +78,7 @@ class RpicamSync(Follower):
 
     def _send(self, sock: socket.socket, clock: NodeClock, shared: SharedGrid) -> None:
         grid, time_map = shared
-        wall_less_host_ns = time.time_ns() - time.monotonic_ns()
+        wall_less_host_ns = time.time_ns() - host_ns()
 
         def wall_from_leader(leader_ns: int) -> int:
             local_ns = leader_ns if time_map is None else time_map.local_from_leader(leader_ns)

@@ -1,12 +1,12 @@
 """Web server for phones: the page, their admission, and one link for each phone."""
 
 import functools
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from aiohttp import WSMsgType, web
 
+from capture_app.common.host_clock import host_ns
 from capture_app.companions.phones import wire
 from capture_app.companions.phones.phone import Phone
 from capture_app.web.admission import Admission, Admitted
@@ -49,7 +49,7 @@ class PhoneGateway(PairedPage):
         self._link_of[admitted.key] = link
         phone, send = self._phones.get(admitted.key), link.send
         if phone is None:
-            phone = self._phones[admitted.key] = Phone(admitted.name, time.monotonic_ns, hello)
+            phone = self._phones[admitted.key] = Phone(admitted.name, host_ns, hello)
             phone.put_off = functools.partial(self._put_off, admitted)
             self._on_phone(phone)
         phone.link_opened(send, hello)
@@ -59,7 +59,7 @@ class PhoneGateway(PairedPage):
                 if message.type is WSMsgType.BINARY:
                     report = wire.decode_binary(message.data)
                     if isinstance(report, wire.Ping):
-                        phone.clock.note_pong(report, received_ns, time.monotonic_ns())
+                        phone.clock.note_pong(report, received_ns, host_ns())
                         await send(wire.pong(report.number))
                     phone.take_binary(report, received_ns)
                 elif message.type is WSMsgType.TEXT:

@@ -50,7 +50,7 @@ MIN_RATE, MAX_RATE = 1.0, 1000.0
 
 
 class PhoneClock:
-    """Estimates the gateway's monotonic time from the page's; times in ns unless named `_us`."""
+    """Estimates the gateway's host time from the page's; times in ns unless named `_us`."""
 
     def __init__(self, resolution_us: float) -> None:
         """Create the clock; `resolution_us` is the step of the page's clock, which rounds down."""
@@ -191,7 +191,7 @@ class Phone:
     """A phone that was admitted; `link_opened` and `link_closed` report its page's connection."""
 
     def __init__(self, name: str, now_ns: Callable[[], int], hello: wire.PhoneHello) -> None:
-        """Create a phone; `now_ns` is the gateway's monotonic clock, `hello` its first page's hello."""
+        """Create a phone; `now_ns` is the clock of the gateway's host, `hello` its first page's hello."""
         self.name = name
         self.came = asyncio.Event()
         """Set while its camera streams and its clock is known."""

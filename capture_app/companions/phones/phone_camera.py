@@ -79,7 +79,7 @@ class PhonePicture:
 
 
 class PhoneCamera(Camera):
-    """The camera of a connected phone; its timestamps are in the gateway's monotonic clock."""
+    """The camera of a connected phone; its timestamps are in the clock of the gateway's host."""
 
     def __init__(self, phone: Phone) -> None:
         """Take over a phone's camera. Raises CameraError while it does not stream."""

@@ -8,7 +8,6 @@ on the leader's disk, each camera's in order.
 
 import asyncio
 import socket
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.common.clock import NodeClock
+from capture_app.common.host_clock import host_ns
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.tasks import end
 from capture_app.node.burst.burst_session import BurstSession
@@ -92,9 +92,9 @@ class LslFrames(Follower):
         """Return the difference of LSL's clock and the host's, s, by the quickest of several readings."""
         readings = []
         for _ in range(READINGS):
-            before_ns = time.monotonic_ns()
+            before_ns = host_ns()
             lsl_s = float(self._lsl.local_clock())
-            after_ns = time.monotonic_ns()
+            after_ns = host_ns()
             readings.append((after_ns - before_ns, lsl_s - (before_ns + after_ns) / 2e9))
         return min(readings)[1]
 

@@ -20,7 +20,7 @@ from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
+from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
@@ -161,21 +161,14 @@ def _machine(member: Member) -> str:
     return member.pin or member.address[0]
 
 
-def review_rates(
-    vote: RateVote, members: Sequence[Member], leader_slewing_ppm: float | None
-) -> list[HostOffRate]:
+def review_rates(vote: RateVote, members: Sequence[Member]) -> list[HostOffRate]:
     """Compare the rates of all clocks by their nodes' reports; return changes of the verdict."""
     known = [member for member in members if member.report.state in _CLOCK_IS_KNOWN]
     # A reported skew is the rate of the leader's clock relative to the node's.
     rates_ppm = {
         member.name: -member.report.skew_ppm for member in known if member.report.skew_ppm is not None
     }
-    slewing_ppm: dict[str | None, float] = {
-        member.name: member.report.slewing_ppm for member in known if member.report.slewing_ppm
-    }
-    if leader_slewing_ppm:
-        slewing_ppm[LEADER] = leader_slewing_ppm
-    return vote.review(rates_ppm, slewing_ppm)
+    return vote.review(rates_ppm)
 
 
 def rig_advice(
@@ -187,7 +180,7 @@ def rig_advice(
     """Return one sentence of advice; `leader` is where nodes join, `off_rate` are hosts with odd clocks."""
     sentence = _of_states(members, _UNAVAILABLE, now_ns)
     if not sentence and off_rate:
-        worst = max(off_rate.values(), key=lambda off: (off.certain, abs(off.fast_ppm)))
+        worst = max(off_rate.values(), key=lambda off: abs(off.fast_ppm))
         sentence = off_rate_line(worst) + _and_more(len(off_rate))
     if sentence := sentence or _of_states(members, _IN_PROGRESS, now_ns):
         return sentence

@@ -7,7 +7,6 @@ from contextlib import suppress
 from msgspec.structs import replace
 
 from capture_app.common.address import Address
-from capture_app.common.clock import HostRate
 from capture_app.common.errors import DiskError
 from capture_app.common.stagger import describe_steps
 from capture_app.common.tasks import first_of
@@ -52,7 +51,7 @@ class LeaderState:
         """`address` is where nodes join; `local` are the nodes of this machine, None where it runs none."""
         self._address, self._options, self._engine = address, options, engine
         self._bursts, self._viewfinders, self._local = bursts, viewfinders, local
-        self._host_rate, self._rates = HostRate(), RateVote()
+        self._rates = RateVote()
         self._rates_due_ns: int | None = None
         self._free_bytes: int | None = None
         self._looked_ns = 0
@@ -93,11 +92,11 @@ class LeaderState:
         )
 
     def look_at_rates(self, now_ns: int) -> list[HostOffRate]:
-        """Check at intervals which clocks run oddly, including this host's; return changes."""
+        """Check at intervals which clocks run oddly; return changes."""
         if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
             return []
         self._rates_due_ns = now_ns + REVIEW_EVERY_NS
-        return review_rates(self._rates, self._engine.roster.by_name(), self._host_rate.slewing_ppm(now_ns))
+        return review_rates(self._rates, self._engine.roster.by_name())
 
     def _room(self, now_ns: int) -> int | None:
         """Return the free space of the sessions' disk, read at intervals.

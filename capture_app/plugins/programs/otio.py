@@ -4,34 +4,45 @@ from pathlib import Path
 
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
+from capture_app.session.exporting.start_timecode import first_frame, timecode_text
 from capture_app.session.exporting.videos import at_own_times, write_camera
 
 TIMELINE = "timeline.otio"
+SAME_RATE = 5e-4
+"""Relative difference within which a rate is called the whole one; half of that of 29.97 and 30."""
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <camera>.mp4, each from its own first frame, and timeline.otio, in which a gap delays each.
 
-    Gaps count from the burst's earliest image. Times in the timeline are in frames at the rig's rate.
+    Gaps count from the burst's earliest image. Times in the timeline are in frames at the rig's rate. The
+    start timecode of a video is that of its first frame, to the nearest frame; the gaps have the rest.
     """
     import opentimelineio as otio
 
     rate = 1e9 / burst.period_ns
+    if abs(rate - round(rate)) < SAME_RATE * rate:
+        rate = float(round(rate))
 
     def frames(duration_ns: int) -> otio.opentime.RationalTime:
-        return otio.opentime.RationalTime(duration_ns / burst.period_ns, rate)
+        return otio.opentime.RationalTime(duration_ns * rate / 1e9, rate)
 
-    timeline = otio.schema.Timeline(burst.name)
+    def of_day(frame: int) -> otio.opentime.RationalTime:
+        return otio.opentime.RationalTime(frame, rate)
+
+    timeline = otio.schema.Timeline(burst.name, global_start_time=of_day(first_frame(burst)))
     for camera in burst.cameras:
         first = burst.images_of(camera)[0]
         shown = at_own_times(burst, camera)
         first_ns, last_ns = shown[0][1], shown[-1][1]
         own = [(instant, since_ns - first_ns, image) for instant, since_ns, image in shown]
-        write_camera(burst, folder / f"{camera}.mp4", own, camera)
+        start = first_frame(burst, first_ns)
+        code = timecode_text(burst, start)
+        write_camera(burst, folder / f"{camera}.mp4", own, camera, timecode=code)
         track = otio.schema.Track(camera, kind=otio.schema.TrackKind.Video)
         if first_ns:
             track.append(otio.schema.Gap(duration=frames(first_ns)))
-        length = otio.opentime.TimeRange(frames(0), frames(last_ns - first_ns + burst.period_ns))
+        length = otio.opentime.TimeRange(of_day(start), frames(last_ns - first_ns + burst.period_ns))
         media = otio.schema.ExternalReference(f"{camera}.mp4", available_range=length)
         facts = {"leader_ns": first.leader_ns, "uncertainty_ns": first.uncertainty_ns}
         clip = otio.schema.Clip(camera, media, source_range=length, metadata={"simulshot": facts})

@@ -26,8 +26,11 @@ def write_video(
     period_ns: int,
     *,
     lossless: bool = False,
+    timecode: str = "",
 ) -> None:
     """Encode frames, each with its time in ns since the video's start, to 1 us; `size` is (width, height).
+
+    `timecode` is that of the video's start, HH:MM:SS:FF; empty for none.
 
     `period_ns` is the duration of the last frame. Odd sizes are preserved by not subsampling colour. Lossless
     is H.264 of the exact RGB values. The caller has checked that PyAV is installed. Raises BadInputError if
@@ -53,6 +56,8 @@ def write_video(
                 pix_fmt="bgr24" if lossless else unreduced,
             )
             stream.time_base = stream.codec_context.time_base = TIME_BASE
+            if timecode:
+                stream.metadata["timecode"] = timecode
             if not lossless:
                 stream.codec_context.colorspace = _BT601
                 stream.codec_context.color_range = _LIMITED_RANGE
@@ -104,15 +109,20 @@ def write_camera(
     redraw: Redraw | None = None,
     size: tuple[int, int] | None = None,
     file: str = "",
+    timecode: str = "",
 ) -> None:
-    """Write a camera's video named `file` in the export; `redraw` changes its images to `size`."""
+    """Write a camera's video named `file` in the export; `redraw` changes its images to `size`.
+
+    `timecode` is as in `write_video`.
+    """
     width, height = size or burst.size(camera)
     frames = (
         (since_ns, np.zeros((height, width, 3), np.uint8) if image is None else burst.load(image, redraw)[1])
         for _, since_ns, image in shown
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_video(path, frames, (width, height), burst.period_ns, lossless=burst.options.lossless)
+    lossless = burst.options.lossless
+    write_video(path, frames, (width, height), burst.period_ns, lossless=lossless, timecode=timecode)
     burst.frames |= {(camera, n): (file or path.name, k, image) for k, (n, _, image) in enumerate(shown)}
 
 

@@ -107,9 +107,7 @@ def degraded(
 
 
 def rate(watch: RateWatch, now_ns: int) -> str:
-    """Describe an unusual rate of this node's clock, by its host or against the leader's; empty if none."""
-    if watch.host_slewing_ppm:
-        return slewing("this host", watch.host_slewing_ppm)
+    """Describe an unusual rate of this node's clock against the leader's; empty if none."""
     if watch.fast_ppm is not None:
         return fast_clock(watch.fast_ppm)
     return RATE_CHANGED if watch.changed_lately(now_ns) else ""
@@ -126,14 +124,6 @@ def fast_clock(ppm: float) -> str:
 def fast_or_slow(ppm: float) -> str:
     """Format a rate: 210 ppm fast."""
     return f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}"
-
-
-def slewing(who: str, ppm: float) -> str:
-    """Describe a host that reports that it is slewing its clock, and the remedy."""
-    return (
-        f"{who} is slewing its clock by {ppm:+.0f} ppm: its NTP daemon is correcting the time;"
-        " wait until it is done, or stop it while you take pictures"
-    )
 
 
 def aligning(phase: PhaseEstimate | None, *, settled: bool, corrections: int, waits: bool) -> str:

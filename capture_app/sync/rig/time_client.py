@@ -189,10 +189,6 @@ class TimeClient:
         self.timekeeper.stop()
         self._hello_due_ns = NEVER_NS
 
-    def note_host_slewing(self, slewing_ppm: float | None) -> None:
-        """Note the rate in ppm by which this host is slewing its clock; None if unknown."""
-        self.timekeeper.rate.host_slewing_ppm = slewing_ppm
-
     def note_refusal(self, reason: str) -> None:
         """Note why the leader does not admit this node."""
         self.unanswered = 0

@@ -22,8 +22,6 @@ class RateWatch:
     def __init__(self) -> None:
         self.fast_ppm: float | None = None
         """Rate excess of this node's clock over the leader's; None if it is ordinary."""
-        self.host_slewing_ppm: float | None = None
-        """Rate by which this host speeds up its clock, as its operating system reports; None if unknown."""
         self._changed_ns: int | None = None
 
     def restart(self) -> None:
@@ -52,14 +50,12 @@ class RateWatch:
 
 @dataclass(frozen=True, slots=True)
 class HostOffRate:
-    """A host whose clock rate differs from the majority's, or that reports slewing its clock."""
+    """A host whose clock rate differs from the majority's."""
 
     name: str | None
     """Name of the node; None for the leader."""
     fast_ppm: float
-    """Rate excess over the majority, or as the host reports it; 0 if it is ordinary again or removed."""
-    certain: bool = False
-    """Whether the host itself reports it."""
+    """Rate excess over the majority; 0 if it is ordinary again or removed."""
     ambiguous: bool = False
     """Whether there is no majority, so that the leader's clock may be the unusual one."""
 
@@ -71,13 +67,8 @@ class RateVote:
         self.off: dict[str | None, HostOffRate] = {}
         """Hosts with an unusual rate, by name."""
 
-    def review(
-        self, rates_ppm: Mapping[str, float], slewing_ppm: Mapping[str | None, float]
-    ) -> list[HostOffRate]:
-        """Compare all rates again, and return what changed.
-
-        `rates_ppm` holds the measured rates of nodes, `slewing_ppm` the slewing that hosts report themselves.
-        """
+    def review(self, rates_ppm: Mapping[str, float]) -> list[HostOffRate]:
+        """Compare all measured rates of nodes again, and return what changed."""
         rates: dict[str | None, float] = {LEADER: 0.0}
         rates.update(rates_ppm)
         friends = {
@@ -89,13 +80,9 @@ class RateVote:
         typical_ppm = rates[next(name for name, count in friends.items() if count == max_count)]
         off: dict[str | None, HostOffRate] = {}
         for name, rate in rates.items():
-            fast_ppm, own_ppm = rate - typical_ppm, slewing_ppm.get(name, 0.0)
-            if own_ppm:
-                off[name] = HostOffRate(name, own_ppm, certain=True)
-            elif abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM):
+            fast_ppm = rate - typical_ppm
+            if abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM):
                 off[name] = HostOffRate(name, fast_ppm, ambiguous=max_count == friends[name])
         before, self.off = self.off, off
-        changes = [
-            off[name] for name in off if name not in before or before[name].certain != off[name].certain
-        ]
+        changes = [off[name] for name in off if name not in before]
         return [*changes, *(HostOffRate(name, 0.0) for name in before if name not in off)]

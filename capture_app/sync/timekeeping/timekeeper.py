@@ -197,7 +197,6 @@ class Timekeeper:
             state=state,
             message=message[:MAX_TEXT],
             samples=self.clock.samples,
-            slewing_ppm=self.rate.host_slewing_ppm,
         )
         if (time_map := self.time_map) is None:
             return report

@@ -216,14 +216,10 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
     stamp_quantum_ns: Count = 0
     """Step of the camera's timestamps; 0 if it is negligible."""
-    slewing_ppm: Ppm | None = None
-    """Rate by which this host speeds up its clock, as its operating system reports; None if unknown."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a rate that is not a number, which passes every bound."""
-        if any(
-            rate is not None and isnan(rate) for rate in (self.skew_ppm, self.drift_ppm, self.slewing_ppm)
-        ):
+        if any(rate is not None and isnan(rate) for rate in (self.skew_ppm, self.drift_ppm)):
             raise ValueError("a rate is not a number")
 
 

@@ -134,6 +134,7 @@ def model_instant(
     motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
     marks = {"begin": time.monotonic()}
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
+    instants = {camera: shown for camera, shown in instants.items() if camera not in options.without}
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     check = check_images(images) if options.check else None
     images, sources, scene, maps = _match_instant(

@@ -41,6 +41,8 @@ class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
     """Instants of a sequence, empty = all; None = `instant` alone."""
     offsets_ms: tuple[float, ...] = ()
     """Offset of each camera of the session, in place of the condition's."""
+    without: tuple[str, ...] = ()
+    """Cameras that take no part, with `instant`."""
     matcher: Annotated[
         Matcher, command_flag("--matcher", help=MATCHER_HELP), flag("--matcher", help=MATCHER_HELP)
     ] = Matcher.AUTO

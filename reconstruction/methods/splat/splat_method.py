@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
-from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.common.options import MethodOptions, command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import Condition
 
@@ -51,6 +51,18 @@ class SplatOptions(MethodOptions, frozen=True, kw_only=True):
         command_flag("--quick", help="Take half the time for depth; thin parts and edges are less accurate."),
     ] = False
 
+    page: Annotated[
+        bool, command_flag("--page", help="Also write walk.html, a page that plays the splats.")
+    ] = False
+    splats: Annotated[
+        bool,
+        flag(
+            "--splats",
+            help="Also make a splat of one instant without one of four or more cameras, and compare it with "
+            "that camera's picture. Takes about half a minute.",
+        ),
+    ] = False
+
     def __post_init__(self) -> None:
         """Refuse both `instant` and `instants`, with ValueError."""
         if self.instants is not None and self.instant:
@@ -62,6 +74,7 @@ class SplatMethod(Method):
 
     name = "splat"
     Options = SplatOptions
+    study = f"{__package__}.splat_study:SplatStudy"
     made = f"{__package__}.splat_run:MadeSplat"
     help = (
         "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
@@ -70,15 +83,16 @@ class SplatMethod(Method):
     examples = (
         "splat sessions/burst-001 --instant 3 --out splat",
         "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
+        "splat sessions/burst-001 --instants all --page --out splats",
     )
     result_file = "splat.json"
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier splats; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.splat.splat_run import SPLATS
+        from reconstruction.methods.splat.splat_run import OURS
 
-        return OutputFolder(out, replaces_only({SPLATS, self.result_file}))
+        return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "SplatResult":
         """Compute depth, and optimize the splats; see `Method.run`."""
@@ -95,4 +109,6 @@ class SplatMethod(Method):
             f"at least {match:.1f} dB to the pictures they were made from"
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
+        if self.options.page:
+            yield f"page: {out / 'walk.html'}"
         yield from super().lines(result, out)

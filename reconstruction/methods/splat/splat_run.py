@@ -13,6 +13,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import require_calibration, see_moments
+from reconstruction.depth.camera_paths import find_subject, frame_of
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,
@@ -22,12 +23,15 @@ from reconstruction.methods.splat.gaussians import (
 )
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_method import SplatOptions
+from reconstruction.methods.splat.splat_page import write_splat_page
+from reconstruction.report.walk_page import PAGE
 from reconstruction.scores.picture_quality import psnr
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.provenance import Provenance
 
 SPLATS = "splats"
+OURS = {SPLATS, PAGE}
 SAME = 1e-3
 """Relative distance within which a pixel's surface is where it was at the instant before."""
 
@@ -112,13 +116,13 @@ def make_splats(
         NotApplicableError: no instant has depth.
     """
     unit = require_calibration(dataset).unit
-    made, left_out, cameras = list[SplatInstant](), dict[str, str](), dict[str, None]()
+    made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
     learned: _Learned | None = None
+    subject: Array | None = None
     for one in see_moments(
         dataset,
         dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
-        time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,
         progress=progress,
     ):
@@ -131,20 +135,24 @@ def make_splats(
         learned = _Learned(begun.chosen(kept), splat)
         file = f"{SPLATS}/{one.instant:06d}.ply"
         write_splats(folder / file, splat)
-        likeness = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in moment.values()]
+        found_db = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in moment.values()]
         made.append(
             SplatInstant(
-                instant=one.instant, file=file, gaussians=len(splat), psnr=round(float(np.mean(likeness)), 2)
+                instant=one.instant, file=file, gaussians=len(splat), psnr=round(float(np.mean(found_db)), 2)
             )
         )
         left_out |= one.left_out
-        cameras |= dict.fromkeys(moment)
-    if not made:
+        views |= {camera: seen.view for camera, seen in moment.items()}
+        subject = find_subject(moment) if subject is None else subject
+    if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
+    if options.page:
+        files = {one.instant: folder / one.file for one in made}
+        write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
         session=dataset.name,
         condition=condition.name,
-        cameras=tuple(cameras),
+        cameras=tuple(views),
         unit=unit,
         iterations=options.iterations,
         instants=tuple(made),

@@ -21,7 +21,8 @@ from reconstruction.depth.camera_paths import find_subject, orbit, read_path, sw
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewOptions
-from reconstruction.methods.view.walk_page import PAGE, write_walk_page
+from reconstruction.methods.view.walk_page import write_moments
+from reconstruction.report.walk_page import PAGE
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.provenance import Provenance
@@ -84,7 +85,6 @@ def render_views(
         dataset,
         dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
         condition,
-        time_shifts_ms=options.time_shifts_ms,
         quick=options.quick,
         progress=progress,
     ):
@@ -106,7 +106,7 @@ def render_views(
         shares.append(float(picture.known.mean()))
     if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
-        write_walk_page(folder, dataset.name, moments, dataset.period_ns)
+        write_moments(folder, dataset.name, moments, dataset.period_ns)
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),

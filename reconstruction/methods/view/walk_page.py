@@ -1,26 +1,19 @@
-"""A page to walk round in: textured depth of all cameras in one HTML file, for any browser with WebGL 2."""
+"""Moments in a page to walk round in: textured depth of all cameras."""
 
-import base64
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
-from capture_app.common.text import count
-from reconstruction.common.geometry import Array, View
-from reconstruction.depth.camera_paths import Frame, find_subject, frame_of
+from reconstruction.common.geometry import View
+from reconstruction.depth.camera_paths import find_subject, frame_of
 from reconstruction.depth.seen_moment import Moment, SeenView
 from reconstruction.depth.view_blending import TOLERANCE, render
+from reconstruction.report.walk_page import image_address, write_walk_page
 
-PAGE = "walk.html"
-TEMPLATES = Path(__file__).with_name("page")
 PICTURE_PX, GRID_PX = 960, 480
 """Longest side of the pictures, and of the depth maps whose pixels are the meshes' corners."""
-QUALITY = 85
 EDGE = 1.04
 """Ratio of depths between neighbouring corners from which on there is an edge."""
 LEVELS = 4094
@@ -29,62 +22,34 @@ HELD = 8
 """Number of instants that the page keeps in the GPU's memory."""
 
 
-def write_walk_page(out: Path, name: str, moments: Mapping[int, Moment], period_ns: int) -> None:
-    """Write `PAGE` into a folder: moments by instant, and a view from the middle for browsers without 3D."""
+def write_moments(out: Path, name: str, moments: Mapping[int, Moment], period_ns: int) -> None:
+    """Write the page into a folder, with moments by instant."""
     cameras: dict[str, View] = {}
     for moment in moments.values():
         cameras |= {camera: seen.view for camera, seen in moment.items()}
     first = next(iter(moments.values()))
-    width, height = next(iter(cameras.values())).width, next(iter(cameras.values())).height
-    frame = frame_of(cameras, find_subject(first))
-    still = render(frame.view(frame.place(0, 0), width, height), first).colours
-    data = {
-        "width": width,
-        "height": height,
-        "edge": EDGE,
-        "tolerance": TOLERANCE,
-        "held": HELD,
-        "step_ms": period_ns / 1e6,
-        "path": _path(frame, moments),
-        "cameras": {camera: _camera(view) for camera, view in cameras.items()},
-        "instants": [
+    frame, shape = frame_of(cameras, find_subject(first)), next(iter(cameras.values()))
+    known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]
+    write_walk_page(
+        out,
+        name,
+        frame=frame,
+        depths=(min(float(one.min()) for one in known), max(float(one.max()) for one in known)),
+        views=cameras,
+        still=render(frame.view(frame.place(0, 0), shape.width, shape.height), first).colours,
+        period_ns=period_ns,
+        instants=[
             {"instant": k, "cameras": [_seen(camera, seen) for camera, seen in moment.items()]}
             for k, moment in moments.items()
         ],
-    }
-    instants = f", {len(moments)} instants" if len(moments) > 1 else f", instant {next(iter(moments))}"
-    page = Environment(autoescape=True, undefined=StrictUndefined).from_string(
-        (TEMPLATES / PAGE).read_text(encoding="utf-8")
+        painter=Path(__file__).with_name("page") / "meshes.js",
+        facts={
+            "edge": EDGE,
+            "tolerance": TOLERANCE,
+            "held": HELD,
+            "cameras": {camera: _camera(view) for camera, view in cameras.items()},
+        },
     )
-    text = page.render(
-        title=f"{name}{instants}",
-        words=f"{count(len(cameras), 'camera')}. Drag, pinch or use the arrow keys to walk round.",
-        width=width,
-        height=height,
-        still=_address(still, ".jpg"),
-        moments=_Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")),
-        script=_Html((TEMPLATES / "walk.js").read_text(encoding="utf-8")),
-    )
-    (out / PAGE).write_text(text, encoding="utf-8")
-
-
-class _Html(str):
-    """Text that is HTML already."""
-
-    __slots__ = ()
-
-    def __html__(self) -> str:
-        return self
-
-
-def _path(frame: Frame, moments: Mapping[int, Moment]) -> dict[str, Any]:
-    known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]
-    nearest, farthest = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
-    return {
-        **{key: np.asarray(value).tolist() for key, value in frame._asdict().items()},
-        "near": nearest / 4,
-        "far": farthest * 4,
-    }
 
 
 def _camera(view: View) -> dict[str, Any]:
@@ -111,13 +76,6 @@ def _seen(camera: str, seen: SeenView) -> dict[str, Any]:
         "camera": camera,
         "near": near,
         "far": far,
-        "picture": _address(picture, ".jpg"),
-        "depth": _address(packed, ".png"),
+        "picture": image_address(picture, ".jpg"),
+        "depth": image_address(packed, ".png"),
     }
-
-
-def _address(picture: Array, suffix: str) -> str:
-    parameters: Sequence[int] = [cv2.IMWRITE_JPEG_QUALITY, QUALITY] if suffix == ".jpg" else []
-    data = cv2.imencode(suffix, picture, parameters)[1].tobytes()
-    kind = "jpeg" if suffix == ".jpg" else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,10 +1,10 @@
 """A stand-in for a phone with the Android app, on the app's two ports."""
 
 import random
-import time
 from typing import Self
 
 from capture_app.common.clock import SimulatedClock
+from capture_app.common.host_clock import host_ns
 from capture_app.companions.interop.app_protocol import CALL_PORT, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
@@ -85,5 +85,5 @@ class PhoneOnSockets:
 
     def error_us(self) -> float:
         """What it takes for leader time now, less what that is, where the leader's clock is this host's."""
-        true_ns = time.monotonic_ns()
+        true_ns = host_ns()
         return (self.phone.leader_from_local(self.clock.local_from_true(true_ns)) - true_ns) / 1000

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import socket
-import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, NetworkError
+from capture_app.common.host_clock import host_ns
 from capture_app.companions.interop.app_phones import AppPhones
 from capture_app.companions.interop.app_protocol import CALL_PORT, PERIOD_NS
 from capture_app.node.burst.burst_session import BurstSession
@@ -90,7 +90,7 @@ async def test_a_phone_takes_part_in_a_burst_and_its_pictures_are_imported(
     assert (status.name, status.state, status.address) == ("a3f1", "synced", f"{HOST}.2")
     assert status.hard_bound_ns is not None
     assert abs(rig.one.error_us()) * 1000 < status.hard_bound_ns + 1_000_000
-    now_ns = time.monotonic_ns()
+    now_ns = host_ns()
     instants = [now_ns + 3 * S, now_ns + 3 * S + S // 4, now_ns + 6 * S]
     rig.phones.take_part(a_take(burst_of(*instants)))
     await until(lambda: len(rig.one.phone.pictures) == 2)
@@ -104,7 +104,7 @@ async def test_a_phone_takes_part_in_a_burst_and_its_pictures_are_imported(
 
 
 async def test_a_phone_records_until_the_recording_is_ended(rig: PhoneRig) -> None:
-    now_ns = time.monotonic_ns()
+    now_ns = host_ns()
     take = a_take(burst_of(now_ns + S, now_ns + 3600 * S, video=True))
     rig.phones.take_part(take)
     await until(lambda: rig.one.phone.recordings == ["start"])
@@ -113,7 +113,7 @@ async def test_a_phone_records_until_the_recording_is_ended(rig: PhoneRig) -> No
 
 
 async def test_a_recording_ends_with_the_leader(rig: PhoneRig) -> None:
-    now_ns = time.monotonic_ns()
+    now_ns = host_ns()
     rig.phones.take_part(a_take(burst_of(now_ns + S, now_ns + 3600 * S, video=True)))
     await until(lambda: rig.one.phone.recordings == ["start"])
     await rig.phones.close()
@@ -147,7 +147,7 @@ async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
     news = Log()
     phones = AppPhones(f"{HOST}.4", aligns=False)
     phones.start(HostClock(), news, lambda: None)
-    phones.take_part(a_take(burst_of(time.monotonic_ns() + S)))
+    phones.take_part(a_take(burst_of(host_ns() + S)))
     await phones.close()
     assert phones.take_alone(BurstRequest(frames=1)) == ""
     assert news.after(0) == ()

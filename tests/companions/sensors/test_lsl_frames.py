@@ -1,13 +1,13 @@
 """The Lab Streaming Layer's stream of frame times: read back by pylsl, it has what the session has."""
 
 import asyncio
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from capture_app.common.clock import HostClock
+from capture_app.common.host_clock import host_ns
 from capture_app.companions.sensors.lsl_frames import CHANNELS, STREAM, LslFrames
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
@@ -54,7 +54,7 @@ async def test_the_stream_has_the_times_of_the_saved_frames(tmp_path: Path, vide
 
         await until(pulled)
     assert got.keys() == images.keys()
-    lsl_less_host_s = pylsl.local_clock() - time.monotonic_ns() / 1e9
+    lsl_less_host_s = pylsl.local_clock() - host_ns() / 1e9
     for key, (sample, at_s) in got.items():
         image = images[key]
         assert sample[0] == "run-001"

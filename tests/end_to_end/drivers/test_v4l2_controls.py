@@ -7,6 +7,7 @@ and `webcam_controls_in_guest.py` what talks to the driver.
 import json
 import sys
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ cd {REPOSITORY}
 python3 {HERE / "usb_cameras_with_controls.py"} {{camera_vm}} /out/usb.txt >/out/usb_cameras.log 2>&1 &
 until [ -e /dev/video2 ]; do sleep .1; done
 sleep 1
+{sys.executable} {HERE / "slewed_clock_in_guest.py"} /out/slewed.json >/out/slewed.log 2>&1
 {sys.executable} {HERE / "webcam_controls_in_guest.py"} /out/found.json >/out/guest.log 2>&1
 """
 
@@ -101,3 +103,12 @@ def test_what_a_webcam_cannot_do_is_said(out: Path) -> None:
 def test_a_webcam_goes_back_to_choosing_itself(out: Path) -> None:
     assert state(out, "auto", "exposure")["automatic"]
     assert set_on(out, "right")[-1] == (TERMINAL, AE_MODE, APERTURE_PRIORITY)
+
+
+def test_times_are_brought_out_of_a_clock_that_the_kernel_slews(out: Path) -> None:
+    """A quarter of what a twelfth amounts to between two readings, 5 ms apart, and the readings' own time."""
+    slewed = json.loads((out / "slewed.json").read_text())
+    assert slewed["ahead_ns"] > 100_000_000, "the kernel did slew it"
+    for part in ("before", "slewed", "after"):
+        assert median(map(abs, slewed[part])) < 10_000
+        assert max(map(abs, slewed[part])) < 1_000_000

@@ -279,7 +279,7 @@ def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
         {"event": "node-refused", "name": "b", "where": "at 10.0.0.2", "reason": "the rig is full"},
         {"event": "burst-accepted", "name": "a", "burst": 1},
         {"event": "burst-refused", "name": "b", "burst": 1, "reason": "no clock"},
-        {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "certain": False, "ambiguous": True},
+        {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "ambiguous": True},
         {"event": "host-at-rate", "name": "a"},
     ]
 

@@ -1,7 +1,6 @@
 """Bursts as operators ask for them: frames of before, names, notes, one after the other."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from capture_app.cameras.specs import open_camera
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError
+from capture_app.common.host_clock import host_ns
 from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles, link_key
@@ -78,9 +78,9 @@ def manifest_of(done: BurstStatus) -> Manifest:
 
 
 async def test_frames_of_before_the_key_are_in_the_take(link: RigLink) -> None:
-    began_ns = time.monotonic_ns()
+    began_ns = host_ns()
     done = await take(link, BurstRequest(frames=5, before=3))
-    ended_ns = time.monotonic_ns()
+    ended_ns = host_ns()
     assert (done.received, done.expected) == (5, 5)
     burst = manifest_of(done).burst
     # The leader's clock is the host's; a grid's instant is at most half a period off what was asked for.

@@ -27,6 +27,11 @@ def test_a_timeline_holds_every_camera_where_it_was(make: Make, export: Export, 
         assert clip.metadata["simulshot"]["leader_ns"] == START_NS + RESIDUALS_NS[track.name]
         with av.open(str(tmp_path / "out" / clip.media_reference.target_url)) as film:
             frames = list(film.decode(video=0))
+            code = film.streams.video[0].metadata["timecode"]
+        start = clip.media_reference.available_range.start_time
+        assert otio.opentime.to_timecode(start, start.rate, False) == code
+        assert start == clip.source_range.start_time
+        assert abs((start - timeline.global_start_time).to_seconds() - late_ns / 1e9) <= PERIOD_NS / 2e9
         assert frames[0].time == 0
         # From the first frame to the end of the last, six periods at rest.
         assert clip.duration().to_seconds() == pytest.approx(

@@ -1,6 +1,7 @@
 """Cheap units for the tests of batches, and a batch of them that can be killed.
 
-`python -m tests.reconstruction.batch.fake_units OUT SESSION` makes all its units in three conditions.
+`python -m tests.reconstruction.batch.fake_units OUT SESSION` makes all its units in three conditions, with
+I/N those of a shard, with `summary` only the summary, and with `real` the depth of one.
 """
 
 import errno
@@ -59,16 +60,21 @@ def _log(line: str) -> None:
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
     from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions
-    from reconstruction.batch.batch_run import batch
+    from reconstruction.batch.batch_run import batch, summarize
+    from reconstruction.batch.units import Shard
     from reconstruction.batch.workers import Workers
 
-    out, session, *real = sys.argv[1:]
-    conditions = tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))
+    out, session, *asked = sys.argv[1:]
+    conditions = tuple(Condition.parse(text) for text in (("synced",) if "real" in asked else CONDITIONS))
     # Whoever edits the program while a test runs computes no new units.
     options = BatchOptions(conditions=conditions, program="fixed")
-    task = DEPTH_TASK if real else FAKE_TASK
+    task = DEPTH_TASK if "real" in asked else FAKE_TASK
+    shard = next((Shard.parse(text) for text in asked if "/" in text), None)
     try:
-        batch([Path(session)], Path(out), options, Workers(jobs=2), task)
+        if "summary" in asked:
+            summarize([Path(session)], Path(out), options)
+        else:
+            batch([Path(session)], Path(out), options, Workers(jobs=2), task, shard)
     except KeyboardInterrupt:
         sys.exit(130)
 

@@ -20,9 +20,9 @@ from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, No
 from capture_app.session.reading.reader import Session
 from reconstruction.batch import workers
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
-from reconstruction.batch.batch_run import batch, exit_code
+from reconstruction.batch.batch_run import batch, exit_code, summarize
 from reconstruction.batch.summary import UnitRow, depth_sheets
-from reconstruction.batch.units import run_unit
+from reconstruction.batch.units import Shard, run_unit
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.depth.matchers import Matcher
 from reconstruction.session.conditions import Condition
@@ -313,6 +313,32 @@ def test_two_batches_do_not_share_a_folder(run: Callable[..., Any], tmp_path: Pa
         pytest.raises(BadInputError, match="another run"),
     ):
         run()
+
+
+def test_a_shard_runs_once_and_beside_another(boards: Session, here: Workers, tmp_path: Path) -> None:
+    def run(part: Shard) -> int:
+        options = BatchOptions(instants=(0, 1))
+        return batch([boards.folder], tmp_path / "out", options, here, FAKE_TASK, part).computed
+
+    with locked(tmp_path / "out" / "work" / "shard-1-of-2.lock"):
+        with pytest.raises(BadInputError, match="another run"):
+            run(Shard(1, 2))
+        assert run(Shard(2, 2)) == 1
+
+
+def test_a_summary_names_what_is_not_computed_yet(boards: Session, here: Workers, tmp_path: Path) -> None:
+    options = BatchOptions(instants=(0, 1))
+    batch([boards.folder], tmp_path / "out", options, here, FAKE_TASK, Shard(1, 2))
+    found = summarize([boards.folder], tmp_path / "out", options)
+    assert [row.error for row in found.units] == ["", "it is not computed yet"]
+    assert exit_code(found) is ExitCode.INCOMPLETE
+    assert (tmp_path / "out" / "summary.html").is_file()
+
+
+@pytest.mark.parametrize("text", ["0/3", "4/3", "3", "a/b", "1/0", "-1/3"])
+def test_what_is_not_a_shard_is_one_line(text: str) -> None:
+    with pytest.raises(BadInputError, match="not a shard"):
+        Shard.parse(text)
 
 
 def test_foreign_files_are_left_alone(run: Callable[..., Any], tmp_path: Path) -> None:

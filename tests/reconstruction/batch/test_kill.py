@@ -129,3 +129,26 @@ def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp
     assert finished(out).items() >= kept.items()
     assert results(out) == results(whole)
     assert kills >= 15
+
+
+def test_shards_at_the_same_time_one_killed_give_the_same_bytes(boards: Session, tmp_path: Path) -> None:
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert start(whole, boards.folder, tmp_path / "other").wait(120) == 0
+    parts = ("1/3", "2/3", "3/3")
+    logs = {part: tmp_path / f"log{part[0]}" for part in parts}
+    running = {part: start(out, boards.folder, logs[part], part) for part in parts}
+    while len(lines(logs["2/3"])) < 3:
+        assert running["2/3"].poll() is None
+        time.sleep(0.001)
+    running["2/3"].kill()
+    running["2/3"].wait()
+    assert [running[part].wait(120) for part in ("1/3", "3/3")] == [0, 0]
+    assert len(finished(out)) >= 8
+    assert not (out / "summary.json").exists()
+    assert start(out, boards.folder, logs["2/3"], "2/3").wait(120) == 0
+    assert len(finished(out)) == 12
+    assert start(out, boards.folder, tmp_path / "log", "summary").wait(120) == 0
+    assert results(out) == results(whole)
+    for part in ("1/3", "3/3"):
+        assert len([line for line in lines(logs[part]) if line.startswith("begin")]) == 4
+    assert not list(out.rglob("*.part"))

@@ -13,7 +13,7 @@ from reconstruction.common.options import METHODS
 from tests.packaging.cut_tree import ENTRIES, ROOT, CutTree
 
 NAMES = sorted(ENTRIES[METHODS])
-WITHOUT_STUDY = {"splat", "view"}
+WITHOUT_STUDY = {"view"}
 STUDIES = [name for name in NAMES if name not in WITHOUT_STUDY]
 GONE = [*((name,) for name in NAMES), NAMES]
 """Each method, and all."""

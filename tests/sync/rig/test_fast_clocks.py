@@ -65,7 +65,7 @@ class SlewedClock:
 
 def advice(rig: VirtualRig) -> str:
     vote, views = RateVote(), rig.leader.roster.by_name()
-    review_rates(vote, views, None)
+    review_rates(vote, views)
     return rig_advice(views, "10.0.0.1:47010", rig.now_true_ns, vote.off)
 
 

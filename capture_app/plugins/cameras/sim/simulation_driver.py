@@ -245,7 +245,7 @@ class SimulatedCamera(Camera):
         if self._started:
             raise CameraError(f"the {self.facts.model} streams already")
         self._started = True
-        self.listen(on_frame, on_failure)
+        self._on_frame, self._on_failure = on_frame, on_failure
         true_ns = self._true_now_ns()
         self._fail_at_true_ns = (
             None if self._fail_after_s is None else true_ns + round(self._fail_after_s * 1e9)

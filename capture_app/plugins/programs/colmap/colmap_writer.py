@@ -32,6 +32,11 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     The first camera is the rig's reference sensor; the model's world is the calibration's rig. A substitute
     for a dropped frame was taken at a different time than its rig frame, and is left out.
     """
+    if burst.calibration is not None:
+        lenses = (burst.calibration.cameras[name] for name in burst.cameras)
+        full = any(_model(lens)[0] == "FULL_OPENCV" for lens in lenses)
+        if why := "has lenses with k3" if full else "" if options.points else "has no points":
+            burst.notes.append(f"sparse/0 {why}: trainers of Gaussian splats need --to splats")
     exported = [
         image
         for instant in range(len(burst.instants_ns))

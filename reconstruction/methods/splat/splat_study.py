@@ -1,0 +1,286 @@
+"""A splat of synchronized and of delayed images, beside the picture of a camera that was left out."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import cv2
+import msgspec
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import save_picture
+from reconstruction.compare.moments import see_moments
+from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
+from reconstruction.methods.splat.optimization import optimize
+from reconstruction.methods.splat.splat_method import SplatOptions
+from reconstruction.report.findings import EACH_DELAYED
+from reconstruction.report.study_report import MeasureText, StudyText
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.picture_quality import psnr, ssim
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.session.conditions import Condition
+from reconstruction.session.instant_choice import (
+    ShownInstant,
+    choose_moving_instants,
+    complete_instants,
+    relative_offsets_ms,
+)
+from reconstruction.session.moving_pixels import dilate
+
+MIN_CAMERAS = 4
+"""Depth takes three; the fourth is left out."""
+ITERATIONS = 25
+WIDTH_PX = 640
+MARGIN_PX = 4
+"""Margin around what moves, within which a pixel belongs to it."""
+CLOSE = 1.3
+"""Side of the close-up, relative to what moves."""
+WORSE_DB = 1.0
+DECIBEL = "dB"
+WHOLE = Picture(
+    key="splat",
+    title="From the camera that was left out",
+    caption="What {reference} would see. Its own picture is below.",
+)
+CLOSE_UP = Picture(
+    key="splat_close",
+    title="Close up: the camera's own picture, and the splat",
+    caption="Left: the picture of {reference}, which the splat never saw. Right: the splat.",
+    panels=2,
+)
+SECTION = """
+{% from "figures.html" import figure with context %}
+{% from "tables.html" import table %}
+{% set splat = view.found %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>A Gaussian splat of instant {{ splat.facts.instant }}, made from
+{{ splat.facts.made_from|length|count("camera") }} and seen from the place of {{ splat.facts.reference }},
+whose picture was left out. {{ view.delays|keep_units }}</p>
+{% for picture in splat.pictures %}
+{{ figure(picture, view.conditions) }}
+{% endfor %}
+{{ table(view.table) }}
+</section>
+"""
+
+
+class SplatFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Results that only the study of splats has."""
+
+    instant: int
+    reference: str
+    """The camera that was left out, whose picture the splats are compared with."""
+    made_from: tuple[str, ...]
+    iterations: int
+    gaussians: dict[str, int]
+    """Number of Gaussians by condition."""
+    picture: str
+    """Path of the left-out camera's picture, undistorted; empty without a folder."""
+
+
+class _Splat(NamedTuple):
+    """What the left-out camera would see of a splat, and how many Gaussians it has."""
+
+    picture: Array
+    gaussians: int
+
+
+class SplatStudy(ConditionStudy):
+    """A splat of one instant in any condition, judged by the picture of a camera that was left out."""
+
+    text = StudyText(
+        name="splat",
+        subject="splats",
+        place=55,
+        term="Splats",
+        caption="A splat of {made_from}, beside the picture of {reference}",
+        measures=(
+            MeasureText(
+                "psnr",
+                "PSNR of the view",
+                "Of the splat, against the picture of {reference}, which it never saw. More is better.",
+                DECIBEL,
+            ),
+        ),
+        condition_columns=(("mover_psnr", "Splat: PSNR of what moves"),),
+        section=SECTION,
+        title="The moment as a splat",
+        section_place=25,
+        details="{iterations} iterations",
+    )
+    needs_calibration = True
+    min_cameras = MIN_CAMERAS
+    Options = SplatOptions
+
+    reference = ""
+    """The camera that is left out; empty before `prepare` chooses it."""
+
+    @classmethod
+    def placeholders(cls, found: StudyResult[SplatFacts]) -> dict[str, str]:
+        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        facts = found.facts
+        return super().placeholders(found) | {
+            "reference": facts.reference,
+            "made_from": f"{len(facts.made_from)} cameras",
+            "iterations": f"{facts.iterations}",
+        }
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[SplatFacts]) -> str:
+        """Return by how much a splat of delayed pictures is worse where something moves."""
+        known = found.first_known("mover_psnr", "psnr")
+        if known is None or known[1] - known[2] < WORSE_DB:
+            return ""
+        when = "pictures of one instant" if result.together(found.cameras) else "the pictures as recorded"
+        what = "what moves" if known[0] == "mover_psnr" else "the scene"
+        return (
+            f"A splat of {when} shows {what} to a camera that was left out at a PSNR of {known[1]:.1f} dB; "
+            f"with {EACH_DELAYED}, {known[2]:.1f} dB."
+        )
+
+    @property
+    def steps(self) -> int:
+        """Number of progress lines: one for each condition."""
+        return 0 if self.unasked() else 2
+
+    def unasked(self) -> str:
+        """Return a reason unless splats are asked for, as they take a while; see `Study.unasked`."""
+        asked = self.options.splats or self.text.name in self.context.studies
+        return "" if asked else f"{UNASKED} (--splats makes it)"
+
+    def adopt(self, ours: Self) -> None:
+        """Leave out the same camera as in the comparison's own session."""
+        self.reference = ours.reference
+
+    def prepare(self) -> None:
+        """Choose the camera that is left out: the one nearest to the middle of all.
+
+        Raises:
+            ValueError: fewer than four cameras are calibrated, or the calibration was found for this
+                comparison alone.
+        """
+        if self.dataset.calibration() is None:
+            raise ValueError("it needs a session with a calibration: reconstruct calibrate writes one")
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
+        if len(self.cameras) < MIN_CAMERAS:
+            raise ValueError(f"it needs {MIN_CAMERAS} calibrated cameras")
+        if self.reference not in self.cameras:
+            centres = {name: self.rig.views[name].centre for name in self.cameras}
+            middle = np.mean(list(centres.values()), axis=0)
+            self.reference = min(centres, key=lambda name: float(np.linalg.norm(centres[name] - middle)))
+        self.made = dict[tuple[tuple[str, int], ...], _Splat]()
+
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
+        """Compare a condition at the instant with most motion; see `ConditionStudy.compare`.
+
+        Raises:
+            ValueError: the burst does not contain this condition, or no three cameras have depth.
+        """
+        shown = self._instant(condition)
+        splats = {side: self._splat(side, one, shown.instant) for side, one in shown.by_condition.items()}
+        view = self.rig.views[self.reference]
+        truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
+        moving, still = self._masks(view, shown)
+        tally = Tally()
+        measured = {side: _scores(one.picture, truth, moving, still) for side, one in splats.items()}
+        tally.add(measured, {"instant": shown.instant, **shown.delays_ms(self.dataset)})
+        pictures, path = tuple[Picture, ...](), ""
+        if folder is not None:
+            path = save_picture(folder, f"splat_{self.reference}.jpg", truth)
+            pictures = self._pictures(splats, truth, moving, folder)
+        return StudyResult(
+            name=self.text.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+            pictures=pictures,
+            facts=SplatFacts(
+                instant=shown.instant,
+                reference=self.reference,
+                made_from=tuple(name for name in shown.shown if name != self.reference),
+                iterations=ITERATIONS,
+                gaussians={side: one.gaussians for side, one in splats.items()},
+                picture=path,
+            ),
+        )
+
+    def _instant(self, condition: Condition) -> ShownInstant:
+        """Return the instant with most motion of those that most cameras show in both conditions."""
+        found = complete_instants(self.dataset, condition, self.reference, self.cameras, MIN_CAMERAS)
+        by_instant = {one.instant: one for one in found}
+        chosen = choose_moving_instants(self.motion, (self.reference,), list(by_instant), len(by_instant))
+        return by_instant[
+            max(chosen, key=lambda k: float(self.motion.detected_moving(self.reference, k).mean()))
+        ]
+
+    def _splat(self, side: str, shown: Mapping[str, int], instant: int) -> _Splat:
+        """Return the splat of the pictures shown, without the reference; the same one is made once."""
+        if (known := self.made.get(key := tuple(shown.items()))) is not None:
+            return known
+        self.progress.step(f"a splat without {self.reference}, {side}")
+        times = self.dataset.instants_ns
+        late = tuple((name, (times[k] - times[instant]) / 1e6) for name, k in shown.items())
+        without = [name for name in self.dataset.cameras if name == self.reference or name not in shown]
+        condition = Condition(side, named_ms=late)
+        (seen,) = see_moments(self.dataset, [instant], condition, without=without, quick=True)
+        moment = {name: one.resized(WIDTH_PX) for name, one in seen.moment.items()}
+        splat, _ = optimize(make_gaussians(moment), moment, ITERATIONS)
+        picture = render_gaussians(splat, self.rig.views[self.reference].undistorted)
+        self.made[key] = _Splat(picture, len(splat))
+        return self.made[key]
+
+    def _masks(self, view: View, shown: ShownInstant) -> tuple[Array, Array]:
+        """Return what moves in the reference's picture, and what stands still in all of its pictures."""
+        moving = self.motion.moving(self.reference, shown.instant)
+        changing = [
+            self.motion.changing(self.reference, k)
+            for k in {shown.instant, *shown.shown.values()}
+            if self.dataset.has_image(self.reference, k)
+        ]
+        masks = dilate(moving, MARGIN_PX), dilate(np.logical_or.reduce(changing), 2 * MARGIN_PX)
+        seen, any_change = (view.undistort_image(np.uint8(255) * one) > 127 for one in masks)
+        return seen, ~any_change
+
+    def _pictures(
+        self, splats: Mapping[str, _Splat], truth: Array, moving: Array, folder: Path
+    ) -> tuple[Picture, ...]:
+        """Write the whole splats, and close-ups of what moves beside the reference's own picture."""
+        drawn, texts = {side: {WHOLE.key: one.picture} for side, one in splats.items()}, [WHOLE]
+        if moving.any():
+            close = _close_up(moving)
+            for side, one in splats.items():
+                drawn[side][CLOSE_UP.key] = np.hstack([truth[close], one.picture[close]])
+            texts.append(CLOSE_UP)
+        named = [
+            msgspec.structs.replace(one, caption=one.caption.format(reference=self.reference))
+            for one in texts
+        ]
+        return write_pictures(drawn, named, folder)
+
+
+def _scores(picture: Array, truth: Array, moving: Array, still: Array) -> Measurements:
+    """Return PSNR and SSIM of a picture against the truth as a whole, where something moves, and at rest."""
+    found = {"psnr": psnr(picture, truth), "ssim": ssim(picture, truth)}
+    masks = {"mover_psnr": moving, "static_psnr": still}
+    found |= {name: psnr(picture, truth, mask) for name, mask in masks.items() if mask.any()}
+    return Measurements(means={name: np.array([value]) for name, value in found.items()})
+
+
+def _close_up(moving: Array) -> tuple[slice, slice]:
+    """Return the rows and columns of a mask's largest part with a margin, in the picture's shape."""
+    height, width = moving.shape
+    _, labels, sizes, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8))
+    rows, columns = np.nonzero(labels == 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax()))
+    scale = CLOSE * max(np.ptp(rows) / height, np.ptp(columns) / width)
+    found = []
+    for axis, length in ((rows, height), (columns, width)):
+        side = min(max(round(scale * length), 32), length)
+        first = min(max(round((int(axis.min()) + int(axis.max()) - side) / 2), 0), length - side)
+        found.append(slice(first, first + side))
+    return found[0], found[1]

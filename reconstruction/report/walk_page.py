@@ -1,0 +1,85 @@
+"""A page to walk round in: one HTML file for any browser with WebGL 2, with a script that draws moments."""
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jinja2 import Environment, StrictUndefined
+
+from capture_app.common.text import count
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.camera_paths import Frame
+
+PAGE = "walk.html"
+TEMPLATES = Path(__file__).with_name("template")
+QUALITY = 85
+
+
+def write_walk_page(
+    out: Path,
+    name: str,
+    *,
+    frame: Frame,
+    depths: tuple[float, float],
+    views: Mapping[str, View],
+    still: Array,
+    period_ns: int,
+    instants: Sequence[Mapping[str, Any]],
+    painter: Path,
+    facts: Mapping[str, Any],
+) -> None:
+    """Write `PAGE` into a folder.
+
+    `frame` has the places to look from, `depths` the nearest and the farthest depth. `still` is the picture
+    for browsers without 3D. `painter` is the script that draws `instants`, each with its number as `instant`,
+    and reads `facts`, which say how many instants stay in the GPU's memory (`held`).
+    """
+    first = next(iter(views.values()))
+    data = {
+        **facts,
+        "width": first.width,
+        "height": first.height,
+        "step_ms": period_ns / 1e6,
+        "path": {
+            **{key: np.asarray(value).tolist() for key, value in frame._asdict().items()},
+            "near": depths[0] / 4,
+            "far": depths[1] * 4,
+        },
+        "instants": instants,
+    }
+    numbers = f", {len(instants)} instants" if len(instants) > 1 else f", instant {instants[0]['instant']}"
+    page = Environment(autoescape=True, undefined=StrictUndefined).from_string(
+        (TEMPLATES / PAGE).read_text(encoding="utf-8")
+    )
+    scripts = (painter, TEMPLATES / "walk.js")
+    text = page.render(
+        title=f"{name}{numbers}",
+        words=f"{count(len(views), 'camera')}. Drag, pinch or use the arrow keys to walk round.",
+        width=first.width,
+        height=first.height,
+        still=image_address(still, ".jpg"),
+        moments=_Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")),
+        scripts=[_Html(script.read_text(encoding="utf-8")) for script in scripts],
+    )
+    (out / PAGE).write_text(text, encoding="utf-8")
+
+
+def image_address(picture: Array, suffix: str) -> str:
+    """Return the `data:` address of a picture (BGR uint8) as .jpg or .png."""
+    parameters: Sequence[int] = [cv2.IMWRITE_JPEG_QUALITY, QUALITY] if suffix == ".jpg" else []
+    data = cv2.imencode(suffix, picture, parameters)[1].tobytes()
+    kind = "jpeg" if suffix == ".jpg" else "png"
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+class _Html(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+    def __html__(self) -> str:
+        return self

@@ -1,0 +1,92 @@
+"""The page that plays splats: what it holds, and what a browser draws of it."""
+
+import base64
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reconstruction.depth.camera_paths import find_subject, frame_of
+from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, quaternions, write_splats
+from reconstruction.methods.splat.splat_page import pack, write_splat_page
+from tests.browser import CHROMIUM, Browser
+from tests.reconstruction.depth.moments import moment
+from tests.reconstruction.walk_pages import MIDDLE, asked, complaints, difference, drawn, held, opened
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Path:
+    """A page of two instants of a known moment; in the second, all is red."""
+    cameras = moment()
+    gaussians = make_gaussians(cameras)
+    write_splats(tmp_path / "3.ply", gaussians)
+    gaussians.colours[:] = (0.0, 0.0, 1.0)
+    write_splats(tmp_path / "4.ply", gaussians)
+    views = {camera: seen.view for camera, seen in cameras.items()}
+    frame = frame_of(views, find_subject(cameras))
+    files = {3: tmp_path / "3.ply", 4: tmp_path / "4.ply"}
+    write_splat_page(tmp_path, "clap", files, frame, views, 33_000_000)
+    return tmp_path / "walk.html"
+
+
+def words(page: Path) -> tuple[dict[str, object], np.ndarray]:
+    one = held(page)["instants"][0]
+    data = zlib.decompress(base64.b64decode(one["splats"]))
+    return one, np.frombuffer(data, "<u4").reshape(4, one["number"])
+
+
+def test_its_numbers_are_those_of_the_gaussians(page: Path) -> None:
+    gaussians, (one, packed) = make_gaussians(moment()), words(page)
+    assert one["number"] == len(gaussians)
+    integers = np.stack([packed[0] & 65535, packed[0] >> 16, packed[1] & 65535], axis=1)
+    places = np.array(one["low"]) + np.array(one["step"]) * integers
+    assert np.abs(places - gaussians.places).max() < 1e-4
+    sizes = np.stack([packed[1] >> 16 & 255, packed[1] >> 24, packed[2] & 255], axis=1)
+    assert one["smallest"] * np.exp(one["ratio"] * sizes) == pytest.approx(gaussians.sizes, rel=0.02)
+    blue = (packed[3] >> 16 & 255) / 255
+    assert np.abs(blue - gaussians.colours[:, 0]).max() < 0.003
+    axes = gaussians.axes.astype(float)
+    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+    turns = quaternions(axes)
+    turns *= np.where(turns[:, :1] < 0, -1, 1)
+    x = (packed[2] >> 8 & 255) / 127.5 - 1
+    assert np.abs(x - turns[:, 1]).max() < 0.005
+
+
+def test_a_stray_costs_no_precision() -> None:
+    gaussians = make_gaussians(moment())
+    far = gaussians.chosen(np.arange(1))
+    far.places[:] = 1e6
+    joined = Gaussians(
+        **{name: np.concatenate([own, vars(far)[name]]) for name, own in vars(gaussians).items()}
+    )
+    packed = pack(joined)
+    assert packed["number"] == len(gaussians)
+    assert max(packed["step"]) < 1e-3
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    shown = Browser(tmp_path / "profile", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+    shown.start()
+    yield shown
+    shown.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_browser_draws_the_splats_of_each_instant(browser: Browser, page: Path, width: int) -> None:
+    opened(browser, page, width)
+    assert asked(browser, "document.documentElement.scrollWidth") == width
+    assert difference(browser, page) < 4
+    asked(browser, "document.getElementById('at').value = 1")
+    asked(browser, "document.getElementById('at').dispatchEvent(new Event('input'))")
+    asked(browser, "new Promise(done => setTimeout(done, 1000))")
+    asked(browser, MIDDLE)
+    blue, green, red = drawn(browser).reshape(-1, 3).mean(axis=0)
+    assert red > 200 > 20 > max(blue, green)
+    assert complaints(browser) == []

@@ -35,6 +35,11 @@ SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
     ("panel", "show"): ("--port=0",),
 }
 """Options that a command gets where the line does not give them."""
+FEWER: dict[str, tuple[str, ...]] = {
+    "view": ("--frames=4", "--instants=3"),
+    "splat": ("--iterations=2",),
+}
+"""Options that a command gets in the place of the line's, if it gives them: the last one counts."""
 BOARD = "no sample shows a board: tests/end_to_end/test_newcomer.py renders one"
 NOT_RUN = {
     frozenset({"calibrate", "charuco"}): BOARD,
@@ -86,6 +91,9 @@ def main() -> int:
     for path, options in SHORTER.items():
         if tuple(words[: len(path)]) == path and not said & ENDS:
             words += [option for option in options if option.partition("=")[0] not in said]
+    words += [
+        option for option in FEWER.get(words[0] if words else "", ()) if option.partition("=")[0] in said
+    ]
     command = [sys.executable, "-m", MODULES[name], *words]
     for told, reason in NOT_RUN.items():
         if told <= set(words):

@@ -93,6 +93,7 @@ def join_many(
     list(engine.datagrams_to_send(leader.bursts.now_ns()))
 
 
+@pytest.mark.virtual
 async def test_one_machine_has_so_many_names_and_others_still_join(
     tmp_path: Path, trust: Trust, leader: LeaderNode
 ) -> None:
@@ -191,6 +192,7 @@ async def test_a_status_that_fits_no_message_is_an_error_that_says_so(
             assert answer.hint
 
 
+@pytest.mark.virtual
 async def test_streams_of_one_machine_leave_room_for_operators_and_others(
     tmp_path: Path, trust: Trust, leader: LeaderNode
 ) -> None:

@@ -18,13 +18,14 @@ from capture_app.session.format.manifest import (
     CALIBRATION,
     JOURNAL,
     MANIFEST,
+    FrameRecord,
     ImageRecord,
     Manifest,
     session_schema_text,
 )
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.verify import ProblemKind, verify
+from capture_app.session.reading.verify import ProblemKind, _clock_error, verify
 
 from .conftest import edit_manifest, jpeg
 
@@ -223,6 +224,24 @@ def test_a_clock_may_be_slewed_during_a_recording(session: Session, ppm: int, is
     rewrite(session, slew)
     problems = verify(Session.open(session.folder))
     assert any("converted by the clock record" in str(problem) for problem in problems) is is_a_lie
+
+
+def test_frames_of_a_short_recording_are_by_the_newest_clock_map(session: Session) -> None:
+    image = session.manifest.images[0]
+    camera = session.camera(image.camera)
+    assert camera.clock is not None
+    assert image.local_ns is not None
+    _, allowed_ns = _clock_error(session, image, camera, 0)
+    apart_ns = allowed_ns + camera.clock.uncertainty_ns // 2
+    by_newer = msgspec.structs.replace(image, local_ns=image.local_ns + apart_ns)
+    frame = FrameRecord(**msgspec.structs.asdict(by_newer), offset=0)
+
+    def is_a_lie(record: ImageRecord) -> bool:
+        error_ns, allowed_ns = _clock_error(session, record, camera, 0)
+        return abs(error_ns) > allowed_ns
+
+    assert is_a_lie(by_newer)
+    assert not is_a_lie(frame)
 
 
 def test_the_published_schema_is_the_one_in_use() -> None:

@@ -31,6 +31,7 @@ from capture_app.protocol.messages import CameraReport, ImageUpload
 from capture_app.protocol.status import BurstStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 from capture_app.rig.taking import Begun, Failed, Progress, Saved, TakePlan, Taking
+from capture_app.sync.phase import frame_line
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.trust.trust import Trust
@@ -47,6 +48,17 @@ RARE = {
     "near_ns": 0,
 }
 """Intervals of the exchanges between a node and its leader."""
+FEW: dict[str, Any] = {
+    "FIRST_SAMPLES": 100,
+    "EASING_SAMPLES": 50,
+    "SPACING_NS": 20_000_000,
+    "TREE_INTERVAL_NS": 200_000_000,
+}
+"""Exchanges after a node's start, and those of relays and standbys."""
+SEARCH_EVERY_FRAMES = 60
+"""Frames between searches for a step of the timestamps: these cameras have none."""
+ESTIMATE_EVERY_NS = 400_000_000
+"""Interval of a node's estimates of its clock: each takes in what one exchange or two have shown."""
 MAX_WAIT_S = 330.0
 """Time after everything is healed within which every burst has ended and every spool is empty."""
 RESTART_S = 2.0
@@ -604,14 +616,19 @@ class VirtualRig:
                 message = message.with_plan(instants=left, missing=())
             await send(channel, message, *payloads, **options)
 
+        def estimated(schedule: poll_schedule.SteadySchedule, now_ns: int) -> None:
+            schedule.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS
+
         # Exchanges are most of the work of a rig at rest: these nodes ask as seldom as among thousands.
-        seldom = patch.object(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE))
         with (
             patch.object(ActiveBursts, "order", ordering),
             patch.object(burst_upload.Upload, "confirm", confirming),
             patch.object(Channel, "send", sending),
             patch.object(joining, "power_saving_towards", lambda _: None),
-            seldom,
+            patch.object(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE)),
+            patch.object(poll_schedule.SteadySchedule, "estimated", estimated),
+            patch.multiple(poll_schedule, **FEW),
+            patch.object(frame_line, "EVERY_FRAMES", SEARCH_EVERY_FRAMES),
         ):
             yield
 

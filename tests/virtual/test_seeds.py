@@ -15,11 +15,12 @@ FIRST = 0 if os.environ.get("CI") else 1000 + date.today().toordinal() * DAILY %
 FOUND = {
     307: "a recording in which a clock was slewed as NTP daemons do contradicted its clock record",
     459: "frames of a node that was started again during a recording were not marked late",
+    1042: "a recording that ended within two seconds contradicted its clock record",
     3906: "a camera that offered an image it had not reported had its session opened for ever",
     3907: "a recording did not wait for an image that had been reported missing before",
     3913: "frames of beyond a recording's end were refused for ever",
 }
-"""Further seeds that have found a fault, and which."""
+"""Further seeds that have found a fault, and which; changing the virtual rig changes what befalls them."""
 
 
 def check(seed: int) -> None:
@@ -40,7 +41,7 @@ def test_a_seed(seed: int) -> None:
 
 
 def test_a_seed_replays_exactly() -> None:
-    assert run_seed(5).digest == run_seed(5).digest != run_seed(6).digest
+    assert run_seed(1).digest == run_seed(1).digest != run(draw(2).only([], 0.0)).digest
 
 
 @pytest.mark.parametrize(
@@ -54,4 +55,6 @@ def test_a_seed_replays_exactly() -> None:
 )
 def test_a_planted_fault_is_found(fault: str, seed: int) -> None:
     assert run(draw(seed), PLANTED[fault]).failures
-    assert not run_seed(seed).failures
+    # The others are among the seeds of the slow tests.
+    if seed >= SLOW:
+        assert not run_seed(seed).failures

@@ -25,6 +25,9 @@ START_NS = 1_000_000_000_000
 WALL_NS = 1_790_000_000_000_000_000
 CPU_NS = time.thread_time_ns
 """Processor time of this thread, which no other work on the machine lengthens."""
+TIMER_SLACK, TIMER_SLACK_S = 1e-4, 1e-6
+"""What a timer is late by: a fraction of its delay, above the skew of any machine's clock, and some more. One
+that is early by that clock finds nothing due, and is set again."""
 FREEZE_STEPS = 200_000
 """Steps of the loop at one moment of virtual time after which it counts as stuck."""
 
@@ -94,6 +97,13 @@ class VirtualLoop(asyncio.SelectorEventLoop):
     def time(self) -> float:
         """Return the virtual time, s."""
         return self.world.now_ns / 1e9
+
+    def call_later(  # type: ignore[override]
+        self, delay: float, callback: Any, *args: Any, context: Any = None
+    ) -> asyncio.TimerHandle:
+        """Call after a delay, never early by the clock of any machine."""
+        late_s = delay * TIMER_SLACK + TIMER_SLACK_S if delay > 0 else 0.0
+        return self.call_at(self.time() + delay + late_s, callback, *args, context=context)
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
         """Run `func` on the loop, as late as the machine's disk is slow; a single thread keeps its order."""

@@ -30,9 +30,10 @@ from capture_app.session.reading.reader import Session
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 520e-6
-"""Frames of a burst longer than this use the newest clock map, whose rate may differ by up to `_WANDER`.
+"""Frames of a recording, and of a burst longer than this, use the newest clock map.
 
-Quartz wanders by up to 20 ppm, and adjtime and ntpd slew a clock by up to 500 ppm while a recording goes on.
+Its rate may differ by up to `_WANDER`:
+quartz wanders by up to 20 ppm, and adjtime and ntpd slew a clock by up to 500 ppm while a recording goes on.
 """
 DECODED_EACH = 30
 """Interval, in instants, between fully decoded frames of a video; of the others only headers are read."""
@@ -197,7 +198,7 @@ def _clock_error(
     allowed_ns = own_ns + _ROUNDING_NS
     # The clock record is from before; these changes were noticed later.
     allowed_ns += sum(of.uncertainty_ns for of in camera.widened if record.local_ns >= of.from_local_ns)
-    if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
+    if isinstance(record, FrameRecord) or instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
 

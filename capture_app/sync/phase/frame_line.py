@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from math import isfinite, sqrt
+from operator import mul
 from statistics import median
 
 SIGMA_FROM_MAD = 1.4826
@@ -158,14 +159,23 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
     coarsest_ns = COARSEST * median(intervals_ns)
     for tried_ns in tried:
         counts = [round(off / tried_ns) for off in offs]
-        others = [(off, count) for off, count in zip(offs, counts, strict=True) if count]
-        returns = sum(a != 0 and a == -b for a, b in pairwise(counts))
-        if len(others) - returns < OTHER_INTERVALS:
+        squares = sum(map(mul, counts, counts))
+        if not squares:
             continue
-        step_ns = sum(off * count for off, count in others) / sum(count * count for _, count in others)
-        if FINEST_NS < step_ns < coarsest_ns and _keep_to(step_ns, offs):
+        step_ns: float = sum(map(mul, offs, counts)) / squares
+        if (
+            FINEST_NS < step_ns < coarsest_ns
+            and _keep_to(step_ns, offs)
+            and _others(counts) >= OTHER_INTERVALS
+        ):
             return step_ns
     return 0.0
+
+
+def _others(counts: Sequence[int]) -> int:
+    """Return the number of other intervals than the most common one; the two of a late frame count once."""
+    returns = sum(a != 0 and a == -b for a, b in pairwise(counts))
+    return len(counts) - counts.count(0) - returns
 
 
 def _skewed_step(interval_ns: float) -> float:
@@ -190,6 +200,14 @@ def _deviations(intervals_ns: Sequence[int]) -> list[int]:
 
 def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
     """Whether nearly all `offs_ns` (deviations of intervals) are multiples of a step, but for jitter."""
+    # Most steps that are tried fit nothing, which the first intervals show.
+    far_ns = max(EXACT_NS, ON_LATTICE * step_ns)
+    left = 1 + int((1.0 - SURE_FRACTION) * len(offs_ns))
+    for off in offs_ns:
+        if abs(off - step_ns * round(off / step_ns)) > far_ns:
+            left -= 1
+            if left < 0:
+                return False
     distances_ns = [(abs(off - step_ns * (count := round(off / step_ns))), count) for off in offs_ns]
     zero_ns = [distance_ns for distance_ns, count in distances_ns if not count]
     jitter_ns = median(zero_ns) if zero_ns else 0.0

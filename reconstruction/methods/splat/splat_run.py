@@ -135,10 +135,10 @@ def make_splats(
         learned = _Learned(begun.chosen(kept), splat)
         file = f"{SPLATS}/{one.instant:06d}.ply"
         write_splats(folder / file, splat)
-        likeness = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in moment.values()]
+        found_db = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in moment.values()]
         made.append(
             SplatInstant(
-                instant=one.instant, file=file, gaussians=len(splat), psnr=round(float(np.mean(likeness)), 2)
+                instant=one.instant, file=file, gaussians=len(splat), psnr=round(float(np.mean(found_db)), 2)
             )
         )
         left_out |= one.left_out

@@ -101,12 +101,12 @@ class SplatStudy(ConditionStudy):
         measures=(
             MeasureText(
                 "psnr",
-                "Likeness to the picture",
-                "Of the splat to the picture of {reference}, which it never saw (PSNR). More is better.",
+                "PSNR of the view",
+                "Of the splat, against the picture of {reference}, which it never saw. More is better.",
                 DECIBEL,
             ),
         ),
-        condition_columns=(("mover_psnr", "Splat: likeness of what moves"),),
+        condition_columns=(("mover_psnr", "Splat: PSNR of what moves"),),
         section=SECTION,
         title="The moment as a splat",
         section_place=25,
@@ -138,8 +138,8 @@ class SplatStudy(ConditionStudy):
         when = "pictures of one instant" if result.together(found.cameras) else "the pictures as recorded"
         what = "what moves" if known[0] == "mover_psnr" else "the scene"
         return (
-            f"A splat of {when} shows a further camera {what} with a likeness of {known[1]:.1f} dB; with "
-            f"{EACH_DELAYED}, {known[2]:.1f} dB."
+            f"A splat of {when} shows {what} to a camera that was left out at a PSNR of {known[1]:.1f} dB; "
+            f"with {EACH_DELAYED}, {known[2]:.1f} dB."
         )
 
     @property
@@ -186,7 +186,7 @@ class SplatStudy(ConditionStudy):
         truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
         moving, still = self._masks(view, shown)
         tally = Tally()
-        measured = {side: _likeness(one.picture, truth, moving, still) for side, one in splats.items()}
+        measured = {side: _scores(one.picture, truth, moving, still) for side, one in splats.items()}
         tally.add(measured, {"instant": shown.instant, **shown.delays_ms(self.dataset)})
         pictures, path = tuple[Picture, ...](), ""
         if folder is not None:
@@ -264,8 +264,8 @@ class SplatStudy(ConditionStudy):
         return write_pictures(drawn, named, folder)
 
 
-def _likeness(picture: Array, truth: Array, moving: Array, still: Array) -> Measurements:
-    """Return the likeness of a picture to the truth as a whole, where something moves, and at rest."""
+def _scores(picture: Array, truth: Array, moving: Array, still: Array) -> Measurements:
+    """Return PSNR and SSIM of a picture against the truth as a whole, where something moves, and at rest."""
     found = {"psnr": psnr(picture, truth), "ssim": ssim(picture, truth)}
     masks = {"mover_psnr": moving, "static_psnr": still}
     found |= {name: psnr(picture, truth, mask) for name, mask in masks.items() if mask.any()}

@@ -1,12 +1,13 @@
 """A program: `capture-app` on a machine whose libcamera is the double, one sensor in real time.
 
-The first argument is a file that gets the true start of each frame's exposure, in CLOCK_MONOTONIC.
+The first argument is a file that gets the true start of each frame's exposure, in the host's clock.
 """
 
 import sys
 from pathlib import Path
 
 from capture_app.cli import run
+from capture_app.common.host_clock import host_from_monotonic
 from tests.plugins.cameras.libcamera.double import libcamera_double
 from tests.plugins.cameras.libcamera.double_camera import Frame, Sensor
 
@@ -20,7 +21,7 @@ class TrueStarts(list[Frame]):
 
     def append(self, frame: Frame) -> None:
         """Write one down."""
-        self._file.write(f"{frame.exposed_from_ns}\n")
+        self._file.write(f"{host_from_monotonic(frame.exposed_from_ns)}\n")
 
 
 if __name__ == "__main__":

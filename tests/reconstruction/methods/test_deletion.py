@@ -17,6 +17,8 @@ WITHOUT_STUDY = {"trajectory", "view"}
 STUDIES = [name for name in NAMES if name not in WITHOUT_STUDY]
 GONE = [*((name,) for name in NAMES), NAMES]
 """Each method, and all."""
+COMPARED = [*((name,) for name in STUDIES), sorted(WITHOUT_STUDY), NAMES]
+"""Each method of a comparison, those that are in none, and all."""
 OWN_COMMANDS = {"multiview", "panorama", "stereo"}
 HELP = """
 import reconstruction
@@ -72,7 +74,7 @@ def test_every_module_imports_without_any_method(tree: CutTree) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gone", GONE, ids=lambda gone: gone[0] if len(gone) == 1 else "all")
+@pytest.mark.parametrize("gone", COMPARED, ids=lambda gone: "all" if gone == NAMES else "-".join(gone))
 def test_a_comparison_works_with_the_methods_that_are_left(
     tree: CutTree, gone: Sequence[str], boards: Session, tmp_path: Path
 ) -> None:

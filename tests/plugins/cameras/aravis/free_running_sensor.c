@@ -3,7 +3,7 @@
 //
 // SENSOR_PPM    error of the crystal, in parts per million
 // SENSOR_ROW_NS step that the duration of a frame is rounded to
-// SENSOR_TRUTH  file that gets a line for each frame: its true start in ns of CLOCK_MONOTONIC, and its stamp
+// SENSOR_TRUTH  file that gets a line for each frame: its true start in ns of CLOCK_MONOTONIC_RAW, and its stamp
 //
 // Its stamps are of its own counter, in ns, with 3 us of noise (sd, as a real camera's: see the recorded ones of a
 // Basler). The counter is latched by the bootstrap register of GigE Vision.
@@ -41,7 +41,7 @@ static double setting(const char *name, double usual) {
 
 static void power_on(void) {
 	if (origin_ns) return;
-	origin_ns = clock_ns(CLOCK_MONOTONIC);
+	origin_ns = clock_ns(CLOCK_MONOTONIC_RAW);
 	srand48(origin_ns ^ ((int64_t)getpid() << 32));
 	rate = 1.0 + setting("SENSOR_PPM", 0.0) * 1e-6;
 	row_ns = setting("SENSOR_ROW_NS", 1000.0);
@@ -62,7 +62,7 @@ uint64_t arv_fake_camera_get_sleep_time_for_next_frame(void *camera, uint64_t *n
 	power_on();
 	uint32_t period_us = 33333;
 	arv_fake_camera_read_register(camera, PERIOD_US, &period_us);
-	double now_ns = clock_ns(CLOCK_MONOTONIC), period_ns = round(period_us * 1e3 / row_ns) * row_ns;
+	double now_ns = clock_ns(CLOCK_MONOTONIC_RAW), period_ns = round(period_us * 1e3 / row_ns) * row_ns;
 	if (next_ns == 0 || now_ns - next_ns > PAUSED_NS) next_ns = now_ns + 20e6 + drand48() * period_ns;
 	else next_ns += period_ns / rate;
 	start_ns = next_ns;
@@ -86,7 +86,7 @@ int arv_fake_camera_write_register(void *camera, uint32_t address, uint32_t valu
 	if (!original) original = (WriteRegister)dlsym(RTLD_NEXT, "arv_fake_camera_write_register");
 	if (address == LATCH && value & 2) {
 		power_on();
-		uint64_t counter = counter_at(clock_ns(CLOCK_MONOTONIC));
+		uint64_t counter = counter_at(clock_ns(CLOCK_MONOTONIC_RAW));
 		original(camera, LATCHED_HIGH, counter >> 32);
 		return original(camera, LATCHED_LOW, (uint32_t)counter);
 	}

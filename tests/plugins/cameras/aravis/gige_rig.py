@@ -78,7 +78,7 @@ class FakeCamera:
         self._process.communicate()
 
     def true_starts_ns(self) -> list[int]:
-        """When its frames began, in CLOCK_MONOTONIC."""
+        """When its frames began, in the host's clock."""
         return sorted(int(line.split()[0]) for line in self._truth.read_text().splitlines())
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
+from reconstruction.methods.trajectory.spline_path import basis
 
 Floats = NDArray[np.float64]
 Motion = Callable[[Floats], Floats]
@@ -129,22 +130,14 @@ def take(motion: Motion, *, staggered: bool, error_s: float, seed: int) -> Seen:
     return Seen(np.array(times), np.array(which), np.array(pixels))
 
 
-def basis(times_s: Floats, knot_s: float) -> Floats:
+def spline_values(times_s: Floats, knot_s: float) -> Floats:
     """Return the values (n, m) of the uniform cubic B-splines with these knots that cover a take."""
-    many = int(np.ceil((SECONDS + 0.1) / knot_s)) + 4
-    place = (times_s + 0.05) / knot_s
-    first = np.floor(place).astype(int)
-    u = place - first
-    weights = np.stack([(1 - u) ** 3, 3 * u**3 - 6 * u**2 + 4, 1 + 3 * u + 3 * u**2 - 3 * u**3, u**3], 1) / 6
-    values = np.zeros((len(times_s), many))
-    for k in range(4):
-        values[np.arange(len(times_s)), first + k] += weights[:, k]
-    return values
+    return basis(times_s, -0.05, knot_s, int(np.ceil((SECONDS + 0.1) / knot_s)) + 4)
 
 
 def fit_path(seen: Seen, knot_s: float) -> Floats:
     """Return the control points (m, 3) whose spline fits all rays best, in pixels: linear, reweighted."""
-    values = basis(seen.times_s, knot_s)
+    values = spline_values(seen.times_s, knot_s)
     depth = np.full(len(values), AWAY_M)
     # As little as is needed where no frame determines a control point.
     bend = np.diff(np.eye(values.shape[1]), 2, axis=0) * 1e-2
@@ -170,7 +163,7 @@ def path_errors_mm(
     seen, found = take(motion, staggered=staggered, error_s=error_s, seed=seed), []
     judged_s = np.arange(MARGIN_S, SECONDS - MARGIN_S, 0.001)
     for knot_s in KNOTS_S:
-        path = basis(judged_s, knot_s) @ fit_path(seen, knot_s)
+        path = spline_values(judged_s, knot_s) @ fit_path(seen, knot_s)
         apart = np.linalg.norm(path - motion(judged_s), axis=1) * 1000
         found.append((float(np.sqrt((apart**2).mean())), float(apart.max()), knot_s * 1000))
     return min(found)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cameras.frames import JpegPicture
+from capture_app.common.host_clock import host_from_monotonic
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import burst, join_ready, lead, output
@@ -54,9 +55,13 @@ async def test_ip_cameras_with_wrong_clocks_take_bursts_and_recordings_beside_a_
             if image.camera not in sources:
                 continue
             shown = number_shown(JpegPicture(session.image_bytes(image)))
-            # All of these run on this machine's monotonic clock, the leader's too.
+            # The leader's clock is this machine's, and a camera's truth is in CLOCK_MONOTONIC.
             error_ns = min(
-                (image.leader_ns - true_ns for true_ns in sources[image.camera].true_ns[shown]), key=abs
+                (
+                    image.leader_ns - host_from_monotonic(true_ns)
+                    for true_ns in sources[image.camera].true_ns[shown]
+                ),
+                key=abs,
             )
             assert abs(error_ns) <= image.uncertainty_ns, (image.camera, error_ns)
             assert (image.uncertainty_ns > WIDE_MS * 1_000_000) == (image.camera == "mute")

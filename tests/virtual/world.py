@@ -21,6 +21,9 @@ from dataclasses import dataclass, field
 from typing import Any
 from unittest.mock import patch
 
+from capture_app.common import host_clock
+from capture_app.common.host_clock import HostReadings, read_pair
+
 START_NS = 1_000_000_000_000
 WALL_NS = 1_790_000_000_000_000_000
 CPU_NS = time.thread_time_ns
@@ -394,6 +397,8 @@ class World:
                 clock_gettime_ns=clock_ns,
                 sleep=lambda _: None,
             )
+            # What it has read of the host's clocks, before and afterwards, is of another time.
+            replaced(host_clock, _readings=HostReadings(read_pair))
             replaced(
                 secrets,
                 randbits=lambda bits: own().getrandbits(bits),

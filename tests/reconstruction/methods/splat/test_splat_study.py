@@ -55,4 +55,4 @@ def test_delays_spoil_the_splat_where_something_moves(tmp_path: Path) -> None:
     assert values["static_psnr"][0] == pytest.approx(values["static_psnr"][1], abs=1)
     assert "A splat of" in made.result.verdict
     page = (tmp_path / "out" / "report.html").read_text()
-    assert page.count("The moment as a splat") >= 2
+    assert "The moment as a splat" in page

@@ -56,6 +56,13 @@ class Gaussians:
         """Return those at indices, or where a mask is true."""
         return Gaussians(**{name: np.ascontiguousarray(one[where]) for name, one in vars(self).items()})
 
+    @property
+    def rotations(self) -> Array:
+        """The axes as rotation matrices (n, 3, 3), float64: right-handed, by the last one's sign."""
+        axes = self.axes.astype(np.float64)
+        axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+        return axes
+
 
 @dataclass(frozen=True, eq=False)
 class Projected:
@@ -216,8 +223,7 @@ def render_gaussians(gaussians: Gaussians, view: View) -> Array:
 
 def write_splats(path: Path, gaussians: Gaussians) -> None:
     """Write 3D Gaussian Splatting's PLY, without view-dependent colours: 68 bytes each, little-endian."""
-    axes = gaussians.axes.astype(np.float64)
-    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+    axes = gaussians.rotations
     opacities = np.clip(gaussians.opacities, 1e-3, 1 - 1e-3)
     columns = {
         ("x", "y", "z"): gaussians.places,

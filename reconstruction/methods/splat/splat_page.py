@@ -69,9 +69,7 @@ def pack(gaussians: Gaussians) -> dict[str, Any]:
     smallest, largest = float(gaussians.sizes.min()), float(gaussians.sizes.max())
     ratio = max(np.log(largest / smallest), 1e-9) / 255
     sizes = np.rint(np.log(gaussians.sizes / smallest) / ratio).astype(np.uint32)
-    axes = gaussians.axes.astype(np.float64)
-    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
-    turns = quaternions(axes)
+    turns = quaternions(gaussians.rotations)
     turns *= np.where(turns[:, :1] < 0, -1, 1)
     x, y, z = np.rint((turns[:, 1:] + 1) * 127.5).astype(np.uint32).T
     b, g, r = _bytes(gaussians.colours).T

@@ -4,7 +4,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,6 +19,16 @@ TEMPLATES = Path(__file__).with_name("template")
 QUALITY = 85
 
 
+class Drawing(NamedTuple):
+    """Moments, and the script that draws them."""
+
+    script: Path
+    instants: Sequence[Mapping[str, Any]]
+    """Each with its number as `instant`."""
+    facts: Mapping[str, Any]
+    """What else the script reads; `held` is how many instants stay in the GPU's memory."""
+
+
 def write_walk_page(
     out: Path,
     name: str,
@@ -28,19 +38,16 @@ def write_walk_page(
     views: Mapping[str, View],
     still: Array,
     period_ns: int,
-    instants: Sequence[Mapping[str, Any]],
-    painter: Path,
-    facts: Mapping[str, Any],
+    drawing: Drawing,
 ) -> None:
     """Write `PAGE` into a folder.
 
     `frame` has the places to look from, `depths` the nearest and the farthest depth. `still` is the picture
-    for browsers without 3D. `painter` is the script that draws `instants`, each with its number as `instant`,
-    and reads `facts`, which say how many instants stay in the GPU's memory (`held`).
+    for browsers without 3D.
     """
-    first = next(iter(views.values()))
+    first, instants = next(iter(views.values())), drawing.instants
     data = {
-        **facts,
+        **drawing.facts,
         "width": first.width,
         "height": first.height,
         "step_ms": period_ns / 1e6,
@@ -55,7 +62,7 @@ def write_walk_page(
     page = Environment(autoescape=True, undefined=StrictUndefined).from_string(
         (TEMPLATES / PAGE).read_text(encoding="utf-8")
     )
-    scripts = (painter, TEMPLATES / "walk.js")
+    scripts = (drawing.script, TEMPLATES / "walk.js")
     text = page.render(
         title=f"{name}{numbers}",
         words=f"{count(len(views), 'camera')}. Drag, pinch or use the arrow keys to walk round.",

@@ -11,7 +11,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.camera_paths import Frame
 from reconstruction.methods.splat.gaussians import Gaussians, quaternions, read_splats, render_gaussians
-from reconstruction.report.walk_page import write_walk_page
+from reconstruction.report.walk_page import Drawing, write_walk_page
 
 HELD = 4
 """Number of instants that the page keeps in the GPU's memory."""
@@ -46,14 +46,16 @@ def write_splat_page(
         views=views,
         still=render_gaussians(first, frame.view(frame.place(0, 0), shape.width, shape.height)),
         period_ns=period_ns,
-        instants=instants,
-        painter=Path(__file__).with_name("page") / "splats.js",
-        facts={
-            "held": HELD,
-            "blur": BLUR,
-            # In the page's pictures, which are as wide as the views.
-            "focal": float(np.median([view.focal for view in views.values()])),
-        },
+        drawing=Drawing(
+            Path(__file__).with_name("page") / "splats.js",
+            instants,
+            {
+                "held": HELD,
+                "blur": BLUR,
+                # In the page's pictures, which are as wide as the views.
+                "focal": float(np.median([view.focal for view in views.values()])),
+            },
+        ),
     )
 
 

@@ -10,7 +10,7 @@ from reconstruction.common.geometry import View
 from reconstruction.depth.camera_paths import find_subject, frame_of
 from reconstruction.depth.seen_moment import Moment, SeenView
 from reconstruction.depth.view_blending import TOLERANCE, render
-from reconstruction.report.walk_page import image_address, write_walk_page
+from reconstruction.report.walk_page import Drawing, image_address, write_walk_page
 
 PICTURE_PX, GRID_PX = 960, 480
 """Longest side of the pictures, and of the depth maps whose pixels are the meshes' corners."""
@@ -38,17 +38,19 @@ def write_moments(out: Path, name: str, moments: Mapping[int, Moment], period_ns
         views=cameras,
         still=render(frame.view(frame.place(0, 0), shape.width, shape.height), first).colours,
         period_ns=period_ns,
-        instants=[
-            {"instant": k, "cameras": [_seen(camera, seen) for camera, seen in moment.items()]}
-            for k, moment in moments.items()
-        ],
-        painter=Path(__file__).with_name("page") / "meshes.js",
-        facts={
-            "edge": EDGE,
-            "tolerance": TOLERANCE,
-            "held": HELD,
-            "cameras": {camera: _camera(view) for camera, view in cameras.items()},
-        },
+        drawing=Drawing(
+            Path(__file__).with_name("page") / "meshes.js",
+            [
+                {"instant": k, "cameras": [_seen(camera, seen) for camera, seen in moment.items()]}
+                for k, moment in moments.items()
+            ],
+            {
+                "edge": EDGE,
+                "tolerance": TOLERANCE,
+                "held": HELD,
+                "cameras": {camera: _camera(view) for camera, view in cameras.items()},
+            },
+        ),
     )
 
 

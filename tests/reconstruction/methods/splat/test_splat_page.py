@@ -2,7 +2,6 @@
 
 import base64
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 from reconstruction.depth.camera_paths import find_subject, frame_of
 from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, quaternions, write_splats
 from reconstruction.methods.splat.splat_page import pack, write_splat_page
-from tests.browser import CHROMIUM, Browser
+from tests.browser import Browser
 from tests.reconstruction.depth.moments import moment
 from tests.reconstruction.walk_pages import MIDDLE, asked, complaints, difference, drawn, held, opened
 
@@ -65,16 +64,6 @@ def test_a_stray_costs_no_precision() -> None:
     packed = pack(joined)
     assert packed["number"] == len(gaussians)
     assert max(packed["step"]) < 1e-3
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("chromium is not installed")
-    shown = Browser(tmp_path / "profile", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-    shown.start()
-    yield shown
-    shown.close()
 
 
 @pytest.mark.slow

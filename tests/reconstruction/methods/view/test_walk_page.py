@@ -1,7 +1,6 @@
 """The page to walk round in: what it holds, and what a browser makes of it."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -48,16 +47,6 @@ def test_its_path_lies_before_the_subject(page: Path) -> None:
     assert BOARD_M * 0.9 < path["distance"] < WALL_M * 1.1
     assert path["near"] < BOARD_M / 2
     assert path["far"] > WALL_M * 2
-
-
-@pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    if CHROMIUM is None:
-        pytest.skip("chromium is not installed")
-    shown = Browser(tmp_path / "profile", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-    shown.start()
-    yield shown
-    shown.close()
 
 
 @pytest.mark.slow

@@ -32,8 +32,8 @@ _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 520e-6
 """Frames of a recording, and of a burst longer than this, use the newest clock map.
 
-Its rate may differ by up to `_WANDER`:
-quartz wanders by up to 20 ppm, and adjtime and ntpd slew a clock by up to 500 ppm while a recording goes on.
+Its rate may differ by up to `_WANDER`: quartz wanders by up to 20 ppm, and adjtime and ntpd slew a clock by
+up to 500 ppm while a recording goes on.
 """
 DECODED_EACH = 30
 """Interval, in instants, between fully decoded frames of a video; of the others only headers are read."""

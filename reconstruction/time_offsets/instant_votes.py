@@ -60,7 +60,7 @@ class Change(Struct, frozen=True, omit_defaults=True):
     steps: tuple[Step, ...] = ()
     """Relative to the delay at the first instant."""
     drift: float = 0.0
-    """Fraction by which the camera's frames last longer than recorded."""
+    """Growth of the delay in a second."""
     drift_sd: float = 0.0
     pivot: float = 0.0
     """Instant at which the drift is zero: the middle of the take."""
@@ -105,8 +105,10 @@ class Change(Struct, frozen=True, omit_defaults=True):
     def describe(self, camera: str, than: str) -> str:
         """Return the change in words: `R is one frame later than L from instant 20 on`; empty if none."""
         if self.drift:
-            longer = "longer" if self.drift > 0 else "shorter"
-            error = f"{100 * abs(self.drift):.2g} ± {200 * self.drift_sd:.1g} %"
+            # The delay counts in true time: at a sixth of it, five frames take as long as six.
+            fraction, sd = self.drift / (1 - self.drift), self.drift_sd / (1 - self.drift) ** 2
+            longer = "longer" if fraction > 0 else "shorter"
+            error = f"{100 * abs(fraction):.2g} ± {200 * sd:.1g} %"
             return f"{camera}'s frames last {error} {longer} than {than}'s"
         total, texts = 0, list[str]()
         for step in self.steps:

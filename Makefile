@@ -27,7 +27,7 @@
 # make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
 # make bench NAME=trajectory   the same ball's path by `reconstruct trajectory`, from whole images (8 min)
 # make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
-# make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
+# make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)

@@ -2,11 +2,12 @@
 
     python -m benchmarks.reconstruction.depth_confidence            four scenes and the sample sessions
     python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5     cameras turned at random, px
+    python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
     python -m benchmarks.reconstruction.depth_confidence --fit      the table in `depth.confidence`
 
 Right is within 2 % of the true depth. The table was fitted to two of the scenes; the others and the sessions
-judge it. Each row counts the depths of all cameras; ranges with under 1 % of a row's pixels are left out.
-Simulated pictures.
+judge it. Each row counts the depths of all cameras with a truth; ranges with under 1 % of a row's pixels are
+left out. Simulated pictures, but for rows of cameras.
 """
 
 import time
@@ -18,6 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.reconstruction.camera_rows import read_row
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
@@ -41,6 +43,7 @@ SESSIONS = tuple(Path("sample_sessions") / name for name in ("jumper", "pinwheel
 INSTANT = 2
 RANGES = tuple(k / 10 for k in range(3, 10))
 """Lower ends of ranges of confidence, each 0.1 wide; the first one begins at 0."""
+CAMERAS = 5
 MIN_SHARE = 0.01
 COLUMNS = {
     "case": ("case", ""),
@@ -94,9 +97,9 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
 
 
 def judge_scene(
-    name: str, rendered: Rendered, condition: str, cameras: int, pose_error_px: float, fitted: str
+    rendered: Rendered, condition: str, cameras: int | None, pose_error_px: float, fitted: str = ""
 ) -> Judged:
-    """Judge a scene of the benchmark, seen by its first cameras, which are turned by random angles."""
+    """Judge a scene, seen by its first cameras (None = all), which are turned by random angles."""
     shown: Condition = getattr(rendered, condition)
     rng = np.random.default_rng(3)
     views = {
@@ -166,7 +169,7 @@ def cases(scenes: list[str], cameras: int, pose_error_px: float) -> Iterator[Jud
         for size, conditions in (((640, 480), ("synced",)), ((320, 240), ("synced", "offset"))):
             rendered = SCENES[name](*size)
             for condition in conditions:
-                yield judge_scene(name, rendered, condition, cameras, pose_error_px, fitted)
+                yield judge_scene(rendered, condition, cameras, pose_error_px, fitted)
 
 
 def main() -> None:
@@ -174,15 +177,22 @@ def main() -> None:
     parser = new_parser(__doc__)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="[default: all]")
     parser.add_argument("--session", action="append", type=Path, help="with ground truth [default: samples]")
-    parser.add_argument("--cameras", type=int, default=5, help="of a scene [default: 5]")
+    parser.add_argument("--row", action="append", type=Path, help="a real row of cameras, not all else")
+    parser.add_argument("--cameras", type=int, help=f"of a scene [default: {CAMERAS}, of a row all]")
     parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
     parser.add_argument("--fit", action="store_true", help=f"to {' and '.join(FITTED)}, and print the table")
     asked = parser.parse_args()
     if asked.fit:
-        print(fit_right(list(cases(list(FITTED), 5, 0.0))))
+        print(fit_right(list(cases(list(FITTED), CAMERAS, 0.0))))
         return
-    judged = list(cases(asked.scene or list(SCENES), asked.cameras, asked.pose_error))
-    if not asked.pose_error and asked.cameras == 5:
+    if asked.row:
+        judged = [
+            judge_scene(read_row(folder), "synced", asked.cameras, asked.pose_error)
+            for folder in asked.row
+        ]
+    else:
+        judged = list(cases(asked.scene or list(SCENES), asked.cameras or CAMERAS, asked.pose_error))
+    if not asked.pose_error and not asked.cameras and not asked.row:
         judged += [judge_session(path) for path in asked.session or SESSIONS]
     rows = [reliability(one) for one in judged]
     print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=asked.json)

@@ -3,11 +3,13 @@
     python -m benchmarks.reconstruction.multiview        four scenes, 640x480: the package's studio, a plainer
                                                          one, and two rooms with nearly blank walls
     python -m benchmarks.reconstruction.multiview --size 1920x1440 --condition synced
+    python -m benchmarks.reconstruction.multiview --row FOLDER      real images: see `camera_rows`
 
 Where there is a GPU that passes its test, the package's sweep is measured on it too.
 Each method runs in a process of its own, on the same pictures, after the other; the package's five times with
 grey levels that differ by a hundred-thousandth (means, and the spread of the first share). Shares are of all
-pixels that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
+pixels that have a true depth, empty ones counted as wrong, of the rig's middle camera that has one. Simulated
+pictures, but for rows.
 """
 
 import multiprocessing
@@ -19,7 +21,6 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -27,6 +28,7 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
+from benchmarks.reconstruction.camera_rows import read_row
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
@@ -49,6 +51,10 @@ Result = dict[str, Any]
 
 SEED_SHARE = 1e-5
 """Relative difference of grey levels between seeds."""
+PRECISE = 0.005
+"""Relative error of a precise depth."""
+NEARER = 0.9
+"""The nearest depth that SGBM is told, as a fraction of the true one."""
 EDGE_PX, EDGE_SHARE = 2, 0.95
 """Pixels beside an edge have a surface nearer than this fraction of their depth within so many pixels."""
 
@@ -109,32 +115,32 @@ def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: A
 
 
 def sgbm(views: dict[str, View], condition: Condition, reference: str) -> Result:
-    """Run plain SGBM on every pair of neighbours; the reference's map is the better of its two."""
+    """Run plain SGBM on every pair with the reference; its map is the best of them, chosen by the truth."""
     begun, cpu = time.perf_counter(), time.process_time()
-    maps = _sgbm_pairs(views, condition.pictures)
+    maps = _sgbm_maps(views, condition, reference)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
-    mine = [_shares(depth, condition, reference) for (name, _), depth in maps.items() if name == reference]
-    best = max(mine, key=lambda shares: shares["within_2pct"])
+    best = max((_shares(depth, condition, reference) for depth in maps), key=lambda one: one["within_2pct"])
     return best | {
         "map_s": seconds / len(maps), "map_cpu_s": cpu_seconds / len(maps), "peak_mb": _peak_mb()
     }  # fmt: skip
 
 
-def _sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple[str, str], Array]:
-    """Run OpenCV's SGBM in both directions on neighbours along x; depth is on the first one's pixels.
+def _sgbm_maps(views: dict[str, View], condition: Condition, reference: str) -> list[Array]:
+    """Run OpenCV's SGBM on the reference with each other camera, told the nearest depth.
 
     Images are padded by the number of disparities, because SGBM leaves out as many columns.
     """
-    ordered = sorted(views, key=lambda name: float(views[name].centre[0]))
-    grey = {name: cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for name, picture in pictures.items()}
-    found = {}
-    for pair in pairwise(ordered):
-        for first, second in (pair, pair[::-1]):
-            baseline = float(np.linalg.norm(views[first].centre - views[second].centre))
-            count = int(np.ceil(views[first].focal * baseline / 1.6 / 16)) * 16
-            canvas = rectify(views[first], views[second], (0.0, float(count)))
-            a, b = canvas.remap(grey[first])[0], canvas.remap(grey[second], other=True)[0]
-            found[first, second] = canvas.depth(match_rectified(a, b, 0, count))
+    grey = {name: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for name, image in condition.pictures.items()}
+    truth = condition.depth[reference]
+    nearest_m = NEARER * float(truth[truth > 0].min())
+    view = views[reference]
+    found = []
+    for other in views.keys() - {reference}:
+        baseline = float(np.linalg.norm(view.centre - views[other].centre))
+        count = int(np.ceil(view.focal * baseline / nearest_m / 16)) * 16
+        canvas = rectify(view, views[other], (0.0, float(count)))
+        a, b = canvas.remap(grey[reference])[0], canvas.remap(grey[other], other=True)[0]
+        found.append(canvas.depth(match_rectified(a, b, 0, count)))
     return found
 
 
@@ -152,12 +158,13 @@ def _shares(depth: Array, condition: Condition, reference: str) -> Result:
     shares = depth_shares(depth, condition.depth[reference], condition.movers[reference])
     truth = condition.depth[reference]
     given = (depth > 0) & (truth > 0)
-    right = right_depth(depth, truth)
+    right, precise = right_depth(depth, truth), right_depth(depth, truth, PRECISE)
     wrong = float(np.mean(~right[given])) if given.any() else None
     nearest = cv2.erode(np.where(truth > 0, truth, np.inf), np.ones((2 * EDGE_PX + 1,) * 2, np.uint8))
     beside = (truth > 0) & (nearest < EDGE_SHARE * truth)
     return {
         **shares,
+        "precise": float(np.mean(precise[truth > 0])),
         "coverage": float(np.mean(depth > 0)),
         "edges_within_2pct": float(np.mean((right & given)[beside])),
         "given_wrong": wrong,
@@ -224,6 +231,7 @@ COLUMNS = {
     "method": ("method", ""),
     "condition": ("condition", ""),
     "within_2pct": ("within 2 %", ".1%"),
+    "precise": (f"{100 * PRECISE:g} %", ".1%"),
     "spread": ("spread", ".1%"),
     "mover_within_2pct": ("movers", ".1%"),
     "static_within_2pct": ("static", ".1%"),
@@ -245,6 +253,7 @@ def main() -> None:
     """Print a table, or JSON."""
     parser = new_parser(__doc__)
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="[default: all]")
+    parser.add_argument("--row", action="append", type=Path, help="a real row of cameras, instead of scenes")
     parser.add_argument("--size", default="640x480", help="of the pictures")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
@@ -253,12 +262,12 @@ def main() -> None:
     )
     chosen = parser.parse_args()
     width, height = (int(part) for part in chosen.size.split("x"))
+    shown = [read_row(folder) for folder in chosen.row or ()]
+    names = chosen.scene or ([] if shown else list(SCENES))
+    conditions = chosen.condition or (("synced",) if chosen.row else ("synced", "offset"))
     rows: list[Result] = []
-    for name in chosen.scene or SCENES:
-        rendered = SCENES[name](width, height)
-        rows += run(
-            rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"), chosen.seeds
-        )
+    for rendered in (*shown, *(SCENES[name](width, height) for name in names)):
+        rows += run(rendered, chosen.method or list(METHODS), conditions, chosen.seeds)
     print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=chosen.json)
 
 

@@ -4,6 +4,7 @@ Source: https://vision.middlebury.edu/stereo/data (Scharstein and Pal 2007, Hirs
 2007), the downloads of seven views, each unpacked into its folder. The truth is by structured light.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,13 +55,10 @@ def read_row(folder: Path) -> Rendered:
     Raises:
         BadInputError: views or disparities are missing, or do not fit together.
     """
-    pictures = {number: cv2.imread(str(folder / f"view{number}.png")) for number in range(7)}
-    pictures = {number: picture for number, picture in pictures.items() if picture is not None}
-    disparities = {
-        number: cv2.imread(str(folder / f"disp{number}.png"), cv2.IMREAD_GRAYSCALE) for number in TRUE_VIEWS
-    }
-    shapes = {one.shape[:2] for one in [*pictures.values(), *disparities.values()] if one is not None}
-    if len(pictures) < 3 or any(one is None for one in disparities.values()) or len(shapes) > 1:
+    pictures = _read(folder, "view{}.png", range(7), cv2.IMREAD_COLOR)
+    disparities = _read(folder, "disp{}.png", TRUE_VIEWS, cv2.IMREAD_GRAYSCALE)
+    shapes = {image.shape[:2] for image in [*pictures.values(), *disparities.values()]}
+    if len(pictures) < 3 or len(disparities) < len(TRUE_VIEWS) or len(shapes) > 1:
         raise BadInputError(
             f"{folder} is not a row of cameras with true depth",
             hint="it needs view0.png to view6.png, disp1.png, disp5.png and dmin.txt, all images of one size",
@@ -79,3 +77,8 @@ def read_row(folder: Path) -> Rendered:
     )
     views = {f"view{number}": scale.view(number) for number in pictures}
     return Rendered(f"{folder.resolve().name} {width}x{height} (real)", views, shown, shown)
+
+
+def _read(folder: Path, name: str, numbers: Iterable[int], flags: int) -> dict[int, Array]:
+    found = {number: cv2.imread(str(folder / name.format(number)), flags) for number in numbers}
+    return {number: image for number, image in found.items() if image is not None}

@@ -187,8 +187,7 @@ def main() -> None:
         return
     if asked.row:
         judged = [
-            judge_scene(read_row(folder), "synced", asked.cameras, asked.pose_error)
-            for folder in asked.row
+            judge_scene(read_row(folder), "synced", asked.cameras, asked.pose_error) for folder in asked.row
         ]
     else:
         judged = list(cases(asked.scene or list(SCENES), asked.cameras or CAMERAS, asked.pose_error))

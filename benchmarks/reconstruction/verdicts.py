@@ -159,11 +159,16 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
+def _folder(text: str) -> Path:
+    """Return a folder by its whole path, so that links to its files lead there from anywhere."""
+    return Path(text).resolve()
+
+
 def main() -> None:
     """Print a table, or with --json one object with every session."""
     parser = new_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="of each kind of painted take (3)")
-    parser.add_argument("--footage", type=Path, help="folder with ball_launch")
+    parser.add_argument("--footage", type=_folder, help="folder with ball_launch")
     parser.add_argument(
         "--every", type=int, default=1, help="starts of the real ball's parts are so far apart"
     )

@@ -15,6 +15,8 @@ from reconstruction.time_offsets.instant_votes import Step
 
 BESIDE = 4
 """Number of instants before and after a step's range that also count."""
+OUTSIDE = 2
+"""Number of instants outside a step's range that are possible too: where motion turns, crossings mislead."""
 MIN_CHANGES = 6
 """Minimum number of changes of one camera that those of the other can explain."""
 BLUR_PX = 1.5
@@ -32,12 +34,12 @@ def image_change(before: Array, image: Array) -> float:
 
 
 def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, float], shift: int = 0) -> Step:
-    """Return the step at the place of its range where the second camera's changes fit the first's best.
+    """Return the step at the place in or beside its range where the second camera's changes fit best.
 
     `first`, `second`: each camera's `image_change` by instant, around the step. `shift`: frames by which the
     second camera is later before the step.
     """
-    places = range(step.earliest, step.latest + 1)
+    places = range(max(step.earliest - OUTSIDE, 1), step.latest + OUTSIDE + 1)
     near = [k for k in second if step.earliest - BESIDE <= k <= step.latest + BESIDE]
 
     def misfit(place: int) -> float:
@@ -52,4 +54,7 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
         return 1 - float(np.corrcoef(changes)[0, 1])
 
     best = min(places, key=misfit)
-    return structs.replace(step, instant=best) if misfit(best) < CLEARER * misfit(step.instant) else step
+    if misfit(best) >= CLEARER * misfit(step.instant):
+        return step
+    earliest, latest = min(step.earliest, best), max(step.latest, best)
+    return structs.replace(step, instant=best, earliest=earliest, latest=latest)

@@ -22,6 +22,8 @@ FAINT_VOTES = 4.0
 """Votes with which an instant counts half; more than one instant's worth of matches does not count more."""
 CHANGE_COST = 1.2
 """Number of instants that must gain by a change of the offset."""
+FRAME_COST = 0.5
+"""The same by each further frame of one step. Two instants at the end may seem far off where motion turns."""
 MAX_STEP_FRAMES = 4
 MAX_RATE = 0.35
 """Maximum difference of two cameras' frame rates, as a fraction."""
@@ -206,11 +208,11 @@ def _support(votes: Votes, period_ms: float) -> Array:
 def _best_steps(votes: Votes, support: Array, period_ms: float) -> tuple[float, tuple[Step, ...]]:
     """Return the best score of an offset that changes by whole frames, and the changes.
 
-    By dynamic programming over the instants (Bellman 1957), with a cost for each frame of change.
+    By dynamic programming over the instants (Bellman 1957), with a cost for each change by its frames.
     """
     frames = np.arange(-MAX_STEP_FRAMES, MAX_STEP_FRAMES + 1)
     bins = np.rint(frames * period_ms / BIN_MS).astype(int)
-    costs = CHANGE_COST * (frames != 0)
+    costs = (CHANGE_COST + FRAME_COST * (np.abs(frames) - 1)) * (frames != 0)
     times, size = support.shape
     score, came = support[0], np.zeros(support.shape, int)
     source = np.arange(size) - bins[:, None]

@@ -36,6 +36,12 @@ def test_a_step_moves_to_where_the_images_changes_fit(frames: list[int], by: int
     assert placed == at(20, by, 17, 25)
 
 
+@pytest.mark.parametrize(("low", "high"), [(21, 23), (22, 22), (17, 18), (18, 19)])
+def test_a_place_just_outside_the_range_is_found_and_widens_it(low: int, high: int) -> None:
+    placed = place_step(at(high, 1, low, high), seen_by(ALL), seen_by(DROPPED))
+    assert placed == at(20, 1, min(low, 20), max(high, 20))
+
+
 def test_an_earlier_step_shifts_the_frames_of_the_next() -> None:
     twice = [*ALL[:8], *ALL[9:21], *ALL[22:]]
     # The frames 8 and 21 are gone: instants 8 and 20.

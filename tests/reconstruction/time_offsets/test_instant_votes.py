@@ -14,9 +14,11 @@ from tests.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PER
 INSTANTS = 24
 
 
-def take(*jumps: tuple[int, int], drift: float = 0.0, wander_ms: float = 0.0, seed: int = 0) -> Crossings:
-    """Some fifteen points an instant, a fifth of them wrong; from each jump on, R is so many frames later."""
-    found = crossings(0.3, right=290, wrong=70, instants=INSTANTS, seed=seed)
+def take(
+    *jumps: tuple[int, int], drift: float = 0.0, wander_ms: float = 0.0, seed: int = 0, points: int = 12
+) -> Crossings:
+    """Points of each instant and wrong ones, 3; from each jump on, R is so many frames later."""
+    found = crossings(0.3, right=points * INSTANTS, wrong=70, instants=INSTANTS, seed=seed)
     late_ms = drift * PERIOD_MS * (found.instant - INSTANTS / 2)
     for instant, frames in jumps:
         late_ms = late_ms + PERIOD_MS * frames * (found.instant >= instant)
@@ -91,6 +93,12 @@ def test_a_run_that_disagrees_takes_certificate_and_frame_away() -> None:
     assert not timing.synchronized
     assert timing.same_frame_ms is None
     assert with_curve_peak(timing, [0.0] * 6, PERIOD_MS).same_frame_ms is None
+
+
+def test_two_instants_at_the_end_are_no_step_of_three_frames() -> None:
+    """Where motion turns back, points cross their lines again: two instants agree on another offset."""
+    assert not judged(take((INSTANTS - 2, 3), points=60)).change.steps
+    assert judged(take((INSTANTS - 2, 1), points=60)).change.steps
 
 
 def test_changes_of_pairs_add_up() -> None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import msgspec
 
+from reconstruction.methods.stereo.stereo_study import StereoStudy
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
@@ -49,6 +50,21 @@ def test_a_control_that_moves_is_admitted(read_report: ReadReport) -> None:
     page = read_report(RESULT, changed(STEREO, offset={"static_within_2pct": 0.6}))
     assert "comes from timing alone" not in page.text
     assert "not all of the difference comes from timing" in page.text
+
+
+def test_what_stands_still_is_a_control_only_of_cameras_at_rest(whole: CompareResult) -> None:
+    stereo = changed(
+        found(whole, "stereo"),
+        {"mover_within_2pct": 0.98, "static_coverage": 0.745},
+        {"mover_within_2pct": 0.01, "static_coverage": 0.74},
+    )
+    assert "timing alone makes the difference" in StereoStudy.verdict(whole, stereo)
+    moved = msgspec.structs.replace(
+        whole, timing=msgspec.structs.replace(TIMING, moving_cameras={"cam2": 3.0})
+    )
+    assert "timing alone" not in StereoStudy.verdict(moved, stereo)
+    less = changed(stereo, {}, {"static_coverage": 0.5})
+    assert "timing is not all that differs" in StereoStudy.verdict(whole, less)
 
 
 def test_cameras_that_moved_leave_no_control(read_report: ReadReport) -> None:

@@ -1,7 +1,14 @@
 """What moves is found; noise, flicker and a trembling edge are not."""
 
-import numpy as np
+from typing import Any
 
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_matching import track_there_and_back
+from reconstruction.session import moving_pixels
 from reconstruction.session.moving_pixels import detect_moving, median_background
 from tests.reconstruction.conftest import Scene, make_view, texture
 
@@ -33,3 +40,21 @@ def test_a_trembling_camera_does_not_move_its_edges() -> None:
     trembling[:, 40] = 150
     images = [bars, trembling.astype(np.uint8), bars, bars]
     assert not detect_moving(images[1], [images[0], images[2]], median_background(images)).any()
+
+
+def test_large_images_are_tracked_small_and_their_motion_told_in_their_own_pixels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = []
+
+    def tracked(before: Array, *arguments: Any) -> Any:
+        seen.append(before.shape)
+        return track_there_and_back(before, *arguments)
+
+    monkeypatch.setattr(moving_pixels, "track_there_and_back", tracked)
+    rng = np.random.default_rng(6)
+    wide = cv2.resize(rng.integers(0, 255, (90, 170)).astype(np.uint8), (1360, 720))
+    motions = moving_pixels._cell_motions(wide[:, :1280], wide[:, 12:1292])
+    assert seen == [(360, 640)]
+    assert len(motions) > 10
+    assert np.median(motions) == pytest.approx(12, abs=0.3)

@@ -15,6 +15,7 @@ from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verify import verify
+from capture_app.session.writing.recovery import SET_ASIDE
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.session.recorded import frame, record, save_frames
 
@@ -123,6 +124,19 @@ def test_what_is_left_of_a_torn_line_moves_no_other(tmp_path: Path) -> None:
         hashlib.sha256(jpeg(0, 32, 24)).hexdigest(), None, hashlib.sha256(jpeg(2, 32, 24)).hexdigest(),
     ]  # fmt: skip
     assert lines.read_bytes() == first + third
+
+
+def test_bytes_after_the_last_whole_frame_are_set_aside(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "torn")
+    save_frames(writer, *(frame("left", instant) for instant in range(2)))
+    writer.abort()
+    video = next((tmp_path / "torn").rglob("*.mjpeg"))
+    whole = video.read_bytes()
+    lengthen(video)
+    with SessionWriter(tmp_path / "torn", "torn"):
+        assert video.read_bytes() == whole
+    (aside,) = (tmp_path / "torn" / SET_ASIDE).rglob(f"{video.name}*")
+    assert aside.read_bytes() == b"more"
 
 
 def flip(path: Path, old: bytes = b"", new: bytes = b"") -> None:

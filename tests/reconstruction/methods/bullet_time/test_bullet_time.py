@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import cv2
@@ -14,6 +15,10 @@ from reconstruction.common.geometry import View
 from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.methods.bullet_time.between_cameras import views_between
 from reconstruction.methods.bullet_time.bullet_time_study import (
+    LONG_SIDE_PX,
+    MANY_CAMERAS,
+    SMALLER_PX,
+    _canvas_size,
     project_point,
     render_camera_sweep,
     render_view,
@@ -249,3 +254,10 @@ def test_the_animation_has_views_between_cameras_that_have_depth(tmp_path: Path)
     half = animation.frames[0].shape[1] // 2
     own, between = (animation.frames[number][40:, :half, :3].astype(float) for number in (0, 1))
     assert np.abs(own - between).mean() < 45
+
+
+@pytest.mark.parametrize(("cameras", "side"), [(2, LONG_SIDE_PX), (MANY_CAMERAS + 1, SMALLER_PX)])
+def test_pictures_keep_the_largest_cameras_shape_at_a_size_for_their_number(cameras: int, side: int) -> None:
+    sizes = {f"cam{k}": (1920, 1080) if k else (640, 640) for k in range(cameras)}
+    dataset = cast(Any, SimpleNamespace(size=sizes.__getitem__))
+    assert _canvas_size(dataset, list(sizes)) == (side, side * 9 // 16)

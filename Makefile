@@ -30,6 +30,7 @@
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
+# make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
@@ -136,6 +137,7 @@ BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence
+BENCH_pose-errors := benchmarks.reconstruction.pose_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)

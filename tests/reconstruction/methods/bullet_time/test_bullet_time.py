@@ -137,6 +137,8 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards: Session, t
     assert sweep.stabilized
     assert sweep.ordered_by_position
     assert len(set(sweep.offsets_ms)) == 2
+    times_ns = dataset.instants_ns
+    assert {times_ns[sweep.instant] + round(ms * 1e6) for ms in sweep.offsets_ms} <= set(times_ns)
 
     board = np.array([*jump(sweep.instant), 2.2])
     x, y = np.mean([project_point(view, board) for view in views.values()], axis=0).round().astype(int)

@@ -22,6 +22,8 @@ MIN_CHANGES = 6
 BLUR_PX = 1.5
 NOISES = 6.0
 """Multiple of the median difference between two images that is taken as their noise."""
+CLEARER_OUTSIDE = 0.5
+"""Maximum misfit of a place outside the range, relative to the best one inside."""
 CLEARER = 0.9
 """Maximum misfit (1 minus the correlation) of another place, relative to a step's own, to move there."""
 
@@ -39,7 +41,8 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
     `first`, `second`: each camera's `image_change` by instant, around the step. `shift`: frames by which the
     second camera is later before the step.
     """
-    places = range(max(step.earliest - OUTSIDE, 1), step.latest + OUTSIDE + 1)
+    inside = range(step.earliest, step.latest + 1)
+    beside = range(max(step.earliest - OUTSIDE, 1), step.latest + OUTSIDE + 1)
     near = [k for k in second if step.earliest - BESIDE <= k <= step.latest + BESIDE]
 
     def misfit(place: int) -> float:
@@ -53,7 +56,9 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
             return np.inf
         return 1 - float(np.corrcoef(changes)[0, 1])
 
-    best = min(places, key=misfit)
+    best, other = (min(places, key=misfit) for places in (inside, beside))
+    if misfit(other) < CLEARER_OUTSIDE * misfit(best):
+        best = other
     if misfit(best) >= CLEARER * misfit(step.instant):
         return step
     earliest, latest = min(step.earliest, best), max(step.latest, best)

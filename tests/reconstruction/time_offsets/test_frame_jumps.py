@@ -42,6 +42,14 @@ def test_a_place_just_outside_the_range_is_found_and_widens_it(low: int, high: i
     assert placed == at(20, 1, min(low, 20), max(high, 20))
 
 
+def test_a_place_outside_the_range_must_fit_much_better() -> None:
+    """The image before the gap is spoilt: 22 fits a little better than 20, and is outside."""
+    second = seen_by([*ALL[:22], *ALL[23:]])
+    for k in (20, 21, 22, 23):
+        second[k] = 0.5 * (second[k] + seen_by(DROPPED)[k]) + (0.01 if k in (20, 21) else 0.0)
+    assert place_step(at(20, 1, 19, 20), seen_by(ALL), second).instant <= 20
+
+
 def test_an_earlier_step_shifts_the_frames_of_the_next() -> None:
     twice = [*ALL[:8], *ALL[9:21], *ALL[22:]]
     # The frames 8 and 21 are gone: instants 8 and 20.

@@ -49,7 +49,7 @@ from reconstruction.methods.multiview.matcher import (
     image_views,
     match_cameras,
 )
-from reconstruction.methods.multiview.multiview_method import RESULT, MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import RESULT, Multiview
 from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
 from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
@@ -116,7 +116,7 @@ class MadeMultiview(Made[MultiviewResult]):
 def model_instant(
     dataset: Dataset,
     matcher: ChosenMatcher,
-    options: MultiviewOptions,
+    options: Multiview,
     part: Path,
     progress: Progress | None = None,
     motion: SceneMotion | None = None,
@@ -209,7 +209,7 @@ def _match_instant(
     images: dict[str, InputImage],
     left_out: dict[str, str],
     matcher: ChosenMatcher,
-    options: MultiviewOptions,
+    options: Multiview,
     part: Path,
     progress: Progress,
     still: StillScene,

@@ -25,7 +25,7 @@ from reconstruction.methods.multiview.input_images import UndistortedSession
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
-from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence
@@ -193,7 +193,7 @@ class MultiviewStudy(ConditionStudy):
         engine="Distances are found by {matcher}.",
         details="pictures {width} px wide",
     )
-    Options = MultiviewOptions
+    Options = Multiview
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:

@@ -173,7 +173,7 @@ class Multiview(Method, frozen=True, kw_only=True):
                 hint="run reconstruct calibrate first",
             )
         if self.refine:
-            from reconstruction.calibration.refinement import refine_calibration
+            from reconstruction.methods.multiview.refinement import refine_calibration
 
             dataset.adopt_calibration(refine_calibration(dataset))
         offsets_ms = self.offsets_ms or condition.offsets_ms(dataset.cameras, self.instant)

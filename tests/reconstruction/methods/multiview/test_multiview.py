@@ -15,8 +15,9 @@ from capture_app.common.errors import BadInputError, NotApplicableError, NotAvai
 from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
-from reconstruction.depth import colmap_workspace
-from reconstruction.depth.colmap_workspace import (
+from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.methods.multiview import colmap_workspace
+from reconstruction.methods.multiview.colmap_workspace import (
     ENVIRONMENT,
     PROGRAM,
     find_gpu,
@@ -25,7 +26,6 @@ from reconstruction.depth.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview

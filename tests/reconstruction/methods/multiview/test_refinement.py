@@ -14,9 +14,9 @@ from reconstruction.calibration.consistency import (
     describe_misfit,
     triangulate,
 )
-from reconstruction.calibration.refinement import refine_views
 from reconstruction.common.geometry import View
 from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.refinement import refine_views
 from reconstruction.pairs import Features
 from tests.reconstruction.conftest import make_view
 

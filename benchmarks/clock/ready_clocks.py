@@ -1,7 +1,8 @@
 """Whether a node that says ready is: clocks that are slewed, and clocks at rest, on many links.
 
 The engine's own node and leader, messages and all, in virtual time; the node is looked at ten times a second.
-The first table is of slews that begin after a while. The second is of cameras on links at rest.
+The first table is of slews that begin after a while. The second is of cameras on links at rest. `--nodes`
+prints one of large rigs: some nodes, which ask as rarely as a leader of so many accepts.
 """
 
 import random
@@ -9,10 +10,11 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from math import inf
 from pathlib import Path
 from statistics import fmean
 
-from benchmarks.paper.trials import call_all
+from benchmarks.paper.trials import call_all, quantile
 from benchmarks.report import Columns, new_parser, print_rows
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
@@ -20,6 +22,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.timekeeping.clock_events import ClockChanged
 from capture_app.sync.wire.datagrams import CLOCK
 from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
@@ -33,6 +36,8 @@ SLEW_FROM_S, AFTER_S = 40.0, 20.0
 """Begin of a slew, and the time from its end until which the node is looked at."""
 PLL_S = 30.0
 """Time constant of a kernel's own discipline (a phase-locked loop), which corrects 1 ms."""
+SAMPLED, JOIN_WITHIN_S, LARGE_S = 40, 2.0, 40.0
+"""Simulated nodes of a large rig, the time within which all start, and for how long they are looked at."""
 Figures = dict[str, float | str | None]
 
 
@@ -199,6 +204,43 @@ def run_rig(name: str, link: DrawLink, seed: int, minutes: float, cameras: int =
     }
 
 
+def run_large(name: str, link: DrawLink, seed: int, nodes: int, tolerance_us: float | None) -> Figures:
+    """Return when SAMPLED nodes are ready that ask at the rate of `nodes`; the tolerance is their clocks'."""
+    rng = random.Random(f"large {name} {nodes} {seed}")
+    specs = [
+        NodeSpec(
+            f"cam{k}",
+            PROFILES["pi"],
+            SimulatedClock(round(rng.uniform(1e12, 9e12)), rng.gauss(0.0, 20.0)),
+            link(rng),
+            None,
+            None if tolerance_us is None else round(tolerance_us * 1e3),
+            start_true_ns=round(rng.uniform(0.0, JOIN_WITHIN_S) * S),
+        )
+        for k in range(SAMPLED)
+    ]
+    rig = VirtualRig(specs, seed=seed, exchanges_per_s=LeaderConfig(1, 0).exchanges_per_s * SAMPLED / nodes)
+    ready_s: dict[str, float] = {}
+    ready: set[str] = set()
+    while rig.now_true_ns < LARGE_S * S:
+        rig.run_for(LOOK_EVERY_NS)
+        reports = {
+            node_name: node.client.report(node.spec.clock.local_from_true(rig.now_true_ns))
+            for node_name, node in rig.nodes.items()
+        }
+        ready = {node_name for node_name, report in reports.items() if report.state is NodeState.READY}
+        ready_s = dict.fromkeys(ready, rig.now_true_ns / S) | ready_s
+    waits = sorted([*ready_s.values(), *[inf] * (SAMPLED - len(ready_s))])
+    return {
+        "link": name,
+        "nodes": nodes,
+        "median_s": quantile(waits, 0.5),
+        "most_s": quantile(waits, 0.9),
+        "all_s": waits[-1],
+        "ready": len(ready) / SAMPLED,
+    }
+
+
 def _without_digits(text: str) -> str:
     return "".join("#" if letter.isdigit() else letter for letter in text).replace("##", "#")
 
@@ -222,6 +264,16 @@ RIG_COLUMNS: Columns = {
 }
 
 
+LARGE_COLUMNS: Columns = {
+    "link": (f"{SAMPLED} nodes", ""),
+    "nodes": ("at the rate of", ","),
+    "median_s": ("half ready after, s", ".1f"),
+    "most_s": ("90 %", ".1f"),
+    "all_s": ("all", ".1f"),
+    "ready": (f"ready after {LARGE_S:.0f} s", ".0%"),
+}
+
+
 def main() -> None:
     """Print the tables."""
     parser = new_parser(__doc__, seed_of="all chance")
@@ -231,6 +283,8 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=12.0, help="minutes of a link at rest, a seed (12)")
     parser.add_argument("--link", action="append", help="only this link; may be repeated")
     parser.add_argument("--no-rig", action="store_true", help="only clocks")
+    parser.add_argument("--nodes", type=int, action="append", help="only large rigs; may be repeated")
+    parser.add_argument("--clock-tolerance-us", type=float, help="of large rigs (by default their links')")
     parser.add_argument("--at-rest", action="store_true", help="no slews")
     options = parser.parse_args()
     laws: dict[str, DrawLink] = {"wire": cable, "loopback": loopback, "paper": wifi, **LAWS}
@@ -240,6 +294,15 @@ def main() -> None:
         names += [] if options.link else [name for name in laws if name.startswith("recording, ")]
     if options.quick:
         options.seeds, options.minutes = 2, 2.0
+    if options.nodes is not None:
+        large = [
+            partial(run_large, name, laws[name], options.seed, n, options.clock_tolerance_us)
+            for name in names
+            for n in options.nodes
+        ]
+        rows = call_all(large, few=2)
+        print_json({"large": rows}) if options.json else print_rows(rows, LARGE_COLUMNS)
+        return
     slews = QUICK_SLEWS if options.quick else SLEWS
     seeds = range(options.seed, options.seed + options.seeds)
     calls: list[Callable[[], Figures]] = [

@@ -129,8 +129,9 @@ class VirtualRig:
         align_row: float | None = None,
         max_delay_ns: int = 0,
         stagger: Stagger | None = None,
+        exchanges_per_s: float | None = None,
     ) -> None:
-        """Build the rig; `period_ns`, `align_row`, `max_delay_ns` and `stagger` are as in `RigConfig`."""
+        """Build the rig; `exchanges_per_s` is as in `LeaderConfig`, the others as in `RigConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
@@ -140,6 +141,8 @@ class VirtualRig:
         self._leader_timer = Timer(self._time, self._pump_leader)
         rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger)
         self._config = LeaderConfig(0, 0, rig)
+        if exchanges_per_s is not None:
+            self._config = replace(self._config, exchanges_per_s=exchanges_per_s)
         self.leader = self._new_leader()
         for spec in specs:
             self._time.schedule(spec.start_true_ns, self.start, spec)

@@ -18,6 +18,8 @@ from capture_app.session.alignment.alignment_method import AlignmentMethod
 from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
+from capture_app.session.importing.embedded_times import video_times_ns
+from capture_app.session.importing.recording_sources import chapter_shifts_ns, later_chapters
 from capture_app.session.importing.video_tracks import open_container
 
 RATE_HZ = 16_000
@@ -47,7 +49,30 @@ Sound = tuple[Samples, float]
 
 
 def read_sound(path: Path) -> Sound:
-    """Return the sound of a video. Raises BadInputError with a short reason if there is none."""
+    """Return the sound of a recording, whose later chapters lie beside the video.
+
+    Raises BadInputError with a short reason if there is none.
+    """
+    chapters = [path, *later_chapters(path)]
+    sounds = [_read_file(chapter) for chapter in chapters]
+    if len(sounds) == 1:
+        return sounds[0]
+    shifts_ns = chapter_shifts_ns([video_times_ns(chapter) for chapter in chapters])
+    start_s = sounds[0][1]
+    places = [
+        round((own_s + shift_ns / 1e9 - start_s) * RATE_HZ)
+        for (_, own_s), shift_ns in zip(sounds, shifts_ns, strict=True)
+    ]
+    joined = np.zeros(places[-1] + len(sounds[-1][0]), np.float32)
+    # An encoder adds some silence to the begin and to the end of each file.
+    for place, (samples, _) in zip(places, sounds, strict=True):
+        joined[max(0, place) : place + len(samples)] = samples[max(0, -place) :][
+            : len(joined) - max(0, place)
+        ]
+    return joined, start_s
+
+
+def _read_file(path: Path) -> Sound:
     parts: list[Samples] = []
     start_s, length = 0.0, 0
     with open_container(path) as (av, container):

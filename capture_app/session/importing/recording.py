@@ -3,6 +3,7 @@
 An export of one of our sessions retains that session's records.
 """
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +42,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
+OTHER_RATE = 1.1
+"""Minimum ratio of two cameras' frame periods for which one is the slower: others lose frames, or drift."""
 _NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
 
 
@@ -148,11 +151,12 @@ def import_recording(
     layout = _layout(paths, options, talk)
     options = _with_layout(layout, options) if layout else options
     sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
+    record = layout.record if layout else None
     common = clock_state(sources, options)
     timeline = make_timeline(sources, options)
     for note in filter(None, (source.note for source in sources)):
         talk(note)
-    if layout is None or layout.record is None:
+    if record is None:
         for note in describe_gaps(sources, timeline):
             talk(note)
     if common is not None and common.unknown:
@@ -167,20 +171,19 @@ def import_recording(
         )
     if common is not None and common.cameras:
         sources = [source for source in sources if source.name in common.cameras]
-        timeline = overlap(with_common_times(timeline, common), talk)
+        timeline = at_slowest_rate(overlap(with_common_times(timeline, common), talk), talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
     views = read_views(places, names) if places else layout.views if layout else None
     # Times other than its own would contradict the rest of an exported session's record.
-    taken = layout.record.manifest if layout and layout.record and timeline is layout.timeline else None
+    taken = record.manifest if layout and record and timeline is layout.timeline else None
     with (
         OutputFolder(root / name, replaces_nothing) as output,
         SessionWriter(output.folder, name, taken.created if taken else "") as writer,
     ):
         own_times = common is not None and common.unknown
         sizes = _write_images(writer, sources, instants, options, progress, own_times=own_times)
-        record = layout.record if layout else None
         calibration = _calibration_of(record, sizes) if record and not views else None
         if views is not None:
             calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
@@ -217,6 +220,32 @@ def overlap(timeline: Timeline, talk: Talk) -> Timeline:
             f"{count(rest, 'instant')} beside are left out"
         )
     return replace(timeline, instants=shared)
+
+
+def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return a timeline whose instants are those of the slowest cameras, with the others' nearest frames.
+
+    Where the slowest lack a frame, an instant of the others remains in its place.
+    """
+    periods = timeline.camera_periods_ns
+    slowest_ns = max(periods.values())
+    if slowest_ns < OTHER_RATE * min(periods.values()):
+        return timeline
+    slow = {name for name, period_ns in periods.items() if period_ns > slowest_ns / OTHER_RATE}
+    slow_ns = [one.leader_ns for one in timeline.instants if not slow.isdisjoint(one.frames)]
+    kept: list[Instant] = []
+    for one in timeline.instants:
+        after = bisect_right(slow_ns, one.leader_ns)
+        near_ns = [*(of.leader_ns for of in kept[-1:]), *slow_ns[after : after + 1]]
+        is_alone = all(abs(one.leader_ns - at_ns) > 0.7 * slowest_ns for at_ns in near_ns)
+        if is_alone or not slow.isdisjoint(one.frames):
+            kept.append(one)
+    fast = ", ".join(f"{name} {1e9 / of:.4g}" for name, of in periods.items() if name not in slow)
+    talk(
+        f"{fast} frames a second, {', '.join(sorted(slow))} {1e9 / slowest_ns:.4g}: the nearest are taken, "
+        f"{count(len(timeline.instants) - len(kept), 'instant')} between are left out"
+    )
+    return replace(timeline, instants=kept, period_ns=slowest_ns)
 
 
 def import_found(

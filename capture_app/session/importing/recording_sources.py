@@ -174,12 +174,8 @@ class Video(Source):
         found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
         if not all(found.values()):
             return ()
-        times_ns: list[int] = []
-        for own_ns in found.values():
-            # A camera goes on with the next chapter without a gap.
-            period_ns = round((times_ns[-1] - times_ns[0]) / (len(times_ns) - 1)) if len(times_ns) > 1 else 0
-            shift_ns = times_ns[-1] + period_ns - own_ns[0] if times_ns else 0
-            times_ns += [at_ns + shift_ns for at_ns in own_ns]
+        shifts = chapter_shifts_ns([*found.values()])
+        times_ns = [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
         self._times_ns = {**found}
         self.has_times, self.numbers = True, range(len(times_ns))
         return times_ns
@@ -242,6 +238,19 @@ def later_chapters(path: Path) -> list[Path]:
         for chapter in range(1 if found["old"] else 2, 100)
     )
     return list(takewhile(Path.is_file, beside))
+
+
+def chapter_shifts_ns(times_ns: Sequence[Sequence[int]]) -> list[int]:
+    """Return what to add to the times of each of a recording's chapters, ns; the first one's stay.
+
+    `times_ns`: each chapter's frames. A camera goes on with the next one without a gap.
+    """
+    shifts, begun_ns, last_ns, count = [0], times_ns[0][0], times_ns[0][-1], len(times_ns[0])
+    for own_ns in times_ns[1:]:
+        period_ns = round((last_ns - begun_ns) / (count - 1)) if count > 1 else 0
+        shifts.append(last_ns + period_ns - own_ns[0])
+        last_ns, count = own_ns[-1] + shifts[-1], count + len(own_ns)
+    return shifts
 
 
 def videos_in(folder: Path) -> list[Path]:

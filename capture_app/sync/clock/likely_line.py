@@ -20,7 +20,11 @@ daemon slews by 500 (adjtimex(2))."""
 SKEW = 25e-6
 """Skew between two crystals; data sheets of those in computers and phones allow 20 to 50 ppm each."""
 ODD_HOSTS = 3e-4
-"""Prior density of any larger skew up to MAX_SKEW, relative to zero skew: virtual machines, slewed hosts."""
+"""Prior density of any larger skew up to MAX_SKEW, relative to zero skew: virtual machines, slewed hosts.
+
+On the paper's link a clock 300 ppm fast was 95 us off after 5 s on average, and its bar held in 94 % of the
+first 10 s; with ten times as much, 27 and 99 %, and crystals on WiFi are ready after 1.9 s instead of 1.75.
+"""
 EVEN_ODDS = SKEW * sqrt(2.0 * pi) / (2.0 * MAX_SKEW)
 """The same after a clock has changed: it is as likely to be slewed, at any rate, as at rest."""
 DRIFT = 0.025e-6 / 1e9

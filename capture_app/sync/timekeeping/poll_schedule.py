@@ -28,7 +28,10 @@ BACKLOG_NS = 100_000_000
 SPACING_NS, TREE_INTERVAL_NS = 8_000_000, 50_000_000
 """Request intervals of a relay: at first, and after it has kept the time for long."""
 EASING = 200
-"""Ratio of the time since the start to the request interval, so that no rate rests on a short baseline."""
+"""Ratio of the time since the start to the request interval, so that no rate rests on a short baseline.
+
+As many samples as EASING_SAMPLES are then spread over all of it.
+"""
 CALM_NS = 5_000_000_000
 """Elapsed time assumed when a second leader is first asked.
 
@@ -51,7 +54,11 @@ AHEAD_NS = 500_000_000
 Shortly after the first samples the rate is not known well enough for that.
 """
 GAIN, NO_GAIN_TIMEOUT_NS = 0.9, 3_000_000_000
-"""An error that does not shrink by a tenth within this time is not expected to shrink much further."""
+"""An error that does not shrink by a tenth within this time is not expected to shrink much further.
+
+On the paper's link a node that cannot meet its target was told so after 8 s, with a bar of 131 us, and 100
+ten seconds later; with 0.8 after 4.9 s and 167 us, with 0.97 after 9.3 s and 112 us (8 trials).
+"""
 SETTLED_NS = 1_000_000_000
 """An error that meets its link's target will not soon shrink further after so long without gain.
 
@@ -62,7 +69,10 @@ LINK_MARGIN, MAX_LINK_TARGET_NS = 1.5, 1_000_000
 """What a link can bear: this multiple of the asymmetry's part of the error, as the delays add a tenth to a
 third to it (docs/accuracy-measurements.md); and at most half of what restarted cameras are aligned to."""
 LONGEST_TRY_NS = 15_000_000_000
-"""Maximum time for which a node sends its leader requests in quick succession."""
+"""Maximum time for which a node sends its leader requests in quick succession.
+
+No node reached it on the paper's link and on a recorded one: the last one had gained after 12.6 s (8 trials).
+"""
 
 
 class Progress(NamedTuple):

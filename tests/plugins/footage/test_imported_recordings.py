@@ -56,6 +56,38 @@ def test_claps_align_videos(claps: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "by sound" in capsys.readouterr().out
 
 
+def test_a_sound_goes_on_in_the_next_chapter(tmp_path: Path) -> None:
+    """Two GoPro recordings, of which only the second chapters were there at the claps."""
+    heard = Take(claps_s=(7.2, 8.31, 9.87, 11.05))
+    for phone, number in zip(PHONES, ("0011", "0021", "0031"), strict=True):
+        for chapter in (1, 2):
+            path = tmp_path / "rec" / phone.name / f"GX0{chapter}{number}.MP4"
+            # Its frames go on without a gap.
+            begun_s = float(phone.true_s(0.0 if chapter == 1 else int(6 * phone.fps) / phone.fps))
+            seed = 10 * chapter + phone.seed
+            replace(phone, start_s=begun_s, seed=seed, jitter_s=0.0).record(heard, path, 6)
+    exact = ("--sound-distance-m", "0", "--sound-delay-ms", "0")
+    times = imported(tmp_path / "rec", *exact, "--count", "3").manifest.burst.common_times
+    assert times is not None
+    for phone in PHONES[1:]:
+        error, bar = error_ms(times.cameras[phone.name], phone, 8.0)
+        assert times.cameras[phone.name].source == "sound"
+        assert abs(error) < bar < 3
+
+
+def test_a_faster_camera_gives_its_nearest_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    slow, fast = Phone("a", fps=25), Phone("b", start_s=0.7, fps=60_000 / 1001, seed=2)
+    for phone in (slow, fast):
+        phone.record(CLAPS, tmp_path / "rec" / f"{phone.name}.mp4", 8)
+    session = imported(tmp_path / "rec")
+    pairs = session.images_by_instant()
+    assert all(len(images) == 2 for images in pairs)
+    assert len(pairs) == pytest.approx(25 * 7.3, abs=2)
+    assert all(abs(image.residual_ns) < 8.4e6 for images in pairs for image in images.values())
+    assert session.manifest.burst.period_ns == 40_000_000
+    assert "b 59.94 frames a second, a 25: the nearest are taken" in capsys.readouterr().err
+
+
 def test_the_way_of_sound_is_in_the_error_bar(claps: Path) -> None:
     times = imported(claps, "--times", "video", "--start", "60", "--count", "3").manifest.burst.common_times
     assert times is not None

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import at_slowest_rate, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -233,3 +234,27 @@ def test_caliscope_points_project_where_they_were_seen(shared: Path, tmp_path: P
         seen = np.array([[float(row[f"x_{side}"]), float(row[f"y_{side}"])] for row in rows])
         away = np.linalg.norm(project(calibration.cameras[name], points) - seen, axis=1)
         assert np.median(away) < 1
+
+
+def test_what_the_slowest_camera_lost_is_missing() -> None:
+    slow = [TimedFrame(n, n * 40_000_000) for n in range(20) if n != 7]
+    fast = [TimedFrame(n, n * 16_683_333 + 3_000_000) for n in range(47)]
+    said: list[str] = []
+    timeline = at_slowest_rate(timeline_by_times("it", {"slow": slow, "fast": fast}), said.append)
+    assert [sorted(one.frames) for one in timeline.instants] == [
+        ["fast"] if n == 7 else ["fast", "slow"] for n in range(20)
+    ]
+    assert timeline.instants[7].leader_ns == pytest.approx(280_000_000, abs=12_000_000)
+    assert timeline.period_ns == 40_000_000
+    assert said == [
+        "fast 59.94 frames a second, slow 25: the nearest are taken, 27 instants between are left out"
+    ]
+
+
+def test_rates_that_are_nearly_one_lose_nothing() -> None:
+    cameras = {
+        name: [TimedFrame(n, round(n * 1e9 / fps)) for n in range(50)]
+        for name, fps in (("a", 30), ("b", 29.97), ("c", 28))
+    }
+    timeline = timeline_by_times("it", cameras)
+    assert at_slowest_rate(timeline, pytest.fail) is timeline

@@ -100,5 +100,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
         if self.page:
-            yield f"page: {out / 'walk.html'}"
+            from reconstruction.report.walk_page import PAGE
+
+            yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

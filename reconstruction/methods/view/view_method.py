@@ -108,5 +108,7 @@ class ViewMethod(Method, frozen=True, kw_only=True):
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
         if self.page:
-            yield f"page: {out / 'walk.html'}"
+            from reconstruction.report.walk_page import PAGE
+
+            yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

@@ -44,7 +44,6 @@ COMMANDS = {
     "coverage": "Show live which views of a calibration board are missing.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
-    "link": "Measure clock synchronization over a real or recorded link.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
 MODULES = {"burst": "take", "record": "take"}

@@ -16,11 +16,11 @@ _PUBLIC = {
 }
 
 
-def _method_options() -> dict[str, Any]:
-    """Return the options of the installed methods that have a command, by the names of their classes."""
+def _methods() -> dict[str, Any]:
+    """Return the installed methods that have a command, by the names of their classes."""
     from reconstruction.compare.method import methods
 
-    return {method.Options.__name__: method.Options for method in methods().values() if method.help}
+    return {method.__name__: method for method in methods().values() if method.help}
 
 
 def __dir__() -> list[str]:
@@ -29,9 +29,16 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     if name == "__all__":
-        return sorted([*_PUBLIC, *_method_options()])
+        return sorted([*_PUBLIC, *_methods()])
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    if not name.endswith("Options") or name not in (options := _method_options()):
+    if not name[0].isupper() or (method := _find_method(name)) is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return options[name]
+    return method
+
+
+def _find_method(name: str) -> Any:
+    """Return a method by its class's name, or by that of its options before; None for no method."""
+    known = _methods()
+    earlier = {f"{method.name.capitalize()}Options": method for method in known.values()}
+    return known.get(name, earlier.get(name))

@@ -7,24 +7,31 @@ from reconstruction.calibration.calibration_run import CalibrationSource as Cali
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions as CompareOptions
 from reconstruction.methods.multiview.instant_model import MadeMultiview
-from reconstruction.methods.multiview.multiview_method import MultiviewOptions as MultiviewOptions
-from reconstruction.methods.panorama.panorama_method import PanoramaOptions as PanoramaOptions
+from reconstruction.methods.multiview.multiview_method import Multiview as Multiview
+from reconstruction.methods.panorama.panorama_method import Panorama as Panorama
 from reconstruction.methods.panorama.panorama_run import PanoramaResult
-from reconstruction.methods.splat.splat_method import SplatOptions as SplatOptions
+from reconstruction.methods.splat.splat_method import SplatMethod as SplatMethod
 from reconstruction.methods.splat.splat_run import MadeSplat
-from reconstruction.methods.stereo.stereo_method import StereoOptions as StereoOptions
+from reconstruction.methods.stereo.stereo_method import Stereo as Stereo
 from reconstruction.methods.stereo.stereo_run import MadeStereo
-from reconstruction.methods.view.view_method import ViewOptions as ViewOptions
+from reconstruction.methods.view.view_method import ViewMethod as ViewMethod
 from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.session.conditions import Condition as Condition
+
+# Earlier names.
+MultiviewOptions = Multiview
+PanoramaOptions = Panorama
+SplatOptions = SplatMethod
+StereoOptions = Stereo
+ViewOptions = ViewMethod
 
 class _OurMethods(ReconstructedSession):
     """The session with the types of the methods of this package, which it finds by their entry points."""
 
     def stereo(
         self,
-        options: StereoOptions | None = None,
+        options: Stereo | None = None,
         *,
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
@@ -34,14 +41,14 @@ class _OurMethods(ReconstructedSession):
     ) -> MadeStereo: ...
     def multiview(
         self,
-        options: MultiviewOptions | None = None,
+        options: Multiview | None = None,
         *,
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
     ) -> MadeMultiview: ...
     def panorama(
         self,
-        options: PanoramaOptions | None = None,
+        options: Panorama | None = None,
         *,
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
@@ -50,7 +57,7 @@ class _OurMethods(ReconstructedSession):
     ) -> Made[PanoramaResult]: ...
     def splat(
         self,
-        options: SplatOptions | None = None,
+        options: SplatMethod | None = None,
         *,
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
@@ -62,7 +69,7 @@ class _OurMethods(ReconstructedSession):
     ) -> MadeSplat: ...
     def view(
         self,
-        options: ViewOptions | None = None,
+        options: ViewMethod | None = None,
         *,
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,

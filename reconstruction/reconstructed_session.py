@@ -51,8 +51,9 @@ M = TypeVar("M", bound=Made[Any])
 class ReconstructedSession(OpenSession):
     """Open session with the commands of `reconstruct` as methods; `open_session` returns it.
 
-    So is every installed method: `stereo`, `multiview`, `panorama`. It takes its options, or single ones by
-    name, and a `condition`. `out` is the output folder; None = a temporary folder that goes with the result.
+    So is every installed method: `stereo`, `multiview`, `panorama`. Each takes its options by name, or as an
+    object such as `Stereo(instant=2)`, and a `condition`. `out` is the output folder; None = a temporary
+    folder that goes with the result.
     """
 
     if not TYPE_CHECKING:  # A type checker knows our methods by `__init__.pyi`, and finds misspelled names.
@@ -69,14 +70,13 @@ class ReconstructedSession(OpenSession):
     def _run(
         self,
         method: type[Method],
-        options: Any = None,
+        options: Method | None = None,
         *,
         condition: Condition = SYNCHRONIZED,
         out: str | PathLike[str] | None = None,
         **chosen: Any,
     ) -> Made[Any]:
-        options = structs.replace(method.Options() if options is None else options, **chosen)
-        run = method(options).make
+        run = structs.replace(method() if options is None else options, **chosen).make
         return _make(resolve_name(method.made), out, lambda to: run([self.folder], to, condition))
 
     def compare(

@@ -19,7 +19,7 @@ from benchmarks.paper.result import error_figures
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
 from capture_app.common.address import parse_address
 from capture_app.common.clock import parse_clock
-from capture_app.machine.link_measurement import judge, measure, sum_up
+from capture_app.companions.link.link_measurement import judge, measure, sum_up
 
 PORT = 47010
 WIRELESS, CABLE = "10.77.0.1", "10.78.0.1"

@@ -16,8 +16,8 @@ from benchmarks.paper.report import PaperReport
 from benchmarks.paper.result import Outcome, outcome_lines
 from benchmarks.paper.values import FIGURES, TABLES
 from benchmarks.report import new_parser, print_table
-from capture_app.commands.link import require_plots
 from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.companions.link.link_command import require_plots
 from capture_app.console.terminal import print_json, print_line, talk
 
 STUDIES = {

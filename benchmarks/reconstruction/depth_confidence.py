@@ -23,10 +23,10 @@ from benchmarks.reconstruction.camera_rows import read_row
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.methods.multiview.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.methods.multiview.input_images import (
     InputImage,
     check_images,

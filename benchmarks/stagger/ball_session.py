@@ -121,7 +121,7 @@ def path_errors(motion: Motion, order: str, error_s: float, seed: int) -> tuple[
     """Return the errors and the uncertainties (n,) of a path's points, mm, and its spacing of knots, ms."""
     with tempfile.TemporaryDirectory() as folder:
         session = write_session(Path(folder), motion, order, error_s=error_s, seed=seed)
-        result = find_method("trajectory")().make([session], Path(folder, "path"))
+        result = find_method("trajectory").make([session], Path(folder, "path"))
     times_s = np.array([one.leader_ns for one in result.points]) / 1e9 - EMPTY * PERIOD_NS / 1e9
     judged = (times_s > MARGIN_S) & (times_s < SECONDS - MARGIN_S)
     places = np.array([one.position for one in result.points])

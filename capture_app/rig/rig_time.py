@@ -13,11 +13,11 @@ from typing import Any
 from msgspec import Struct
 
 from capture_app.common.address import Address
-from capture_app.common.clock import MAX_SKEW_PPM
 from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
 from capture_app.session.format.marks import Mark, check_mark_text
+from capture_app.sync.clock.likely_line import MAX_SKEW
 
 EXCHANGES = 8
 
@@ -49,7 +49,7 @@ class RigTime:
     def at(self, local_ns: int) -> "RigTime":
         """Return the rig's time at another `time.monotonic_ns()`, as far as clocks may drift until then."""
         elapsed_ns = local_ns - self.local_ns
-        drift_ns = int(abs(elapsed_ns) * MAX_SKEW_PPM * 1e-6) + 1
+        drift_ns = int(abs(elapsed_ns) * MAX_SKEW) + 1
         return RigTime(
             self.earliest_ns + elapsed_ns - drift_ns,
             self.latest_ns + elapsed_ns + drift_ns,

@@ -121,8 +121,8 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         for image in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
             if dataset.has_image(*image):
                 dataset.checked_bytes(*image)
-    method = find_method(DEPTH_METHOD)
-    options = method.Options(
+    method = find_method(
+        DEPTH_METHOD,
         instant=unit.instant,
         matcher=Matcher(unit.matcher),
         mesh=False,
@@ -132,7 +132,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     condition = Condition(unit.condition, listed_ms=unit.offsets_ms)
     try:
         with checked_pictures(required=False):
-            result = msgspec.to_builtins(method(options).make([session], folder, condition))
+            result = msgspec.to_builtins(method.make([session], folder, condition))
     except NotApplicableError as error:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
         write_atomic(folder / RESULT, pretty_json(record))

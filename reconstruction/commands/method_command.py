@@ -39,18 +39,17 @@ def method_command(method: type[Method]) -> click.Command:
         sources: tuple[Path, ...] | Path, condition: Condition, out: Path, as_json: bool, **chosen: Any
     ) -> None:
         try:
-            options = method.Options(**chosen)
+            run = method(progress=Progress(1), **chosen)
         except ValueError as error:
             raise click.UsageError(str(error)) from error
-        made = method(options, Progress(1))
-        result = made.make(sources if isinstance(sources, tuple) else (sources,), out, condition)
-        for note in made.notes(result):
+        result = run.make(sources if isinstance(sources, tuple) else (sources,), out, condition)
+        for note in run.notes(result):
             talk(note)
-        answer(as_json, result, made.lines(result, out))
+        answer(as_json, result, run.lines(result, out))
 
     metavar, count = sources
     argument = click.Argument(
         ["sources"], type=click.Path(path_type=Path), metavar=metavar, nargs=count, required=True
     )
-    command.params[:0] = [argument, *click_options(method.Options, own=True)]
+    command.params[:0] = [argument, *click_options(method, own=True)]
     return command

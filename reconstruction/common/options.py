@@ -1,4 +1,4 @@
-"""Options of a method, described once for its command, Python and comparisons."""
+"""Options of a method: its fields, described once for its command, Python and comparisons."""
 
 import operator
 from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +19,7 @@ Pair = tuple[str, str]
 
 
 def flag(*names: str, **settings: Any) -> msgspec.Meta:
-    """Annotate a field of a method's `Options` with its option of `reconstruct compare`.
+    """Annotate a field of a method with its option of `reconstruct compare`.
 
     The field's type and default are the option's, `ge`, `gt` and `le` its bounds, and other `settings` are
     click's: `points: Annotated[int, flag("--points", ge=1, help="...")] = 3`. A name without a dash is the
@@ -31,17 +31,6 @@ def flag(*names: str, **settings: Any) -> msgspec.Meta:
 def command_flag(*names: str, **settings: Any) -> msgspec.Meta:
     """Annotate a field, as `flag` does, with its option of the method's own command."""
     return flag(*names, own=True, **settings)
-
-
-class MethodOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of every method that has a command."""
-
-    instant: Annotated[
-        int,
-        command_flag("--instant", ge=0, metavar="K", help="Instant of the burst, counted from 0."),
-    ] = 0
-    time_shifts_ms: Mapping[str, float] = {}
-    """Corrections added to the times of the named cameras."""
 
 
 class Described(NamedTuple):
@@ -63,7 +52,7 @@ class Described(NamedTuple):
 
 
 def described(options: type[msgspec.Struct]) -> Iterator[Described]:
-    """Yield all options that the fields of `Options` describe."""
+    """Yield all options that the fields of a method, or of a study's `Options`, describe."""
     for name, hint in get_type_hints(options, include_extras=True).items():
         if get_origin(hint) is Annotated:
             kind, *metas = get_args(hint)
@@ -76,7 +65,7 @@ def described(options: type[msgspec.Struct]) -> Iterator[Described]:
 
 
 def compare_keywords(options: type[msgspec.Struct]) -> dict[str, str]:
-    """Return the keywords of the options in a comparison, each with its field of `Options`."""
+    """Return the keywords of the options in a comparison, each with its field."""
     return {one.keyword: one.field for one in described(options) if not one.own}
 
 
@@ -87,7 +76,7 @@ def checked(options: S) -> S:
     """Return options with Python's numbers in place of NumPy's.
 
     Raises:
-        BadInputError: one is of the wrong type, or outside the bounds that `Options` has.
+        BadInputError: one is of the wrong type, or outside the bounds that its field has.
     """
     name = type(options).__name__
     hint = f"help({name}) shows what it takes"

@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 
@@ -12,24 +12,25 @@ from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
-from reconstruction.common.options import METHODS, STUDIES, MethodOptions, checked
+from reconstruction.common.options import METHODS, STUDIES, checked, command_flag
 from reconstruction.session.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.session.dataset import Dataset
 
+SILENT = Progress(0, silent=True)
 
-class Method:
-    """One way to reconstruct a session: its options, how it runs under a condition, and its words.
 
-    The class is loaded for every `--help`, so its methods import slow modules themselves.
+class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+    """One way to reconstruct a session, with its options: its words, and how it runs under a condition.
+
+    Each field is an option. The class is loaded for every `--help`, so its methods import slow modules
+    themselves.
     """
 
     name: ClassVar[str]
     """Name of the method, its command, its method in Python and its plugin."""
-    Options: ClassVar[type[msgspec.Struct]] = MethodOptions
-    """Struct of all its options; one that runs extends `MethodOptions`."""
     study: ClassVar[str] = ""
     """The study that scores it in a comparison, as module:class; empty for none."""
     help: ClassVar[str] = ""
@@ -44,16 +45,27 @@ class Method:
     made: ClassVar[str] = "reconstruction.common.outputs:Made"
     """Class of its result in Python, as module:class."""
 
-    def __init__(self, options: Any = None, progress: Progress | None = None) -> None:
-        """Create the method with its options, checked.
+    instant: Annotated[
+        int,
+        command_flag("--instant", ge=0, metavar="K", help="Instant of the burst, counted from 0."),
+    ] = 0
+    time_shifts_ms: Mapping[str, float] = {}
+    """Corrections added to the times of the named cameras."""
+    progress: Progress = SILENT
+    """Receives the lines that say how far it is."""
 
-        Raises:
-            BadInputError: an option is outside its bounds, or of the wrong type.
-        """
-        self.options: Any = checked(self.Options() if options is None else options)
-        self.progress = progress or Progress(0, silent=True)
+    def __post_init__(self) -> None:
+        """Refuse both `instant` and `instants`, with ValueError, if the method has many of them."""
+        if self.instant and self.listed_instants != [self.instant]:
+            raise ValueError("give either --instant or --instants")
 
-    def check(self) -> None:
+    @property
+    def listed_instants(self) -> Sequence[int]:
+        """Its `instants` (empty = all) if it has many and they are given, else `instant` alone."""
+        many: Sequence[int] | None = getattr(self, "instants", None)
+        return [self.instant] if many is None else many
+
+    def require(self) -> None:
         """Refuse impossible options before the session is read.
 
         Raises:
@@ -84,6 +96,10 @@ class Method:
         return comparison_folder(out)
 
     def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
+        """Check the options, and write the result of a session, or of images, to `out`; see `write`."""
+        return checked(self).write(sources, out, condition)
+
+    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
         """Run on a session, or on images; write the result to `out` atomically, and return it.
 
         Raises:
@@ -93,10 +109,10 @@ class Method:
 
         began_s = time.monotonic()
         output = self.output_folder(out)
-        self.check()
+        self.require()
         with output:
             result = self.compute(sources, condition, output)
-            result = with_provenance(result, began_s, self.options.time_shifts_ms)
+            result = with_provenance(result, began_s, self.time_shifts_ms)
             write_atomic(output.folder / self.result_file, pretty_json(result))
         return result
 
@@ -105,7 +121,7 @@ class Method:
         from reconstruction.calibration.stored import choose_calibration
         from reconstruction.session.dataset import Dataset
 
-        dataset = Dataset.open(sources[0], self.options.time_shifts_ms)
+        dataset = Dataset.open(sources[0], self.time_shifts_ms)
         condition.check(dataset)
         choose_calibration(dataset)
         return self.run(dataset, condition, output)
@@ -114,7 +130,7 @@ class Method:
 @cache
 def methods() -> Mapping[str, type[Method]]:
     """Return all installed methods by name; broken plugins are reported once and left out."""
-    return load_plugins(METHODS, "name", "Options", "study", "help")
+    return load_plugins(METHODS, "name", "study", "help", "make")
 
 
 def study_names() -> list[str]:
@@ -124,19 +140,17 @@ def study_names() -> list[str]:
 
 @cache
 def compare_options() -> Sequence[type[msgspec.Struct]]:
-    """Return the `Options` of all methods, and of other packages' studies, in a comparison."""
-    others = [
-        one for one in load_plugins(STUDIES, "text", "placeholders").values() if hasattr(one, "Options")
-    ]
-    return [one.Options for one in (*methods().values(), *others)]
+    """Return what has options of a comparison: all methods, and the `Options` of other packages' studies."""
+    others = load_plugins(STUDIES, "text", "placeholders").values()
+    return [*methods().values(), *(one.Options for one in others if hasattr(one, "Options"))]
 
 
-def find_method(name: str) -> type[Method]:
-    """Return an installed method.
+def find_method(name: str, **options: Any) -> Method:
+    """Return an installed method with its options.
 
     Raises:
         BadInputError: it is not installed.
         NotAvailableError: it cannot be loaded.
     """
-    method: type[Method] = load_plugin(METHODS, name, "make")
+    method: Method = load_plugin(METHODS, name, "make")(**options)
     return method

@@ -52,20 +52,21 @@ def see_moments(
     method does, and IncompleteError without a calibration.
     """
     views = calibrated_views(dataset, require_calibration(dataset))
-    method = find_method(DEPTH)
     common: dict[str, Any] = {"quick": quick, "calibrated": True, "time_shifts_ms": dataset.time_shifts_ms}
+    if progress is not None:
+        common["progress"] = progress
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         folder = Path(scratch, "maps")
         if len(instants) == 1:
             lean: dict[str, Any] = {"mesh": False, "cloud": False, "workspace": False}
-            chosen = method.Options(instant=instants[0], without=tuple(without), **lean, **common)
-            result = method(chosen, progress).make([dataset.session.folder], folder, condition)
+            method = find_method(DEPTH, instant=instants[0], without=tuple(without), **lean, **common)
+            result = method.make([dataset.session.folder], folder, condition)
             images = {one.camera: dataset.image(one.camera, one.instant) for one in result.views}
             files = {camera: folder / "depth" / f"{camera}.npz" for camera in images}
             yield SeenInstant(instants[0], read_moment(files, views, images), result.left_out)
             return
-        chosen = method.Options(instants=tuple(instants), mesh=False, depth=True, workspace=False, **common)
-        result = method(chosen, progress).make([dataset.session.folder], folder, condition)
+        common |= {"instants": tuple(instants), "mesh": False, "depth": True, "workspace": False}
+        result = find_method(DEPTH, **common).make([dataset.session.folder], folder, condition)
         for one in result.instants:
             shown = dataset.nearest_instants(one.instant, condition.offsets_ms(dataset.cameras, one.instant))
             files = {

@@ -46,6 +46,7 @@ print(json.dumps({"session": str(written.folder), "images": len(session.manifest
 """
 UNSAID = {
     "capture_app/companions/interop": ("--android-app", "--rpicam"),
+    "capture_app/companions/link": ("\n  link  ",),
     "capture_app/companions/monitor": ("capture-app monitor", "\n  monitor  "),
     "capture_app/companions/panel": ("--panel", "capture-app panel", "\n  panel  "),
     "capture_app/companions/phones": ("--phones", "capture-app phones", "\n  phones  "),

@@ -16,8 +16,8 @@ from capture_app.session.reading.array_access import open_session as open_for_pi
 from reconstruction import (
     CalibrateOptions,
     CalibrationSource,
-    PanoramaOptions,
-    StereoOptions,
+    Panorama,
+    Stereo,
     open_session,
 )
 from reconstruction.common.memory import limited_memory, memory_budget
@@ -28,7 +28,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 
 
 def test_depth_comes_as_arrays_and_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
-    made = open_session(open_for_pictures(SAMPLE)).stereo(StereoOptions(instant=1, pair=("cam00", "cam01")))
+    made = open_session(open_for_pictures(SAMPLE)).stereo(Stereo(instant=1, pair=("cam00", "cam01")))
     depth, filled, confidence = made.depth, made.filled, made.confidence
     assert (made.result.reference, made.result.instant, made.result.unit) == ("cam00", 1, "m")
     assert depth.dtype == np.float32
@@ -75,7 +75,7 @@ def test_two_sessions_in_two_threads_neither_silence_nor_limit_each_other(
 def test_a_session_at_work_in_another_thread_silences_nobody_else(capfd: pytest.CaptureFixture[str]) -> None:
     said = 0
     with ThreadPoolExecutor(1) as pool:
-        work = pool.submit(open_session(SAMPLE).stereo, StereoOptions(instant=1, pair=("cam00", "cam01")))
+        work = pool.submit(open_session(SAMPLE).stereo, Stereo(instant=1, pair=("cam00", "cam01")))
         while not work.done():
             talk("heard")
             said += 1
@@ -86,7 +86,7 @@ def test_a_session_at_work_in_another_thread_silences_nobody_else(capfd: pytest.
 
 @pytest.mark.slow
 def test_files_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
-    made = open_session(SAMPLE).panorama(PanoramaOptions(instant=1), out=tmp_path / "panorama")
+    made = open_session(SAMPLE).panorama(Panorama(instant=1), out=tmp_path / "panorama")
     picture = made.image(made.result.synced.panorama)
     assert picture.shape == (made.result.synced.height, made.result.synced.width, 3)
     file = tmp_path / "panorama" / made.result.synced.panorama
@@ -113,4 +113,4 @@ def test_a_mistake_is_an_error_of_ours(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no session at"):
         open_session(tmp_path / "none")
     with pytest.raises(BadInputError, match="99"):
-        open_session(SAMPLE).stereo(StereoOptions(instant=99))
+        open_session(SAMPLE).stereo(Stereo(instant=99))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.mesh import FRAME_PX, draw_clouds
+from reconstruction.methods.multiview.mesh import FRAME_PX, draw_clouds
 
 RADIUS, AWAY = 0.3, 1.3
 GROUND = 32

@@ -41,9 +41,9 @@ def test_bounds_grow_away_from_their_moment_by_what_clocks_drift() -> None:
     now = RigTime(1_000_000, 1_000_100, 500, 7)
     for later_ns in (10**9, -(10**9)):
         later = now.at(500 + later_ns)
-        for ppm in (-900, 0, 900):
+        for ppm in (-1010, 0, 1010):
             assert later.earliest_ns <= 1_000_050 + later_ns * (1 + ppm * 1e-6) <= later.latest_ns
-        assert later.latest_ns - later.earliest_ns < 2_100_000
+        assert later.latest_ns - later.earliest_ns < 2_120_200
         assert later.unix_less_leader_ns == 7
 
 

@@ -167,10 +167,11 @@ class Video(Source):
         """
         if count_video_streams(self.path) > 1:
             # As in an .insv of Insta360, which has a lens in each.
-            self.note = (
+            second = (
                 f"{self.path.name} has more than one video stream; the first is imported. For the second:"
                 f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
             )
+            self.note = "; ".join(filter(None, (self.note, second)))
         found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
         if not all(found.values()):
             return ()

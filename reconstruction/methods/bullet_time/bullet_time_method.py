@@ -2,14 +2,15 @@
 
 from typing import Annotated
 
-import msgspec
-
 from reconstruction.common.options import flag
 from reconstruction.compare.method import Method
 
 
-class BulletTimeOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of the bullet-time sweep."""
+class BulletTimeSweep(Method, frozen=True, kw_only=True):
+    """One instant from camera to camera, beside delayed cameras."""
+
+    name = "bullet_time"
+    study = f"{__package__}.bullet_time_study:BulletTimeStudy"
 
     between: Annotated[
         int,
@@ -23,11 +24,3 @@ class BulletTimeOptions(msgspec.Struct, frozen=True, kw_only=True):
             "takes depth of all cameras twice.",
         ),
     ] = 0
-
-
-class BulletTimeSweep(Method):
-    """One instant from camera to camera, beside delayed cameras."""
-
-    name = "bullet_time"
-    Options = BulletTimeOptions
-    study = f"{__package__}.bullet_time_study:BulletTimeStudy"

@@ -21,7 +21,7 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
 from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.methods.bullet_time.between_cameras import film_between
-from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeOptions
+from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.comparison_results import CompareResult
@@ -269,7 +269,7 @@ class BulletTimeStudy(Study):
         section_place=20,
     )
     needs = (TIMING,)
-    Options = BulletTimeOptions
+    Options = BulletTimeSweep
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:

@@ -19,11 +19,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.outputs import Made
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.colmap_workspace import write_workspace
-from reconstruction.depth.confidence import measure_support
-from reconstruction.depth.fusion import FusedCloud, fuse_maps
 from reconstruction.depth.geometric_consistency import MAX_COST
-from reconstruction.depth.mesh import build_mesh
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
@@ -35,6 +31,9 @@ from reconstruction.depth.view_choice import (
     seen_points,
     smallest_group,
 )
+from reconstruction.methods.multiview.colmap_workspace import write_workspace
+from reconstruction.methods.multiview.confidence import measure_support
+from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
 from reconstruction.methods.multiview.input_images import (
     InputImage,
     check_images,
@@ -49,7 +48,8 @@ from reconstruction.methods.multiview.matcher import (
     image_views,
     match_cameras,
 )
-from reconstruction.methods.multiview.multiview_method import RESULT, MultiviewOptions
+from reconstruction.methods.multiview.mesh import build_mesh
+from reconstruction.methods.multiview.multiview_method import RESULT, Multiview
 from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
 from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
@@ -116,7 +116,7 @@ class MadeMultiview(Made[MultiviewResult]):
 def model_instant(
     dataset: Dataset,
     matcher: ChosenMatcher,
-    options: MultiviewOptions,
+    options: Multiview,
     part: Path,
     progress: Progress | None = None,
     motion: SceneMotion | None = None,
@@ -209,7 +209,7 @@ def _match_instant(
     images: dict[str, InputImage],
     left_out: dict[str, str],
     matcher: ChosenMatcher,
-    options: MultiviewOptions,
+    options: Multiview,
     part: Path,
     progress: Progress,
     still: StillScene,

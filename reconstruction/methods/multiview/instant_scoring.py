@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.fusion import FusedCloud, project_points, surface_points
 from reconstruction.depth.kernels import call_kernel, floats
+from reconstruction.methods.multiview.fusion import FusedCloud, project_points, surface_points
 from reconstruction.methods.multiview.input_images import InputImage, UndistortedSession, undistorted_truth
 from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.result import CloudScore

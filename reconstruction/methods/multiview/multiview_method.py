@@ -11,10 +11,10 @@ import msgspec
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.common.text import count
-from reconstruction.common.options import MethodOptions, command_flag, flag
+from reconstruction.common.options import command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.depth.matchers import MATCHER_HELP, Matcher
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
+from reconstruction.session.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
@@ -27,8 +27,22 @@ FEW_PIXELS = 0.1
 """Fraction of the pixels below which the result is doubtful."""
 
 
-class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of depth from all cameras, at one instant or, with `instants`, at many."""
+class Multiview(Method, frozen=True, kw_only=True):
+    """Depth of all cameras, a fused cloud and a mesh; of many instants, a cloud of each."""
+
+    name = "multiview"
+    study = f"{__package__}.multiview_study:MultiviewStudy"
+    made = f"{__package__}.instant_model:MadeMultiview"
+    help = (
+        "Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh.\n\n"
+        "With --instants, a point cloud of each of many instants, and masks of what moves."
+    )
+    examples = (
+        "multiview sessions/burst-001 --out cloud",
+        "multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
+        "multiview sessions/burst-001 --instants all --out clouds",
+    )
+    result_file = RESULT
 
     instants: Annotated[
         tuple[int, ...] | None,
@@ -109,33 +123,13 @@ class MultiviewOptions(MethodOptions, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Refuse options that exclude each other, with ValueError, and decide whether there is a mesh."""
+        super().__post_init__()
         if self.instants is not None and self.page:
             raise ValueError("--page shows one instant: leave out --instants")
         if self.instants is None and (self.depth or self.whole or self.rrd):
             raise ValueError("--depth, --whole and --rrd need --instants")
-        if self.instants is not None and self.instant:
-            raise ValueError("give either --instant or --instants")
         if self.mesh is None:
             msgspec.structs.force_setattr(self, "mesh", self.instants is None and not self.quick)
-
-
-class Multiview(Method):
-    """Depth of all cameras, a fused cloud and a mesh; of many instants, a cloud of each."""
-
-    name = "multiview"
-    Options = MultiviewOptions
-    study = f"{__package__}.multiview_study:MultiviewStudy"
-    made = f"{__package__}.instant_model:MadeMultiview"
-    help = (
-        "Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh.\n\n"
-        "With --instants, a point cloud of each of many instants, and masks of what moves."
-    )
-    examples = (
-        "multiview sessions/burst-001 --out cloud",
-        "multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
-        "multiview sessions/burst-001 --instants all --out clouds",
-    )
-    result_file = RESULT
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier result; see `Method.output_folder`."""
@@ -144,54 +138,53 @@ class Multiview(Method):
 
         return OutputFolder(out, replaces_only(OURS))
 
-    def check(self) -> None:
-        """Refuse without the packages or the GPU that the options need; see `Method.check`."""
-        if self.options.workspace:
+    def require(self) -> None:
+        """Refuse without the packages or the GPU that the options need; see `Method.require`."""
+        if self.workspace:
             require_reconstruction("pycolmap", "writing COLMAP's workspace")
-        if self.options.refine:
+        if self.refine:
             require_reconstruction("pycolmap", "refining a calibration")
-        if self.options.mesh:
+        if self.mesh:
             require_reconstruction("open3d", "making a mesh")
-        self.matcher  # noqa: B018
+        self.chosen_matcher  # noqa: B018
 
     @cached_property
-    def matcher(self) -> "ChosenMatcher":
+    def chosen_matcher(self) -> "ChosenMatcher":
         """The matcher; raises NotAvailableError if this machine cannot run it."""
         from reconstruction.methods.multiview.matcher import choose_matcher
 
-        return choose_matcher(self.options.matcher, quick=self.options.quick)
+        return choose_matcher(self.matcher, quick=self.quick)
 
-    def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
-        """Compute one instant, or a sequence, whose folder grows cloud by cloud; see `Method.make`."""
-        if self.options.instants is None:
-            return super().make(sources, out, condition)
+    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+        """Compute one instant, or a sequence, whose folder grows cloud by cloud; see `Method.write`."""
+        if self.instants is None:
+            return super().write(sources, out, condition)
         from reconstruction.methods.multiview.sequence import model_sequence
 
-        return model_sequence(sources[0], out, self.options, condition, self.progress)
+        return model_sequence(sources[0], out, self, condition, self.progress)
 
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
         """Compute depth, cloud and mesh of one instant; see `Method.run`."""
         from reconstruction.methods.multiview.instant_model import model_instant
 
-        options = self.options
-        if options.calibrated and dataset.calibration() is None:
+        if self.calibrated and dataset.calibration() is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
                 hint="run reconstruct calibrate first",
             )
-        if options.refine:
-            from reconstruction.calibration.refinement import refine_calibration
+        if self.refine:
+            from reconstruction.methods.multiview.refinement import refine_calibration
 
             dataset.adopt_calibration(refine_calibration(dataset))
-        offsets_ms = options.offsets_ms or condition.offsets_ms(dataset.cameras, options.instant)
-        cloud = options.cloud and (options.mesh or (not options.quick and find_spec("open3d") is not None))
-        options = msgspec.structs.replace(options, offsets_ms=offsets_ms, cloud=cloud)
-        early = output if options.page else None
-        return model_instant(dataset, self.matcher, options, output.folder, self.progress, early=early)
+        offsets_ms = self.offsets_ms or condition.offsets_ms(dataset.cameras, self.instant)
+        cloud = self.cloud and (self.mesh or (not self.quick and find_spec("open3d") is not None))
+        options = msgspec.structs.replace(self, offsets_ms=offsets_ms, cloud=cloud)
+        early = output if self.page else None
+        return model_instant(dataset, self.chosen_matcher, options, output.folder, self.progress, early=early)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras or instants that were left out; see `Method.notes`."""
-        if self.options.instants is None:
+        if self.instants is None:
             yield from super().notes(result)
             return
         for one in result.instants:
@@ -200,7 +193,7 @@ class Multiview(Method):
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""
-        yield from self._instant_lines(result) if self.options.instants is None else _sequence_lines(result)
+        yield from self._instant_lines(result) if self.instants is None else _sequence_lines(result)
         yield from super().lines(result, out)
 
     def _instant_lines(self, result: Any) -> Iterator[str]:

@@ -15,17 +15,17 @@ from reconstruction.common.drawing import colour_depth, display_range, mark_movi
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.depth.colmap_workspace import fuse_by_colmap
 from reconstruction.depth.matchers import Matcher
-from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.input_images import UndistortedSession
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
-from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.methods.multiview.mesh import draw_clouds
+from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence
@@ -193,7 +193,7 @@ class MultiviewStudy(ConditionStudy):
         engine="Distances are found by {matcher}.",
         details="pictures {width} px wide",
     )
-    Options = MultiviewOptions
+    Options = Multiview
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:

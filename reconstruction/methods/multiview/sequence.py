@@ -27,13 +27,13 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
-from reconstruction.calibration.refinement import refine_calibration
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.methods.multiview.instant_model import FUSED, model_instant
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
-from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.refinement import refine_calibration
 from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
 from reconstruction.session.conditions import SYNCHRONIZED, Condition
 from reconstruction.session.dataset import Dataset
@@ -192,7 +192,7 @@ def _read(path: Path, form: type[Form]) -> Form | None:
 def model_sequence(
     session: Path,
     out: Path,
-    options: MultiviewOptions,
+    options: Multiview,
     condition: Condition = SYNCHRONIZED,
     progress: Progress | None = None,
 ) -> SequenceResult:
@@ -291,7 +291,7 @@ def _make(
     motion: SceneMotion,
     still: StillScene,
     matcher: ChosenMatcher,
-    options: MultiviewOptions,
+    options: Multiview,
     condition: Condition,
     instant: int,
     folder: SequenceFolder,
@@ -300,7 +300,7 @@ def _make(
     work, out, dataset, began_s = folder.empty_work(), folder.out, motion.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        each = MultiviewOptions(
+        each = Multiview(
             instant=instant,
             offsets_ms=options.offsets_ms or condition.offsets_ms(dataset.cameras, instant),
             mesh=options.mesh,

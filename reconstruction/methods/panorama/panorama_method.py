@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.common.options import MethodOptions, Pair, command_flag, flag
+from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import MAX_OFFSET_MS, Condition
 
@@ -17,11 +17,25 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 
-class PanoramaOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of a panorama; `offset_ms` also composes it with every second camera delayed by this much.
+class Panorama(Method, frozen=True, kw_only=True):
+    """Panorama of one instant of a session, or of images.
 
-    `pair` is the pair of cameras of the comparison; a panorama of its own has all of them.
+    `offset_ms` also composes it with every second camera delayed by this much. `pair` is the pair of cameras
+    of the comparison; a panorama of its own has all of them.
     """
+
+    name = "panorama"
+    study = f"{__package__}.panorama_study:PanoramaStudy"
+    help = (
+        "Stitch a panorama from one instant of SESSION, or from image files or a folder of them.\n\n"
+        "Lists the images that were left out and why, and marks ghosting in the panorama."
+    )
+    examples = (
+        "panorama sessions/burst-001 --out panorama",
+        "panorama left.jpg right.jpg --out panorama",
+    )
+    aliases = ("stitch",)
+    takes_images = True
 
     offset_ms: Annotated[
         float | None,
@@ -39,29 +53,11 @@ class PanoramaOptions(MethodOptions, frozen=True, kw_only=True):
         flag("--stitch-pair", "panorama", hidden=True),
     ] = None
 
-
-class Panorama(Method):
-    """Panorama of one instant of a session, or of images."""
-
-    name = "panorama"
-    Options = PanoramaOptions
-    study = f"{__package__}.panorama_study:PanoramaStudy"
-    help = (
-        "Stitch a panorama from one instant of SESSION, or from image files or a folder of them.\n\n"
-        "Lists the images that were left out and why, and marks ghosting in the panorama."
-    )
-    examples = (
-        "panorama sessions/burst-001 --out panorama",
-        "panorama left.jpg right.jpg --out panorama",
-    )
-    aliases = ("stitch",)
-    takes_images = True
-
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
         """Stitch an instant, and also under the condition if that is another one; see `Method.run`."""
         from reconstruction.methods.panorama.panorama_run import session_input, stitch
 
-        return stitch(session_input(dataset, condition, self.options), output.folder)
+        return stitch(session_input(dataset, condition, self), output.folder)
 
     def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
         """Stitch a session, or images; see `Method.compute`."""
@@ -69,7 +65,7 @@ class Panorama(Method):
 
         if len(sources) == 1 and (sources[0] / MANIFEST).exists():
             return super().compute(sources, condition, output)
-        return stitch(image_input(sources, condition, self.options), output.folder)
+        return stitch(image_input(sources, condition, self), output.folder)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield nothing: the lines name what was left out."""

@@ -12,7 +12,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.native_libraries import opencv_calls
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
-from reconstruction.methods.panorama.panorama_method import PanoramaOptions
+from reconstruction.methods.panorama.panorama_method import Panorama
 from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
@@ -109,7 +109,7 @@ def _save_panorama(
     )
 
 
-def image_input(sources: Sequence[Path], condition: Condition, options: PanoramaOptions) -> Input:
+def image_input(sources: Sequence[Path], condition: Condition, options: Panorama) -> Input:
     """Read image files and folders of images.
 
     Raises:
@@ -142,7 +142,7 @@ def image_input(sources: Sequence[Path], condition: Condition, options: Panorama
     return {"synced": (images, {})}, {}, [], {"source": " ".join(map(str, sources)), "left_out": {}}
 
 
-def session_input(dataset: Dataset, condition: Condition, options: PanoramaOptions) -> Input:
+def session_input(dataset: Dataset, condition: Condition, options: Panorama) -> Input:
     """Read an instant's images of a session, also in the other condition if one is requested.
 
     Raises:
@@ -170,7 +170,7 @@ def session_input(dataset: Dataset, condition: Condition, options: PanoramaOptio
 
 
 def _delayed_instants(
-    dataset: Dataset, cameras: Sequence[str], condition: Condition, options: PanoramaOptions
+    dataset: Dataset, cameras: Sequence[str], condition: Condition, options: Panorama
 ) -> tuple[dict[str, int], float]:
     """Return the delayed cameras with the instants that they show, and the largest delay, ms."""
     instant, times_ns = options.instant, dataset.instants_ns

@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.compare.study import PairStudy, write_pictures
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
-from reconstruction.methods.panorama.panorama_method import PanoramaOptions
+from reconstruction.methods.panorama.panorama_method import Panorama
 from reconstruction.methods.panorama.registration import PanoramaStitcher
 from reconstruction.report import wording
 from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
@@ -90,7 +90,7 @@ class PanoramaStudy(PairStudy):
         why=WHY,
         engine="The panorama is put together by OpenCV.",
     )
-    Options = PanoramaOptions
+    Options = Panorama
     needs_calibration = False
 
     @classmethod

@@ -2,14 +2,15 @@
 
 from typing import Annotated
 
-import msgspec
-
 from reconstruction.common.options import flag
 from reconstruction.compare.method import Method
 
 
-class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of camera poses in a comparison."""
+class PoseEstimation(Method, frozen=True, kw_only=True):
+    """Camera poses of single instants, compared with the calibration."""
+
+    name = "poses"
+    study = f"{__package__}.pose_study:PoseStudy"
 
     poses: Annotated[
         bool | None,
@@ -19,11 +20,3 @@ class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
             help="Also estimate the camera poses from single instants.",
         ),
     ] = None
-
-
-class PoseEstimation(Method):
-    """Camera poses of single instants, compared with the calibration."""
-
-    name = "poses"
-    Options = PoseOptions
-    study = f"{__package__}.pose_study:PoseStudy"

@@ -15,7 +15,7 @@ from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
 from reconstruction.compare.study import UNASKED, ConditionStudy
-from reconstruction.methods.poses.pose_method import PoseOptions
+from reconstruction.methods.poses.pose_method import PoseEstimation
 from reconstruction.report import wording
 from reconstruction.report.charts import Axes
 from reconstruction.report.findings import EACH_DELAYED, percent
@@ -258,7 +258,7 @@ class PoseStudy(ConditionStudy):
         section_place=60,
     )
     packages = ("pycolmap",)
-    Options = PoseOptions
+    Options = PoseEstimation
 
     finder: ClassVar[type[PoseFinder]] = PoseFinder
 

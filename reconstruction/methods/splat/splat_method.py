@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
-from reconstruction.common.options import MethodOptions, command_flag, flag
+from reconstruction.common.options import command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import Condition
 
@@ -15,8 +15,22 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 
-class SplatOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of splats of one instant or, with `instants`, of many."""
+class SplatMethod(Method, frozen=True, kw_only=True):
+    """A Gaussian splat of an instant, made from depth maps and optimized without a GPU."""
+
+    name = "splat"
+    study = f"{__package__}.splat_study:SplatStudy"
+    made = f"{__package__}.splat_run:MadeSplat"
+    help = (
+        "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
+        "Needs no GPU. SESSION must be calibrated."
+    )
+    examples = (
+        "splat sessions/burst-001 --instant 3 --out splat",
+        "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
+        "splat sessions/burst-001 --instants all --page --out splats",
+    )
+    result_file = "splat.json"
 
     instants: Annotated[
         tuple[int, ...] | None,
@@ -63,30 +77,6 @@ class SplatOptions(MethodOptions, frozen=True, kw_only=True):
         ),
     ] = False
 
-    def __post_init__(self) -> None:
-        """Refuse both `instant` and `instants`, with ValueError."""
-        if self.instants is not None and self.instant:
-            raise ValueError("give either --instant or --instants")
-
-
-class SplatMethod(Method):
-    """A Gaussian splat of an instant, made from depth maps and optimized without a GPU."""
-
-    name = "splat"
-    Options = SplatOptions
-    study = f"{__package__}.splat_study:SplatStudy"
-    made = f"{__package__}.splat_run:MadeSplat"
-    help = (
-        "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
-        "Needs no GPU. SESSION must be calibrated."
-    )
-    examples = (
-        "splat sessions/burst-001 --instant 3 --out splat",
-        "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
-        "splat sessions/burst-001 --instants all --page --out splats",
-    )
-    result_file = "splat.json"
-
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier splats; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
@@ -98,7 +88,7 @@ class SplatMethod(Method):
         """Compute depth, and optimize the splats; see `Method.run`."""
         from reconstruction.methods.splat.splat_run import make_splats
 
-        return make_splats(dataset, condition, self.options, output.folder, self.progress)
+        return make_splats(dataset, condition, self, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
@@ -109,6 +99,8 @@ class SplatMethod(Method):
             f"at least {match:.1f} dB to the pictures they were made from"
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
-        if self.options.page:
-            yield f"page: {out / 'walk.html'}"
+        if self.page:
+            from reconstruction.report.walk_page import PAGE
+
+            yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

@@ -22,7 +22,7 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
 )
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.splat.splat_method import SplatOptions
+from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_page import write_splat_page
 from reconstruction.report.walk_page import PAGE
 from reconstruction.scores.picture_quality import psnr
@@ -106,7 +106,7 @@ class _Learned:
 
 
 def make_splats(
-    dataset: Dataset, condition: Condition, options: SplatOptions, folder: Path, progress: Progress
+    dataset: Dataset, condition: Condition, options: SplatMethod, folder: Path, progress: Progress
 ) -> SplatResult:
     """Write a splat of each chosen instant into a folder.
 
@@ -121,7 +121,7 @@ def make_splats(
     subject: Array | None = None
     for one in see_moments(
         dataset,
-        dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
+        dataset.chosen_instants(options.listed_instants),
         condition,
         quick=options.quick,
         progress=progress,

@@ -14,7 +14,7 @@ from reconstruction.compare.moments import see_moments
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.splat.splat_method import SplatOptions
+from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.report.findings import EACH_DELAYED
 from reconstruction.report.study_report import MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
@@ -114,7 +114,7 @@ class SplatStudy(ConditionStudy):
     )
     needs_calibration = True
     min_cameras = MIN_CAMERAS
-    Options = SplatOptions
+    Options = SplatMethod
 
     reference = ""
     """The camera that is left out; empty before `prepare` chooses it."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from reconstruction.common.options import MethodOptions, Pair, command_flag, flag
+from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import Condition
 
@@ -14,8 +14,17 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 
-class StereoOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of a pair's depth; `pair` None = chosen, `other_instant` None = as the condition has it."""
+class Stereo(Method, frozen=True, kw_only=True):
+    """Depth from one pair of cameras, with its confidence.
+
+    `pair` None = chosen, `other_instant` None = as the condition has it.
+    """
+
+    name = "stereo"
+    study = f"{__package__}.stereo_study:StereoStudy"
+    made = f"{__package__}.stereo_run:MadeStereo"
+    help = "Compute a depth map from two cameras of SESSION, with its confidence and a picture."
+    examples = ("stereo sessions/burst-001 --pair cam00,cam01 --out depth",)
 
     other_instant: Annotated[
         int | None,
@@ -33,22 +42,11 @@ class StereoOptions(MethodOptions, frozen=True, kw_only=True):
         flag("--stereo-pair", "stereo", help="The two cameras for depth."),
     ] = None
 
-
-class Stereo(Method):
-    """Depth from one pair of cameras, with its confidence."""
-
-    name = "stereo"
-    Options = StereoOptions
-    study = f"{__package__}.stereo_study:StereoStudy"
-    made = f"{__package__}.stereo_run:MadeStereo"
-    help = "Compute a depth map from two cameras of SESSION, with its confidence and a picture."
-    examples = ("stereo sessions/burst-001 --pair cam00,cam01 --out depth",)
-
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "StereoDepth":
         """Match the pair densely; see `Method.run`."""
         from reconstruction.methods.stereo.stereo_run import compute_stereo
 
-        return compute_stereo(dataset, condition, self.options, output.folder, self.progress)
+        return compute_stereo(dataset, condition, self, output.folder, self.progress)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras and the pairs that were left out; see `Method.notes`."""

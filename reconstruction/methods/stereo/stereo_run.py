@@ -13,7 +13,7 @@ from reconstruction.common.drawing import colour_depth, display_range, side_by_s
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture, write_image
 from reconstruction.common.outputs import STAGES, Made
-from reconstruction.methods.stereo.stereo_method import StereoOptions
+from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
 from reconstruction.scores.truth import fraction_right
 from reconstruction.session.conditions import Condition
@@ -76,7 +76,7 @@ class MadeStereo(Made[StereoDepth]):
 
 
 def compute_stereo(
-    dataset: Dataset, condition: Condition, options: StereoOptions, folder: Path, progress: Progress
+    dataset: Dataset, condition: Condition, options: Stereo, folder: Path, progress: Progress
 ) -> StereoDepth:
     """Match one pair of a session densely; write depth, confidence and a picture to `folder`.
 

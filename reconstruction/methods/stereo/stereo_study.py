@@ -21,7 +21,7 @@ from reconstruction.common.drawing import (
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
 from reconstruction.compare.study import Context, PairStudy, write_pictures
-from reconstruction.methods.stereo.stereo_method import StereoOptions
+from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import (
     DepthMap,
     StereoPair,
@@ -208,7 +208,7 @@ class StereoStudy(PairStudy):
         diagram="diagram.svg",
         engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
     )
-    Options = StereoOptions
+    Options = Stereo
     measures_delay = True
 
     @classmethod

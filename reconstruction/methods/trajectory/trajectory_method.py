@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
-from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.common.options import command_flag
 from reconstruction.compare.method import Method
 from reconstruction.session.conditions import Condition
 
@@ -15,8 +15,17 @@ if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
 
 
-class TrajectoryOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of an object's path."""
+class TrajectoryMethod(Method, frozen=True, kw_only=True):
+    """Path of the largest thing that moves, by the time of each frame; the cameras may be staggered."""
+
+    name = "trajectory"
+    help = (
+        "Follow the largest thing that moves in SESSION through space, such as a thrown ball.\n\n"
+        "Each frame counts at its own time, so that a staggered rig of four cameras at 30 follows it at 120 "
+        "a second. SESSION must be calibrated, and its cameras must stand still."
+    )
+    examples = ("trajectory sessions/burst-001 --out path",)
+    result_file = "trajectory.json"
 
     # No option: a path has many instants.
     instant: int = 0
@@ -25,20 +34,6 @@ class TrajectoryOptions(MethodOptions, frozen=True, kw_only=True):
         command_flag("--instants", metavar="all|K-L,M,...", help="Instants in which the object is followed."),
     ] = None
     """None or empty = all."""
-
-
-class TrajectoryMethod(Method):
-    """Path of the largest thing that moves, by the time of each frame; the cameras may be staggered."""
-
-    name = "trajectory"
-    Options = TrajectoryOptions
-    help = (
-        "Follow the largest thing that moves in SESSION through space, such as a thrown ball.\n\n"
-        "Each frame counts at its own time, so that a staggered rig of four cameras at 30 follows it at 120 "
-        "a second. SESSION must be calibrated, and its cameras must stand still."
-    )
-    examples = ("trajectory sessions/burst-001 --out path",)
-    result_file = "trajectory.json"
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier path; see `Method.output_folder`."""
@@ -51,7 +46,7 @@ class TrajectoryMethod(Method):
         """Find the object in all frames, and fit its path; see `Method.run`."""
         from reconstruction.methods.trajectory.trajectory_run import follow
 
-        return follow(dataset, self.options.instants, output.folder, self.progress)
+        return follow(dataset, self.instants, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield how often and how well the object was seen; see `Method.lines`."""

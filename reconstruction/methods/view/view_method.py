@@ -9,9 +9,9 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import count
 from capture_app.session.format.calibration import CameraCalibration
-from reconstruction.common.options import MethodOptions, command_flag
+from reconstruction.common.options import command_flag
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
+from reconstruction.session.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
@@ -22,8 +22,22 @@ FILMS = (".mp4", ".gif", ".webp")
 """Suffixes of `--out` for a film alone."""
 
 
-class ViewOptions(MethodOptions, frozen=True, kw_only=True):
-    """Options of views of one instant or, with `instants`, of many."""
+class ViewMethod(Method, frozen=True, kw_only=True):
+    """Pictures along a path, blended from the cameras' pictures through their depth maps."""
+
+    name = "view"
+    made = f"{__package__}.view_run:MadeView"
+    help = (
+        "Show one instant of SESSION from places without a camera, as a film along a path.\n\n"
+        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. SESSION must be calibrated."
+    )
+    examples = (
+        "view sessions/burst-001 --out swing.mp4",
+        "view sessions/burst-001 --instants all --path orbit --out orbit.mp4",
+        "view sessions/burst-001 --path cameras.json --out views",
+        "view sessions/burst-001 --instants all --page --out walk",
+    )
+    result_file = "view.json"
 
     path: Annotated[
         str | tuple[CameraCalibration, ...],
@@ -58,30 +72,6 @@ class ViewOptions(MethodOptions, frozen=True, kw_only=True):
         bool, command_flag("--page", help="Also write walk.html, a page to walk round in; --out is a folder.")
     ] = False
 
-    def __post_init__(self) -> None:
-        """Refuse both `instant` and `instants`, with ValueError."""
-        if self.instants is not None and self.instant:
-            raise ValueError("give either --instant or --instants")
-
-
-class ViewMethod(Method):
-    """Pictures along a path, blended from the cameras' pictures through their depth maps."""
-
-    name = "view"
-    Options = ViewOptions
-    made = f"{__package__}.view_run:MadeView"
-    help = (
-        "Show one instant of SESSION from places without a camera, as a film along a path.\n\n"
-        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. SESSION must be calibrated."
-    )
-    examples = (
-        "view sessions/burst-001 --out swing.mp4",
-        "view sessions/burst-001 --instants all --path orbit --out orbit.mp4",
-        "view sessions/burst-001 --path cameras.json --out views",
-        "view sessions/burst-001 --instants all --page --out walk",
-    )
-    result_file = "view.json"
-
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier views; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
@@ -89,34 +79,36 @@ class ViewMethod(Method):
 
         return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
-    def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
-        """Write a folder of pictures, or a film if `out` is named like one; see `Method.make`."""
+    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+        """Write a folder of pictures, or a film if `out` is named like one; see `Method.write`."""
         if out.suffix.lower() not in FILMS:
-            return super().make(sources, out, condition)
+            return super().write(sources, out, condition)
         from reconstruction.methods.view.view_run import write_film
 
-        if self.options.page:
+        if self.page:
             raise BadInputError("--page needs a folder as --out", hint=f"--out {out.stem}")
         if out.exists() or out.is_symlink():
             raise BadInputError(f"{out} exists already", hint="name a film that does not exist yet")
         if out.suffix.lower() == ".mp4":
             load_optional("av", "export", "a film as MP4", hint="--out NAME.gif needs no package")
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            result = super().make(sources, Path(scratch, "made"), condition)
-            write_film(out, Path(scratch, "made"), result, self.options.fps)
+            result = super().write(sources, Path(scratch, "made"), condition)
+            write_film(out, Path(scratch, "made"), result, self.fps)
         return result
 
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "ViewResult":
         """Compute depth, and render the views; see `Method.run`."""
         from reconstruction.methods.view.view_run import render_views
 
-        return render_views(dataset, condition, self.options, output.folder, self.progress)
+        return render_views(dataset, condition, self, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""
         instants = f", {count(len(result.instants), 'instant')}" if len(result.instants) > 1 else ""
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
-        if self.options.page:
-            yield f"page: {out / 'walk.html'}"
+        if self.page:
+            from reconstruction.report.walk_page import PAGE
+
+            yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

@@ -20,7 +20,7 @@ from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.depth.camera_paths import find_subject, orbit, read_path, swing
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
 from reconstruction.depth.view_blending import render
-from reconstruction.methods.view.view_method import ViewOptions
+from reconstruction.methods.view.view_method import ViewMethod
 from reconstruction.methods.view.walk_page import write_moments
 from reconstruction.report.walk_page import PAGE
 from reconstruction.session.conditions import Condition
@@ -69,7 +69,7 @@ class MadeView(Made[ViewResult]):
 
 
 def render_views(
-    dataset: Dataset, condition: Condition, options: ViewOptions, folder: Path, progress: Progress
+    dataset: Dataset, condition: Condition, options: ViewMethod, folder: Path, progress: Progress
 ) -> ViewResult:
     """Render the views of a path into a folder, and save the moments that they show.
 
@@ -83,7 +83,7 @@ def render_views(
     seen, left_out = list[int](), dict[str, str]()
     for one in see_moments(
         dataset,
-        dataset.chosen_instants([options.instant] if options.instants is None else options.instants),
+        dataset.chosen_instants(options.listed_instants),
         condition,
         quick=options.quick,
         progress=progress,
@@ -138,13 +138,13 @@ def write_film(out: Path, folder: Path, result: ViewResult, fps: float) -> None:
             write_atomic(out, encode_animation(list(frames), out.suffix.lower(), step_ms, step_ms))
 
 
-def _given_path(options: ViewOptions) -> Sequence[View]:
+def _given_path(options: ViewMethod) -> Sequence[View]:
     if isinstance(options.path, tuple):
         return [View.from_calibration(one, one.width, one.height).undistorted for one in options.path]
     return [] if options.path in ("swing", "orbit") else read_path(Path(options.path))
 
 
-def _own_path(options: ViewOptions, moment: Moment) -> Sequence[View]:
+def _own_path(options: ViewMethod, moment: Moment) -> Sequence[View]:
     views = {camera: seen.view for camera, seen in moment.items()}
     path = swing if options.path == "swing" else orbit
     return path(views, find_subject(moment), options.frames)

@@ -12,7 +12,7 @@ from capture_app.session.exporting.export_session import export_session
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.format.manifest import image_path
 from capture_app.session.reading.reader import Session
-from reconstruction.depth.colmap_workspace import write_array
+from reconstruction.methods.multiview.colmap_workspace import write_array
 from tests.plugins.programs.conftest import GRID, POINT, Export, Make, calibrated, spot
 
 pycolmap: Any = None

@@ -5,19 +5,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+import reconstruction
 from capture_app.common.errors import BadInputError
-from reconstruction import CompareOptions, MultiviewOptions, StereoOptions
+from reconstruction import CompareOptions, Multiview, Stereo
 from reconstruction.common.options import checked
 
 
 @pytest.mark.parametrize(
     ("kind", "given", "said"),
     [
-        (StereoOptions, {"instant": -1}, "instant cannot be -1"),
-        (StereoOptions, {"instant": 1.5}, "Expected `int`, got `float` - at `$.instant`"),
-        (StereoOptions, {"pair": ("cam00",)}, "Expected `array` of length 2, got 1 - at `$.pair`"),
-        (MultiviewOptions, {"multiview_width": 10}, "multiview_width cannot be 10"),
-        (MultiviewOptions, {"matcher": "best"}, "Invalid enum value 'best' - at `$.matcher`"),
+        (Stereo, {"instant": -1}, "instant cannot be -1"),
+        (Stereo, {"instant": 1.5}, "Expected `int`, got `float` - at `$.instant`"),
+        (Stereo, {"pair": ("cam00",)}, "Expected `array` of length 2, got 1 - at `$.pair`"),
+        (Multiview, {"multiview_width": 10}, "multiview_width cannot be 10"),
+        (Multiview, {"matcher": "best"}, "Invalid enum value 'best' - at `$.matcher`"),
     ],
 )
 def test_what_a_command_would_refuse_is_refused_by_name(kind: Any, given: dict[str, Any], said: str) -> None:
@@ -28,9 +29,16 @@ def test_what_a_command_would_refuse_is_refused_by_name(kind: Any, given: dict[s
 
 def test_numpys_numbers_are_numbers() -> None:
     given: Any = {"instants": tuple(np.arange(3)), "time_shifts_ms": {"cam00": np.float32(0.5)}}
-    options = checked(MultiviewOptions(**given))
-    assert options == MultiviewOptions(instants=(0, 1, 2), time_shifts_ms={"cam00": 0.5})
+    options = checked(Multiview(**given))
+    assert options == Multiview(instants=(0, 1, 2), time_shifts_ms={"cam00": 0.5})
     assert type(options.instants[0]) is int
+
+
+def test_earlier_names_of_options_are_the_methods() -> None:
+    earlier = {"StereoOptions": "Stereo", "MultiviewOptions": "Multiview", "ViewOptions": "ViewMethod"}
+    for name, now in earlier.items():
+        assert getattr(reconstruction, name) is getattr(reconstruction, now)
+        assert name not in dir(reconstruction)
 
 
 @pytest.mark.parametrize(
@@ -43,14 +51,14 @@ def test_numpys_numbers_are_numbers() -> None:
 )
 def test_options_that_exclude_each_other_are_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        MultiviewOptions(**wrong)
+        Multiview(**wrong)
 
 
 def test_a_mesh_is_made_of_one_instant_unless_it_is_to_be_quick() -> None:
-    assert MultiviewOptions().mesh
-    assert not MultiviewOptions(quick=True).mesh
-    assert not MultiviewOptions(instants=()).mesh
-    assert MultiviewOptions(quick=True, mesh=True).mesh
+    assert Multiview().mesh
+    assert not Multiview(quick=True).mesh
+    assert not Multiview(instants=()).mesh
+    assert Multiview(quick=True, mesh=True).mesh
 
 
 def test_options_of_all_methods_have_keywords_of_their_own_in_a_comparison() -> None:

@@ -23,7 +23,6 @@ from reconstruction.depth.edge_sharpening import (
     SIMILAR_PX,
     _differences,
 )
-from reconstruction.depth.fusion import BEHIND, SLACK, PosedMap, project_points, surface_points
 from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import (
@@ -35,6 +34,7 @@ from reconstruction.depth.sweep_engine import (
 )
 from reconstruction.depth.sweep_engine import MIN_JUMP as MIN_PRICE
 from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.methods.multiview.fusion import BEHIND, SLACK, PosedMap, project_points, surface_points
 
 
 class ArrayEngine(SweepEngine):

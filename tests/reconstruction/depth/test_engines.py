@@ -15,12 +15,10 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
-from reconstruction.depth import compiling, gpu
+from reconstruction.depth import compiling
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiling import library_of
-from reconstruction.depth.fusion import PosedMap, find_denied, fuse_posed_maps
 from reconstruction.depth.geometric_consistency import _valid_fraction
-from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.depth.kernels import load_kernels
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
@@ -32,7 +30,9 @@ from reconstruction.depth.sweep_matcher import (
     match_all_views,
     propose_inverse_depth,
 )
-from reconstruction.methods.multiview import matcher
+from reconstruction.methods.multiview import gpu, matcher
+from reconstruction.methods.multiview.fusion import PosedMap, find_denied, fuse_posed_maps
+from reconstruction.methods.multiview.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.methods.multiview.matcher import ChosenMatcher
 from tests.reconstruction.depth.array_engine import (
     ArrayEngine,

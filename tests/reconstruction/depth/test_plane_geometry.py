@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth import mesh
 from reconstruction.depth.blank_walls import (
     AS_FOUND,
     BlankPart,
@@ -22,8 +21,6 @@ from reconstruction.depth.blank_walls import (
     sample_surface,
 )
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
-from reconstruction.depth.fusion import project_points
-from reconstruction.depth.mesh import draw_clouds, up_direction
 from reconstruction.depth.plane_sweep import (
     MIN_PLANES,
     STEP_PX,
@@ -45,12 +42,15 @@ from reconstruction.depth.view_choice import (
     find_overlaps,
     seen_points,
 )
+from reconstruction.methods.multiview import mesh
+from reconstruction.methods.multiview.fusion import project_points
 from reconstruction.methods.multiview.instant_scoring import (
     TOLERANCE_M,
     VISIBLE_FRACTION,
     count_near,
     visible_points,
 )
+from reconstruction.methods.multiview.mesh import draw_clouds, up_direction
 from tests.reconstruction.depth.array_engine import ArrayEngine, cosine_of_rays, pixels_per_inverse_depth
 
 NUMPY = ArrayEngine()

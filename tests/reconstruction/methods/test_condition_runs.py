@@ -7,9 +7,7 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction import Condition, PanoramaOptions, StereoOptions
-from reconstruction.methods.panorama.panorama_method import Panorama
-from reconstruction.methods.stereo.stereo_method import Stereo
+from reconstruction import Condition, Panorama, Stereo
 from reconstruction.session.dataset import Dataset
 
 JUMPER = Path(__file__).resolve().parents[3] / "sample_sessions" / "jumper"
@@ -20,11 +18,11 @@ def test_stereo_under_a_condition_is_that_of_another_instant(boards: Session, tm
     late = Condition.parse(f"right={(times_ns[3] - times_ns[1]) / 1e6}")
     pair = ("left", "right")
     made = [
-        Stereo(options).make([boards.folder], tmp_path / str(number), condition)
+        options.make([boards.folder], tmp_path / str(number), condition)
         for number, (options, condition) in enumerate(
             [
-                (StereoOptions(instant=1, pair=pair), late),
-                (StereoOptions(instant=1, pair=pair, other_instant=3), Condition("synced")),
+                (Stereo(instant=1, pair=pair), late),
+                (Stereo(instant=1, pair=pair, other_instant=3), Condition("synced")),
             ]
         )
     ]
@@ -34,12 +32,12 @@ def test_stereo_under_a_condition_is_that_of_another_instant(boards: Session, tm
 
 @pytest.mark.slow
 def test_a_panorama_under_a_condition_is_that_with_an_offset(tmp_path: Path) -> None:
-    late, plain = Condition.parse("66"), PanoramaOptions(instant=1)
-    one = Panorama(plain).make([JUMPER], tmp_path / "one", late)
-    other = Panorama(replace(plain, offset_ms=66.0)).make([JUMPER], tmp_path / "other")
+    late, plain = Condition.parse("66"), Panorama(instant=1)
+    one = plain.make([JUMPER], tmp_path / "one", late)
+    other = replace(plain, offset_ms=66.0).make([JUMPER], tmp_path / "other")
     assert one.offset is not None
     assert replace(one, seconds=0.0) == replace(other, seconds=0.0)
     with pytest.raises(BadInputError, match="--offset-ms is a condition of its own"):
-        Panorama(replace(plain, offset_ms=66.0)).make([JUMPER], tmp_path / "both", late)
+        replace(plain, offset_ms=66.0).make([JUMPER], tmp_path / "both", late)
     with pytest.raises(BadInputError, match="--condition needs a session"):
         Panorama().make([JUMPER / "images"], tmp_path / "images", late)

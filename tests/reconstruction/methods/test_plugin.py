@@ -75,7 +75,7 @@ def test_a_method_has_its_command_and_is_a_method_of_an_open_session(package: Pa
     shown = subprocess.run(run, env=environment(package), capture_output=True, text=True, check=True).stdout
     assert shown.splitlines() == [
         "(480, 640, 3) True",
-        "AverageOptions: count cannot be 0 (help(AverageOptions) shows what it takes)",
+        "Average: count cannot be 0 (help(Average) shows what it takes)",
     ]
 
 

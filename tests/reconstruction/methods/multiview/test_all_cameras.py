@@ -13,9 +13,9 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
-from reconstruction.depth.colmap_workspace import ENVIRONMENT, fuse_by_colmap
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.still_scene import StillScene
+from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT, fuse_by_colmap
 from reconstruction.methods.multiview.input_images import InputImage
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
 from reconstruction.methods.multiview.instant_scoring import (

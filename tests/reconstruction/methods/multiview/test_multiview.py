@@ -15,8 +15,9 @@ from capture_app.common.errors import BadInputError, NotApplicableError, NotAvai
 from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
-from reconstruction.depth import colmap_workspace
-from reconstruction.depth.colmap_workspace import (
+from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.methods.multiview import colmap_workspace
+from reconstruction.methods.multiview.colmap_workspace import (
     ENVIRONMENT,
     PROGRAM,
     find_gpu,
@@ -25,10 +26,9 @@ from reconstruction.depth.colmap_workspace import (
     run_patch_match,
     write_workspace,
 )
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.methods.multiview.instant_model import MadeMultiview
-from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
@@ -78,7 +78,7 @@ class Watch(Progress):
 def test_two_cameras_depth_is_there_while_all_are_matched(trio: Session, tmp_path: Path) -> None:
     out = tmp_path / "out"
     watch = Watch(out)
-    Multiview(MultiviewOptions(quick=True, mesh=False, page=True), watch).make([trio.folder], out)
+    Multiview(quick=True, mesh=False, page=True, progress=watch).make([trio.folder], out)
     assert watch.seen[0] == []
     assert watch.seen[1:] == [["pair.png"]] * 4
     assert (out / "report.html").exists()
@@ -111,7 +111,7 @@ def test_a_rig_whose_calibration_nobody_knows_is_refused_where_that_is_asked_for
     shutil.copytree(trio.folder, session)
     (session / "calibration.json").unlink()
     with pytest.raises(NotApplicableError, match="no valid calibration of this rig is known"):
-        Multiview(MultiviewOptions(calibrated=True)).make([session], tmp_path / "out")
+        Multiview(calibrated=True).make([session], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
-from reconstruction.methods.multiview.multiview_method import MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.result import SequenceInstant
 from reconstruction.methods.multiview.sequence import (
     CLOUDS,
@@ -93,7 +93,7 @@ def test_a_folder_keeps_its_clouds_for_the_same_plan_alone(tmp_path: Path) -> No
 def test_a_sequence_is_made_at_the_chosen_instants_and_goes_on(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
     session, out = write_session(tmp_path / "session", scene, pair, instants=2), tmp_path / "out"
-    options = MultiviewOptions(instants=(1, 1), depth=True, mesh=False, quick=True)
+    options = Multiview(instants=(1, 1), depth=True, mesh=False, quick=True)
     made = model_sequence(session.folder, out, options)
     assert ([one.instant for one in made.instants], made.clouds, made.kept) == ([1], 1, 0)
     assert all((out / "depth" / name / "000001.npz").is_file() for name in pair)

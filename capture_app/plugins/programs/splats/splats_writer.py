@@ -11,11 +11,11 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
-from capture_app.session.exporting.colmap_binary import write_model
+from capture_app.plugins.programs.splats.colmap_binary import write_model
+from capture_app.plugins.programs.splats.gltf_cameras import write_gltf
 from capture_app.session.exporting.csv_tables import yaml_names
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, ImageOptions, Option
-from capture_app.session.exporting.gltf_cameras import write_gltf
 from capture_app.session.exporting.pinhole import (
     common_pinhole,
     focus_depths,

@@ -18,10 +18,11 @@ from capture_app.console.usage import examples
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capture_app.machine.link_measurement import LinkTrial
+    from capture_app.companions.link.link_measurement import LinkTrial
 
 
 @click.command(
+    short_help="Measure clock synchronization over a real or recorded link.",
     epilog=examples(
         "capture-app link --serve",
         "capture-app link --connect 192.168.1.20 --trials 3",
@@ -104,7 +105,7 @@ def link(
     --replay the clocks are simulated and the errors are true.
     """
     from capture_app.common.clock import parse_clock
-    from capture_app.machine import link_measurement as measuring
+    from capture_app.companions.link import link_measurement as measuring
 
     if [serve, connect is not None, recording is not None].count(True) != 1:
         raise click.UsageError("give exactly one of --serve, --connect HOST:PORT and --replay CSV")

@@ -14,9 +14,9 @@ from reconstruction.calibration.consistency import (
     describe_misfit,
     triangulate,
 )
-from reconstruction.calibration.refinement import refine_views
 from reconstruction.common.geometry import View
-from reconstruction.methods.multiview.multiview_method import Multiview, MultiviewOptions
+from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.refinement import refine_views
 from reconstruction.pairs import Features
 from tests.reconstruction.conftest import make_view
 
@@ -127,7 +127,7 @@ def test_depth_of_few_pixels_is_no_success() -> None:
         coverage=0.02,
         reference="cam1",
     )
-    lines = [*Multiview(MultiviewOptions())._instant_lines(result)]
+    lines = [*Multiview()._instant_lines(result)]
     assert lines[-1].startswith("warning: only 2 % of cam1's pixels have a depth")
     result.coverage = 0.8
-    assert len([*Multiview(MultiviewOptions())._instant_lines(result)]) == len(lines) - 1
+    assert len([*Multiview()._instant_lines(result)]) == len(lines) - 1

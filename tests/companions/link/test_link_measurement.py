@@ -13,8 +13,8 @@ from capture_app.cli import run
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, ExitCode, NetworkError
-from capture_app.machine import link_measurement as measuring
-from capture_app.machine.link_measurement import (
+from capture_app.companions.link import link_measurement as measuring
+from capture_app.companions.link.link_measurement import (
     LinkClient,
     RecordedLink,
     Synchronization,

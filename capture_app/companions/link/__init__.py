@@ -1,0 +1,1 @@
+"""Measurement of clock synchronization over a real or a recorded link."""

@@ -1,0 +1,1 @@
+"""Layouts of trainers of Gaussian splats, with COLMAP models and glTF cameras."""

@@ -36,7 +36,7 @@ from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.found import study, values
 from tests.reconstruction.methods.multiview.conftest import VIEWS
-from tests.reconstruction.true_workspace import write_true_workspace
+from tests.reconstruction.methods.multiview.true_workspace import write_true_workspace
 
 
 def multiview(

@@ -33,7 +33,7 @@ from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.methods.multiview.conftest import VIEWS
-from tests.reconstruction.true_workspace import write_true_workspace
+from tests.reconstruction.methods.multiview.true_workspace import write_true_workspace
 
 
 def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, reconstruct: Reconstruct) -> None:

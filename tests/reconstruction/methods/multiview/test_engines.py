@@ -38,12 +38,11 @@ from tests.reconstruction.depth.array_engine import (
     ArrayEngine,
     aggregate_costs,
     cheapest_depths,
-    denied_by_arrays,
-    fuse_arrays,
     splat_arrays,
     valid_fraction,
 )
 from tests.reconstruction.depth.small_views import HEIGHT, PLACES, WIDTH, choose_by_depth, photo_of, view_at
+from tests.reconstruction.methods.multiview.array_fusion import denied_by_arrays, fuse_arrays
 
 NUMPY = ArrayEngine()
 OFFSETS = np.linspace(0.3, 0.7, 21)

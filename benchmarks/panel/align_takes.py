@@ -7,7 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,12 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.panel.heard_takes import draw_lateness, record_sound
 from benchmarks.panel.recorded_takes import Take, draw_take
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows, talk
 from capture_app.common.errors import BadInputError
 from capture_app.companions.panel.panel_alignment import match_panels
 from capture_app.companions.panel.panel_track import PanelTrack
 from capture_app.companions.panel.panel_video import read_panel_video
+from capture_app.plugins.footage.sound import match_sounds, read_sound
 from capture_app.session.format.common_times import CameraTimes
 
 
@@ -98,6 +100,22 @@ def judge(seed: int, tracks: Path | None = None) -> Outcome:
     return compare(take, match_panels(*found), read_s)
 
 
+def hear(seed: int, *, one_model: bool = False) -> Outcome:
+    """Align a take by claps that its microphones heard at the visits, and compare with the truth."""
+    take = draw_take(seed)
+    late_s, error_s = draw_lateness(seed, one_model=one_model)
+    rng = np.random.default_rng([seed, 13])
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{number}.mp4" for number in range(2)]
+        for camera, path, late in zip(take.cameras, paths, late_s, strict=True):
+            # A clap is heard by both at once, where a panel is carried from one to the other.
+            there = replace(camera, visits_s=take.cameras[1].visits_s)
+            record_sound(there, path, late, rng)
+        began = time.process_time()
+        heard, other = (read_sound(path) for path in paths)
+        return compare(take, match_sounds(heard, other, error_s), time.process_time() - began)
+
+
 def compare(take: Take, times: CameraTimes, read_s: float = 0.0) -> Outcome:
     """Compare an alignment with the truth, at each visit's middle and midway between two."""
     if times.offset_ns is None:
@@ -146,11 +164,11 @@ def tally(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     return rows
 
 
-def measure(seeds: range, jobs: int, tracks: Path | None) -> Report:
+def measure(seeds: range, jobs: int, align: Callable[[int], Outcome]) -> Report:
     """Align the takes of these seeds, and print each on stderr."""
     outcomes: list[Outcome] = []
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for seed, one in zip(seeds, pool.map(partial(judge, tracks=tracks), seeds), strict=True):
+        for seed, one in zip(seeds, pool.map(align, seeds), strict=True):
             outcomes.append(one)
             rates = " and ".join(f"{c.rate_hz:.4g} Hz {c.kind}" for c in one.take.cameras)
             found = zip(one.errors_ms, one.bars_ms, strict=True)
@@ -187,9 +205,13 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="seed of the first take (0)")
     parser.add_argument("--jobs", type=int, default=1, help="takes at a time (1)")
     parser.add_argument("--tracks", type=Path, help="folder for what was read")
+    parser.add_argument("--by", choices=("panel", "sound", "sound-of-one-model"), default="panel")
     options = parser.parse_args()
+    align = partial(judge, tracks=options.tracks)
+    if options.by != "panel":
+        align = partial(hear, one_model=options.by == "sound-of-one-model")
     seeds = range(options.first, options.first + options.count)
-    print_report(measure(seeds, options.jobs, options.tracks), print_tables, as_json=options.json)
+    print_report(measure(seeds, options.jobs, align), print_tables, as_json=options.json)
 
 
 if __name__ == "__main__":

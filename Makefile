@@ -26,6 +26,7 @@
 # make bench NAME=rig-time   the rig's time and marks of an operator, against the truth (a minute)
 # make bench NAME=ball   a drawn ball's path by four cameras in step and staggered (3 min)
 # make bench NAME=trajectory   the same ball's path by `reconstruct trajectory`, from whole images (8 min)
+# make bench NAME=two-steps   depth and views of a rendered rig whose cameras are staggered in pairs (5 min)
 # make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
@@ -133,6 +134,7 @@ BENCH_panel-takes := benchmarks.panel.align_takes
 BENCH_rig-time := benchmarks.clock.rig_time
 BENCH_ball := benchmarks.stagger.ball_path
 BENCH_trajectory := benchmarks.stagger.ball_session
+BENCH_two-steps := benchmarks.stagger.rendered_steps
 BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_any-rig := benchmarks.reconstruction.any_rig

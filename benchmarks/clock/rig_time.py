@@ -1,19 +1,20 @@
-"""The rig's time as operators read it, against the truth: `python -m benchmarks.clock.rig_time`.
+"""The rig's time as operators read it, against the truth.
 
 Real sockets of the loopback, and a leader with a simulated clock in a process of its own: its clock is known,
 and wrong by hours and 30 ppm.
 """
 
-import argparse
 import asyncio
 import multiprocessing
 import tempfile
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.report import Columns, Report, new_parser, print_report, print_rows
 from capture_app.common.address import Address, parse_address
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.host_clock import host_from_monotonic
@@ -22,6 +23,14 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig.rig_time import RigTime, place_mark, rig_time
 from capture_app.trust.trust import Trust
 
+COLUMNS: Columns = {
+    "name": ("", ""),
+    "count": ("times", ""),
+    "rms_us": ("error RMS us", ".0f"),
+    "max_us": ("largest", ".0f"),
+    "bound_us": ("bound us, median", ".0f"),
+    "inside": ("inside", ".1%"),
+}
 CLOCK = SimulatedClock(offset_ns=7_200_000_000_000, skew_ppm=30.0)
 
 
@@ -42,34 +51,37 @@ def error_ns(found: RigTime) -> int:
     return found.leader_ns - CLOCK.local_from_true(host_from_monotonic(found.local_ns))
 
 
-async def measure(leader: Address, count: int) -> None:
-    """Read the time and set marks so often, and print their errors."""
+async def measure(leader: Address, count: int) -> Report:
+    """Read the time and set marks so often."""
     times = [await rig_time(leader) for _ in range(count)]
-    report("now", [error_ns(one) for one in times], [one.uncertainty_ns for one in times])
+    rows = [tally("now", [error_ns(one) for one in times], [one.uncertainty_ns for one in times])]
     errors, bars = [], []
     for _ in range(count):
         called_ns = time.monotonic_ns()
         mark = (await place_mark(leader, "stimulus", called_ns)).mark
         errors.append(mark.leader_ns - CLOCK.local_from_true(host_from_monotonic(called_ns)))
         bars.append(mark.uncertainty_ns)
-    report("marks", errors, bars)
+    return {"kind": "simulated", "times": [*rows, tally("marks", errors, bars)]}
 
 
-def report(name: str, errors_ns: list[int], bars_ns: list[int]) -> None:
-    """Print the errors of times, and how many are within their bounds."""
+def tally(name: str, errors_ns: list[int], bars_ns: list[int]) -> dict[str, Any]:
+    """Return the errors of times, and how many are within their bounds."""
     errors, bars = np.abs(errors_ns) / 1e3, np.array(bars_ns) / 1e3
-    rms, inside = np.sqrt((errors**2).mean()), 100 * (errors <= bars).mean()
-    print(
-        f"{name}: {len(errors)} times, error RMS {rms:.0f} us, largest {errors.max():.0f} us; "
-        f"bound {np.median(bars):.0f} us (median), holds for {inside:.1f} %"
-    )
+    return {
+        "name": name,
+        "count": len(errors),
+        "rms_us": float(np.sqrt((errors**2).mean())),
+        "max_us": float(errors.max()),
+        "bound_us": float(np.median(bars)),
+        "inside": float((errors <= bars).mean()),
+    }
 
 
 def main() -> None:
     """Run it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200)
-    count = parser.parse_args().count
+    parser = new_parser(__doc__)
+    parser.add_argument("--count", type=int, default=200, help="readings and marks (200)")
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         trust = Trust(Path(folder) / "trust")
         here, there = multiprocessing.Pipe()
@@ -78,9 +90,10 @@ def main() -> None:
         )
         process.start()
         with trust.in_use():
-            asyncio.run(measure(parse_address(here.recv()), count))
+            report = asyncio.run(measure(parse_address(here.recv()), options.count))
         here.send("end")
         process.join()
+    print_report(report, lambda found: print_rows(found["times"], COLUMNS), as_json=options.json)
 
 
 if __name__ == "__main__":

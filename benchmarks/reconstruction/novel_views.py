@@ -99,6 +99,13 @@ def true_views(session: str, instant: int, names: Collection[str] = ()) -> dict[
     assert record.exposure_ns is not None
     shutter = record.exposure_start_ns, record.exposure_ns, facts.row_time_ns or 0
     held = {name: place for name, place in places(session).items() if not names or name in names}
+    return render_places(scene_name, held, shutter)
+
+
+def render_places(
+    scene_name: str, held: Mapping[str, Place], shutter: tuple[int, int, int]
+) -> dict[str, Held]:
+    """Render a scene from places: start of the exposure, exposure and row time in ns."""
     scene = rendering.Scene(scene_name, replace(DEFINITIONS[scene_name], cameras=held))
     develop = rendering.develop
 

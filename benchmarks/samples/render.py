@@ -60,7 +60,7 @@ def same_files(one: Path, other: Path) -> bool:
 
 
 def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
-    sources = {camera.name: _source(recipe, camera) for camera in recipe.cameras}
+    sources = open_sources(recipe)
     take = recipe.take
     if take is None:
         taken_by = take_naive if recipe.trigger is Trigger.NAIVE else take_synchronized
@@ -84,6 +84,11 @@ def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
         data = msgspec.json.encode(msgspec.structs.replace(recipe, take=take))
         write_atomic(writer.folder / RECIPE, indented(data))
         writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
+
+
+def open_sources(recipe: Recipe) -> dict[str, PictureSource]:
+    """Return the source of each camera's images. Raises as `render` does."""
+    return {camera.name: _source(recipe, camera) for camera in recipe.cameras}
 
 
 def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
@@ -117,11 +122,12 @@ def _render_frame(
         dropped=False,
     )
     seed = stable_seed(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
+    (delay_ns,) = (camera.delay_ns for camera in take.cameras if camera.name == taken.camera)
     writer.add_image(
         SimulatedPicture(source, frame, seed, recipe.jpeg_quality).encode(),
         truth=encode_truth(source, frame) if recipe.depth else b"",
         **msgspec.structs.asdict(taken),
-        residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
+        residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant] - delay_ns,
         gain=1.0,
         white_balance=(1.0, 1.0),
     )

@@ -13,6 +13,7 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app import __version__
 from capture_app.common.clock import SimulatedClock, seeded_clock
 from capture_app.common.errors import IncompleteError
+from capture_app.common.stagger import Stagger
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.camera_node import camera_record
 from capture_app.plugins.cameras.sim.profiles import SensorProfile, facts_of, find_profile
@@ -30,8 +31,10 @@ _ORDERED_AHEAD_NS = 200_000_000
 _STARTS_APART_NS = 150_000_000
 
 
-def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
-    """Let a rig of the recipe's cameras synchronize, align and take the burst.
+def take_synchronized(
+    recipe: Recipe, sources: Mapping[str, PictureSource], stagger: Stagger | None = None
+) -> Take:
+    """Let a rig of the recipe's cameras synchronize, align (in step, or by `stagger`) and take the burst.
 
     Raises BadInputError for a profile that does not exist, IncompleteError if the rig never becomes ready.
     """
@@ -44,7 +47,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
         )
         for number, camera in enumerate(recipe.cameras)
     ]
-    rig = VirtualRig(specs, seed=recipe.seed)
+    rig = VirtualRig(specs, seed=recipe.seed, stagger=stagger)
     log = _Log(rig)
     ready = rig.run_until(
         lambda: log.follow() or (len(rig.nodes) == len(specs) and rig.all_usable()), limit_ns=_READY_WITHIN_NS
@@ -115,7 +118,12 @@ def _camera_record(
     facts = facts_of(spec.profile, width=source.width, height=source.height)
     client = node.client
     return camera_record(
-        spec.name, facts, ready, client.aligner.corrections, client.config.phase_tolerance_ns
+        spec.name,
+        facts,
+        ready,
+        client.aligner.corrections,
+        client.config.phase_tolerance_ns,
+        delay_ns=client.delay_ns,
     )
 
 

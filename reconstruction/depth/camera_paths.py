@@ -134,6 +134,12 @@ def orbit(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
     return _looking_from(views, frame, [frame.place(0.8 * np.cos(t), 0.8 * np.sin(t)) for t in angles])
 
 
+def stand_still(views: Mapping[str, View], subject: Array, frames: int) -> list[View]:
+    """Return equal views from the middle of the rig."""
+    frame = frame_of(views, subject)
+    return _looking_from(views, frame, [frame.place(0, 0)] * frames)
+
+
 def _looking_from(views: Mapping[str, View], frame: Frame, places: Sequence[Array]) -> list[View]:
     first = next(iter(views.values()))
     return [frame.view(place, first.width, first.height) for place in places]

@@ -159,15 +159,18 @@ def _measured(view: View, other: View, points: Array) -> tuple[float, float, flo
     return score_points(view, other, points), float(inside.mean()), float(middle)
 
 
-def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
+def choose_source_views(
+    views: Mapping[str, View], points: Mapping[str, Array], steps_ns: Mapping[str, int] | None = None
+) -> dict[str, tuple[str, ...]]:
     """Return, for every camera, the others to match it with, best first; none without overlap.
 
     They are judged at points (n, 3) that each camera sees: the fraction in the other's image, weighted by the
-    angle between the two views of each point.
+    angle between the two views of each point. With `steps_ns`, only cameras of equal steps are matched.
     """
     chosen = {}
     for name, view in views.items():
-        scores = {o: score_points(view, seen, points[name]) for o, seen in views.items() if o != name}
+        others = [o for o in views if o != name and (steps_ns is None or steps_ns[o] == steps_ns[name])]
+        scores = {other: score_points(view, views[other], points[name]) for other in others}
         suitable = (other for other in scores if scores[other] >= MIN_SCORE)
         chosen[name] = tuple(sorted(suitable, key=lambda other: (-scores[other], other))[:MAX_SOURCES])
     # A source must be matched too so that it can confirm; overlap is mutual, so this hardly ever applies.

@@ -273,6 +273,16 @@ class Dataset:
         steps = self.session.manifest.steps
         return f"staggered on purpose, {steps}" if steps else ""
 
+    @property
+    def steps_ns(self) -> dict[str, int]:
+        """Planned delay of each camera, ns; the images of an instant with one delay show one moment.
+
+        All are 0 if no two cameras share a delay, as then no moment has depth.
+        """
+        delays_ns = {name: self.session.camera(name).delay_ns for name in self.cameras}
+        shared = len({*delays_ns.values()}) < len(delays_ns)
+        return delays_ns if shared else dict.fromkeys(delays_ns, 0)
+
     def planned_delay_ms(self, first: str, second: str) -> float:
         """Return by how much the second camera's images were planned to be later than the first's, ms."""
         return (self.session.camera(second).delay_ns - self.session.camera(first).delay_ns) / 1e6

@@ -152,44 +152,53 @@ def write_session(
     frozen: bool = False,
     missing: Container[tuple[str, int]] = (),
     late: Mapping[str, float] | None = None,
+    steps: Mapping[str, float] | None = None,
     moved: Callable[[View, float], View] = lambda view, time: view,
 ) -> Session:
     """A simulated session of a scene; `frozen` lets nothing move, `missing` images are left out.
 
-    `late`: periods by which a camera's pictures are later than their times say; `moved`: where a camera
-    stands at a time.
+    `late`: periods by which a camera's pictures are later than their times say; `steps`: planned delays in
+    periods; `moved`: where a camera stands at a time.
     """
+    delays_ns = {name: round(periods * PERIOD_NS) for name, periods in (steps or {}).items()}
     writer = SessionWriter.create(root, "boards")
     for k in range(instants):
         for name, view in views.items():
             if (name, k) in missing:
                 continue
-            time = 0.0 if frozen else k + (late or {}).get(name, 0.0)
+            delay_ns = delays_ns.get(name, 0)
+            time = 0.0 if frozen else k + (late or {}).get(name, 0.0) + delay_ns / PERIOD_NS
             image, depth, movers = scene.look(moved(view, time), time)
             known: dict[str, Any] = {}
             if truth:
                 packed = BytesIO()
                 np.savez(packed, depth_m=depth, objects=movers.astype(np.uint8), movers=movers)
                 known = {"truth": packed.getvalue(), "true_ns": k * PERIOD_NS}
-            add_image(writer, name, k, image, **known)
+            add_image(writer, name, k, image, delay_ns=delay_ns, **known)
     if calibrated:
         writer.set_calibration(
             Calibration(cameras={name: v.to_calibration() for name, v in views.items()}, source="boards")
         )
-    return finish_session(writer, views, instants)
+    return finish_session(writer, views, instants, delays_ns)
 
 
-def add_image(writer: SessionWriter, name: str, instant: int, image: Array, **truth: Any) -> None:
+def add_image(
+    writer: SessionWriter, name: str, instant: int, image: Array, *, delay_ns: int = 0, **truth: Any
+) -> None:
     """One camera's image (grey, uint8) of an instant."""
-    data, at_ns = cv2.imencode(".png", image)[1].tobytes(), instant * PERIOD_NS
+    data, at_ns = cv2.imencode(".png", image)[1].tobytes(), instant * PERIOD_NS + delay_ns
     writer.add_image(data, camera=name, instant=instant, leader_ns=at_ns, suffix=".png", **truth)
 
 
-def finish_session(writer: SessionWriter, names: Iterable[str], instants: int) -> Session:
+def finish_session(
+    writer: SessionWriter, names: Iterable[str], instants: int, delays_ns: Mapping[str, int] | None = None
+) -> Session:
     """A session of these cameras, whose images are written."""
     facts = make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS)
     burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(instants)), period_ns=PERIOD_NS)
-    return writer.finish([CameraRecord(name=name, facts=facts) for name in names], burst, origin="simulated")
+    delays_ns = delays_ns or {}
+    cameras = [CameraRecord(name=name, facts=facts, delay_ns=delays_ns.get(name, 0)) for name in names]
+    return writer.finish(cameras, burst, origin="simulated")
 
 
 VIEWS = {

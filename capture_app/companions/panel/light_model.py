@@ -1,5 +1,6 @@
 """Measured light of each lamp of a panel in an image, and its likelihood at a given time."""
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -90,6 +91,11 @@ def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, arou
     return np.asarray(seen, float).reshape(len(middles), len(around), -1)
 
 
+def lags_ns(response_ns: float) -> Floats:
+    """Return how late the quarters of a cell's light are, less their mean, for its time constant."""
+    return np.asarray(response_ns * (_LAGS - 1))
+
+
 @dataclass(frozen=True, slots=True)
 class Shutter:
     """Shutter of an image: exposure time, and time from the start of one row to the next, in ns."""
@@ -129,18 +135,35 @@ class LightModel:
         removed, so that the panel's time is the time its cells show.
         """
         if response_ns:
-            lags = response_ns * (_LAGS - 1)
+            lags = lags_ns(response_ns)
             return np.asarray(sum(self.shares(middle_ns - lag, shutter, of) for lag in lags) / len(lags))
-        start, lit, period = (each[of][:, None] for each in (self.start, self.lit, self.period))
-        later_ns = self.later[of][:, lines] * shutter.row_time_ns
-        begin = middle_ns[:, None, None] - shutter.exposure_ns / 2 + later_ns - start
+        start, lit, period = (each[of] for each in (self.start, self.lit, self.period))
+        later_ns = self.later[of][:, lines].T * shutter.row_time_ns
+        exposure_ns = shutter.exposure_ns
 
         def lit_until(time: Floats) -> Floats:
             turns = np.floor(time / period)
             return np.asarray(turns * lit + np.minimum(time - turns * period, lit))
 
-        exposure_ns = shutter.exposure_ns
-        return np.asarray((lit_until(begin + exposure_ns) - lit_until(begin)).mean(axis=2) / exposure_ns)
+        lit_ns = np.zeros((len(middle_ns), len(start)))
+        for line_later_ns in later_ns:
+            begin = middle_ns[:, None] - exposure_ns / 2 + (line_later_ns - start)
+            lit_ns += lit_until(begin + exposure_ns) - lit_until(begin)
+        return lit_ns / (len(later_ns) * exposure_ns)
+
+    def shares_in_steps(self, middle_ns: Floats, shutter: Shutter, response_ns: float) -> Floats:
+        """Return the `shares` at times in equal steps, by interpolation where cells respond late: quicker."""
+        step_ns, count = float(middle_ns[1] - middle_ns[0]), len(middle_ns)
+        lags = lags_ns(response_ns) / step_ns
+        before, after = math.ceil(lags.max()), math.ceil(-lags.min())
+        wide_ns = middle_ns[0] + step_ns * np.arange(-before, count + after + 1)
+        at_once, total = self.shares(wide_ns, shutter), np.zeros((count, len(self.start)))
+        for lag in lags:
+            place = math.floor(before - lag)
+            part = before - lag - place
+            early, late = (at_once[k : k + count] for k in (place, place + 1))
+            total += (1 - part) * early + part * late
+        return total / len(lags)
 
     def variance(
         self, shares: Floats, lamp_light: float, of: "NDArray[np.bool_] | slice" = slice(None)
@@ -161,30 +184,34 @@ class LightModel:
 
         Returns log-likelihoods (times,) and residuals in sigmas (times, lamps).
         """
-        found = [self._fit_tone(shares, lamp_light, float(tone)) for tone in tones]
-        likelihoods, misfits = (np.stack(each) for each in zip(*found, strict=True))
-        best = likelihoods.argmax(axis=0), np.arange(len(shares))
-        return likelihoods[best], misfits[best]
-
-    def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> tuple[Floats, Floats]:
-        ground = np.maximum(self._ground, 1e-4)
-        total = np.maximum(self.light + ground, 1e-5)
-        # Normalized at a lit lamp's level, so that variances hold for all tone curves.
-        scale = lamp_light / max(1e-6, (lamp_light + float(ground.mean())) ** tone)
-        light = (total**tone - ground**tone) * scale
         variance = self.variance(shares, lamp_light)
         weight = 1 / variance
+        weighted = weight * shares
         prior = 1 / (_OFFSET_SIGMA * max(lamp_light, 0.1)) ** 2
-        one, per_fraction = weight.sum(axis=1) + prior, (weight * shares).sum(axis=1)
-        square = (weight * shares**2).sum(axis=1)
-        seen, both = weight @ light, (weight * shares) @ light
+        one, per_fraction = weight.sum(axis=1) + prior, weighted.sum(axis=1)
+        square = (weighted * shares).sum(axis=1)
         root = np.maximum(one * square - per_fraction**2, 1e-9 * one * square + 1e-12)
-        on = np.clip((one * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
-        off = (seen - on * per_fraction) / one
-        residual = light - off[:, None] - on[:, None] * shares
-        # A saturated lamp gives only a lower limit on its light.
-        residual = np.where(self.saturated & (residual < 0), 0.0, residual)
-        z = residual / np.sqrt(variance)
-        law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)
-        likelihood = -law.sum(axis=1) - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2
-        return likelihood, z
+        deviation, spread = np.sqrt(variance), 0.5 * np.log(variance).sum(axis=1)
+        likelihoods, misfits = [], []
+        for tone in tones:
+            light = self._toned_light(lamp_light, float(tone))
+            seen, both = weight @ light, weighted @ light
+            on = np.clip((one * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
+            off = (seen - on * per_fraction) / one
+            residual = light - off[:, None] - on[:, None] * shares
+            # A saturated lamp gives only a lower limit on its light.
+            residual[:, self.saturated] = np.maximum(residual[:, self.saturated], 0.0)
+            z = residual / deviation
+            law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM).sum(axis=1) + spread
+            likelihoods.append(-law - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2)
+            misfits.append(z)
+        scores = np.stack(likelihoods)
+        best = scores.argmax(axis=0), np.arange(len(shares))
+        return scores[best], np.stack(misfits)[best]
+
+    def _toned_light(self, lamp_light: float, tone: float) -> Floats:
+        """Return each lamp's light by a tone curve, normalized so that variances hold for all of them."""
+        ground = np.maximum(self._ground, 1e-4)
+        total = np.maximum(self.light + ground, 1e-5)
+        scale = lamp_light / max(1e-6, (lamp_light + float(ground.mean())) ** tone)
+        return np.asarray((total**tone - ground**tone) * scale)

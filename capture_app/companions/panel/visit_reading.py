@@ -92,7 +92,7 @@ class Visit:
         model = frame.model
         # A model's times are those of its panel's row.
         shift_ns = (model.row - frame.middle_row) * of.shutter.row_time_ns
-        shares = model.shares(base_ns + self.steps_ns + shift_ns, of.shutter, response_ns=of.response_ns)
+        shares = model.shares_in_steps(base_ns + self.steps_ns + shift_ns, of.shutter, of.response_ns)
         likelihood, _ = model.fit(shares, model.rough_fit[1], TONES)
         scores = TEMPER * likelihood
         return np.asarray(np.logaddexp(scores, scores.max() + np.log(ODD)))

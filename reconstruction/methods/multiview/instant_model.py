@@ -138,7 +138,16 @@ def model_instant(
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     check = check_images(images) if options.check else None
     images, sources, scene, maps = _match_instant(
-        images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
+        images,
+        left_out,
+        dataset.steps_ns,
+        matcher,
+        options,
+        part,
+        progress,
+        still or StillScene(),
+        early,
+        marks,
     )
     misfit_px = None if check is None else check.error_px
     confidence = measure_confidence(images, sources, maps, misfit_px) if options.check else {}
@@ -208,6 +217,7 @@ def model_instant(
 def _match_instant(
     images: dict[str, InputImage],
     left_out: dict[str, str],
+    steps_ns: Mapping[str, int],
     matcher: ChosenMatcher,
     options: Multiview,
     part: Path,
@@ -216,7 +226,7 @@ def _match_instant(
     early: OutputFolder | None,
     marks: dict[str, float],
 ) -> tuple[dict[str, InputImage], Mapping[str, Sequence[str]], RoughScene, dict[str, ViewDepth]]:
-    """Find the scene and every camera's depth, and write COLMAP's workspace into `part`.
+    """Find the scene and every camera's depth by those of its step; write COLMAP's workspace into `part`.
 
     Returns the images that have depth, the cameras that each was matched with, the scene, and the depth. Adds
     the other cameras to `left_out` with the reasons, and the times (s) at which the stages ended to `marks`.
@@ -231,10 +241,10 @@ def _match_instant(
     still.look(calibrated)
     scene = still.scene = still.scene or find_rough_scene(calibrated)
     views = {camera: calibrated[camera].view for camera in scene.points}
-    sources = choose_source_views(views, scene.points)
+    sources = choose_source_views(views, scene.points, steps_ns)
     if not any(sources.values()):
         raise refuse_views(views, scene.points)
-    left_out.update({c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)})
+    left_out.update({c: _why_alone(c, calibrated, scene, steps_ns) for c in images if not sources.get(c)})
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
     marks["range"] = time.monotonic()
@@ -274,14 +284,18 @@ def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
     return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
 
 
-def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene) -> str:
+def _why_alone(
+    camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene, steps_ns: Mapping[str, int]
+) -> str:
     """Return why a camera has no sources."""
     if camera not in scene.points:
         return "nothing in its picture could be matched in another camera's picture"
+    if not any(steps_ns[other] == steps_ns[camera] for other in images if other != camera):
+        return "no other camera takes its frames at the same time"
     inside = {
         other: seen_points(images[camera].view, images[other].view, scene.points[camera])
         for other in images
-        if other != camera
+        if other != camera and steps_ns[other] == steps_ns[camera]
     }
     best = max(inside, key=lambda other: float(inside[other][0].mean()))
     there, angles = inside[best]

@@ -29,11 +29,13 @@ class ViewMethod(Method, frozen=True, kw_only=True):
     made = f"{__package__}.view_run:MadeView"
     help = (
         "Show one instant of SESSION from places without a camera, as a film along a path.\n\n"
-        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. SESSION must be calibrated."
+        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. SESSION must be calibrated. Of a "
+        "staggered rig, two or more cameras must share each step; each step is a moment of its own."
     )
     examples = (
         "view sessions/burst-001 --out swing.mp4",
         "view sessions/burst-001 --instants all --path orbit --out orbit.mp4",
+        "view sessions/burst-001 --instants all --path still --out still.mp4",
         "view sessions/burst-001 --path cameras.json --out views",
         "view sessions/burst-001 --instants all --page --out walk",
     )
@@ -43,18 +45,27 @@ class ViewMethod(Method, frozen=True, kw_only=True):
         str | tuple[CameraCalibration, ...],
         command_flag(
             "--path",
-            metavar="swing|orbit|FILE",
-            help="Path of the camera: from one end of the rig to the other and back, on an ellipse, or the "
-            "cameras of a file (calibration.json, or nerfstudio's camera path) in their order.",
+            metavar="swing|orbit|still|FILE",
+            help="Path of the camera: from one end of the rig to the other and back, on an ellipse, still in "
+            "the middle with one picture of each moment, or the cameras of a file (calibration.json, or "
+            "nerfstudio's camera path) in their order.",
         ),
     ] = "swing"
-    """`swing`, `orbit`, a file, or cameras."""
+    """`swing`, `orbit`, `still`, a file, or cameras."""
     frames: Annotated[
         int, command_flag("--frames", ge=2, le=10_000, metavar="N", help="Pictures of swing and orbit.")
     ] = 90
     fps: Annotated[
-        float, command_flag("--fps", gt=0, le=240, metavar="FPS", help="Pictures a second of the film.")
-    ] = 30.0
+        float | None,
+        command_flag(
+            "--fps",
+            gt=0,
+            le=240,
+            metavar="FPS",
+            show_default="30; as recorded with --path still",
+            help="Pictures a second of the film.",
+        ),
+    ] = None
     instants: Annotated[
         tuple[int, ...] | None,
         command_flag(
@@ -93,7 +104,7 @@ class ViewMethod(Method, frozen=True, kw_only=True):
             load_optional("av", "export", "a film as MP4", hint="--out NAME.gif needs no package")
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             result = super().write(sources, Path(scratch, "made"), condition)
-            write_film(out, Path(scratch, "made"), result, self.fps)
+            write_film(out, Path(scratch, "made"), result)
         return result
 
     def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "ViewResult":
@@ -104,7 +115,8 @@ class ViewMethod(Method, frozen=True, kw_only=True):
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""
-        instants = f", {count(len(result.instants), 'instant')}" if len(result.instants) > 1 else ""
+        what = "instant" if result.steps == 1 else "moment"
+        instants = f", {count(len(result.instants), what)}" if len(result.instants) > 1 else ""
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
         if self.page:

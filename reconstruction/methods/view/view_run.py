@@ -17,7 +17,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import require_calibration, see_moments
-from reconstruction.depth.camera_paths import find_subject, orbit, read_path, swing
+from reconstruction.depth.camera_paths import find_subject, orbit, read_path, stand_still, swing
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewMethod
@@ -29,6 +29,9 @@ from reconstruction.session.provenance import Provenance
 
 VIEWS, MAPS = "views", "maps"
 OURS = {VIEWS, MAPS, PAGE}
+FPS = 30.0
+STILL = "still"
+PATHS = {"swing": swing, "orbit": orbit, STILL: stand_still}
 _GIF_STEP_MS = 10
 """GIF's unit of time."""
 
@@ -38,6 +41,9 @@ class ViewResult(Provenance, frozen=True, kw_only=True):
 
     session: str
     instants: tuple[int, ...]
+    """Moments shown: instants, or of n `steps` the instant times n plus the step."""
+    steps: int = 1
+    """Number of steps of a staggered rig that are moments of their own."""
     condition: str
     cameras: tuple[str, ...]
     frames: int
@@ -45,6 +51,8 @@ class ViewResult(Provenance, frozen=True, kw_only=True):
     height: int
     seen: float
     """Mean fraction of the views' pixels that a camera saw; the others are filled from around them."""
+    fps: float = FPS
+    """Pictures a second of a film of the views."""
     left_out: dict[str, str]
 
 
@@ -80,7 +88,9 @@ def render_views(
     """
     given = _given_path(options)
     unit = require_calibration(dataset).unit
-    seen, left_out = list[int](), dict[str, str]()
+    seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
+    steps_ns = dataset.steps_ns
+    order_ns = sorted({*steps_ns.values()})
     for one in see_moments(
         dataset,
         dataset.chosen_instants(options.listed_instants),
@@ -88,13 +98,16 @@ def render_views(
         quick=options.quick,
         progress=progress,
     ):
-        save_moment(folder / MAPS / f"{one.instant:06d}", one.moment, unit)
-        seen.append(one.instant)
+        for step, delay_ns in enumerate(order_ns):
+            if part := {camera: of for camera, of in one.moment.items() if steps_ns[camera] == delay_ns}:
+                seen.append(one.instant * len(order_ns) + step)
+                save_moment(folder / MAPS / f"{seen[-1]:06d}", part, unit)
+        views = views or {camera: of.view for camera, of in one.moment.items()}
         left_out |= one.left_out
     if not seen:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
-    path = given or _own_path(options, moment)
+    path = given or PATHS[str(options.path)](views, find_subject(moment), _count(options, seen))
     (folder / VIEWS).mkdir()
     shown, shares = seen[0], []
     progress.step(f"{len(path)} views")
@@ -106,22 +119,25 @@ def render_views(
         shares.append(float(picture.known.mean()))
     if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
-        write_moments(folder, dataset.name, moments, dataset.period_ns)
+        write_moments(folder, dataset.name, moments, dataset.period_ns // len(order_ns))
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),
+        steps=len(order_ns),
         condition=condition.name,
-        cameras=tuple(moment),
+        cameras=tuple(views),
         frames=len(path),
         width=path[0].width,
         height=path[0].height,
         seen=round(float(np.mean(shares)), 4),
+        fps=options.fps or (_recorded_fps(dataset, seen, order_ns) if options.path == STILL else FPS),
         left_out=left_out,
     )
 
 
-def write_film(out: Path, folder: Path, result: ViewResult, fps: float) -> None:
+def write_film(out: Path, folder: Path, result: ViewResult) -> None:
     """Write the views in a folder as one film, atomically, in the format of the file's suffix."""
+    fps = result.fps
     frames = (read_image(folder / VIEWS / f"{number:06d}.png") for number in range(result.frames))
     out.parent.mkdir(parents=True, exist_ok=True)
     part = out.with_name(f".{out.name}{PART}")
@@ -141,10 +157,17 @@ def write_film(out: Path, folder: Path, result: ViewResult, fps: float) -> None:
 def _given_path(options: ViewMethod) -> Sequence[View]:
     if isinstance(options.path, tuple):
         return [View.from_calibration(one, one.width, one.height).undistorted for one in options.path]
-    return [] if options.path in ("swing", "orbit") else read_path(Path(options.path))
+    return [] if options.path in PATHS else read_path(Path(options.path))
 
 
-def _own_path(options: ViewMethod, moment: Moment) -> Sequence[View]:
-    views = {camera: seen.view for camera, seen in moment.items()}
-    path = swing if options.path == "swing" else orbit
-    return path(views, find_subject(moment), options.frames)
+def _count(options: ViewMethod, moments: Sequence[int]) -> int:
+    return len(moments) if options.path == STILL else options.frames
+
+
+def _recorded_fps(dataset: Dataset, moments: Sequence[int], steps_ns: Sequence[int]) -> float:
+    """Return how many of these moments there were in a second; the usual rate if there is one only."""
+    if len(moments) < 2:
+        return FPS
+    instants, steps = np.divmod([moments[0], moments[-1]], len(steps_ns))
+    first_ns, last_ns = np.array(dataset.instants_ns)[instants] + np.array(steps_ns)[steps]
+    return round((len(moments) - 1) / float(last_ns - first_ns) * 1e9, 3)

@@ -493,6 +493,14 @@ def test_sources_are_the_others_that_see_the_same_best_first() -> None:
     assert {*chosen["cam3"]} == {"cam1", "cam2", "cam4", "cam5"}
 
 
+def test_only_cameras_of_one_step_are_matched() -> None:
+    views = {f"cam{k}": turned_view((0, 0, 0), (0.25 * k, 0, 0)) for k in range(5)}
+    points = {name: view.unproject(view.grid()[::37], np.full(130, 4.0)) for name, view in views.items()}
+    steps_ns = dict(zip(views, (0, 5, 0, 5, 9), strict=True))
+    chosen = choose_source_views(views, points, steps_ns)
+    assert chosen == {"cam0": ("cam2",), "cam2": ("cam0",), "cam1": ("cam3",), "cam3": ("cam1",), "cam4": ()}
+
+
 def test_a_scene_is_found_where_it_is() -> None:
     views = {"a": REFERENCE, "b": SOURCE, "c": turned_view((0, 0, 0), (0.1, 0.3, 0.0))}
     scene = find_rough_scene({name: image_of(view) for name, view in views.items()})

@@ -18,7 +18,7 @@ from tests.reconstruction.conftest import Reconstruct
 JUMPER = Path(__file__).parents[4] / "sample_sessions" / "jumper"
 RESULT = ViewResult(
     session="s", instants=(0,), condition="synced", cameras=("a", "b"), frames=4, width=32, height=24,
-    seen=1.0, left_out={},
+    seen=1.0, fps=25.0, left_out={},
 )  # fmt: skip
 
 
@@ -34,7 +34,7 @@ def pictures(tmp_path: Path) -> Path:
 
 def test_a_film_has_all_views_at_their_times(pictures: Path, tmp_path: Path) -> None:
     av = pytest.importorskip("av")
-    write_film(tmp_path / "out.mp4", pictures, RESULT, 25.0)
+    write_film(tmp_path / "out.mp4", pictures, RESULT)
     with av.open(str(tmp_path / "out.mp4")) as film:
         frames = [(float(one.time), one.to_ndarray(format="bgr24").mean()) for one in film.decode(video=0)]
     assert [time for time, _ in frames] == pytest.approx([0, 0.04, 0.08, 0.12])
@@ -43,7 +43,7 @@ def test_a_film_has_all_views_at_their_times(pictures: Path, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
 def test_an_animation_needs_no_package(pictures: Path, tmp_path: Path, suffix: str) -> None:
-    write_film(tmp_path / f"out{suffix}", pictures, RESULT, 25.0)
+    write_film(tmp_path / f"out{suffix}", pictures, RESULT)
     done, animation = cv2.imreadanimation(str(tmp_path / f"out{suffix}"))
     assert done
     assert [round(float(one[..., :3].mean()), -1) for one in animation.frames[:4]] == [40, 80, 120, 160]

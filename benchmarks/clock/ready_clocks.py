@@ -8,7 +8,7 @@ prints one of large rigs: some nodes, which ask as rarely as a leader of so many
 import random
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -164,20 +164,15 @@ CLOCK_COLUMNS: Columns = {
 }
 
 
+def _draw_node(name: str, link: DrawLink, rng: random.Random) -> NodeSpec:
+    clock = SimulatedClock(round(rng.uniform(1e12, 9e12)), rng.gauss(0.0, 20.0))
+    return NodeSpec(name, PROFILES["pi"], clock, link(rng), None)
+
+
 def run_rig(name: str, link: DrawLink, seed: int, minutes: float, cameras: int = 3) -> Figures:
     """Judge a rig of cameras with default options on a link at rest: is it ready, and what does it say?"""
     rng = random.Random(f"rig {name} {seed}")
-    specs = [
-        NodeSpec(
-            f"cam{k}",
-            PROFILES["pi"],
-            SimulatedClock(round(rng.uniform(1e12, 9e12)), rng.gauss(0.0, 20.0)),
-            link(rng),
-            None,
-        )
-        for k in range(cameras)
-    ]
-    rig = VirtualRig(specs, seed=seed)
+    rig = VirtualRig([_draw_node(f"cam{k}", link, rng) for k in range(cameras)], seed=seed)
     rig.run_until(rig.all_ready, limit_ns=30 * S)
     first_s, texts, apart_us = rig.now_true_ns / S, Counter[str](), list[float]()
     states: dict[str, NodeState] = {}
@@ -208,13 +203,9 @@ def run_large(name: str, link: DrawLink, seed: int, nodes: int, tolerance_us: fl
     """Return when SAMPLED nodes are ready that ask at the rate of `nodes`; the tolerance is their clocks'."""
     rng = random.Random(f"large {name} {nodes} {seed}")
     specs = [
-        NodeSpec(
-            f"cam{k}",
-            PROFILES["pi"],
-            SimulatedClock(round(rng.uniform(1e12, 9e12)), rng.gauss(0.0, 20.0)),
-            link(rng),
-            None,
-            None if tolerance_us is None else round(tolerance_us * 1e3),
+        replace(
+            _draw_node(f"cam{k}", link, rng),
+            clock_tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1e3),
             start_true_ns=round(rng.uniform(0.0, JOIN_WITHIN_S) * S),
         )
         for k in range(SAMPLED)

@@ -43,7 +43,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 
 IMPORTED = "imported"
 OTHER_RATE = 1.1
-"""Minimum ratio of two cameras' frame periods for which one is the slower: others lose frames, or drift."""
+"""Minimum ratio of frame periods for which one camera is slower. Below it, one lost frames, or drifts."""
 _NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
 
 
@@ -171,7 +171,7 @@ def import_recording(
         )
     if common is not None and common.cameras:
         sources = [source for source in sources if source.name in common.cameras]
-        timeline = at_slowest_rate(overlap(with_common_times(timeline, common), talk), talk)
+        timeline = trim(with_common_times(timeline, common), talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
@@ -204,6 +204,15 @@ def import_recording(
             options.note or (taken.note if taken else ""),
         )
     return Session.open(root / name)
+
+
+def trim(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return the part of a timeline in which all cameras run, at the rate of the slowest."""
+    said: list[str] = []
+    timeline = at_slowest_rate(overlap(timeline, said.append), said.append)
+    if said:
+        talk("; ".join(said))
+    return timeline
 
 
 def overlap(timeline: Timeline, talk: Talk) -> Timeline:

@@ -44,7 +44,7 @@ def test_one_command_without_an_option(name: str, tmp_path: Path, capsys: pytest
     assert folder.said in printed.out + printed.err
     # Without the lines of progress, which are one bar in a terminal.
     shown = [line for line in (printed.out + printed.err).splitlines() if not line.startswith("[")]
-    assert len(shown) <= 26 * max(1, len(folder.sessions))
+    assert len(shown) <= 25 * max(1, len(folder.sessions))
     assert code == (ExitCode.BAD_INPUT if folder.refused else ExitCode.OK)
     if folder.refused:
         assert not out.exists()

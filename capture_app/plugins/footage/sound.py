@@ -57,18 +57,22 @@ def read_sound(path: Path) -> Sound:
     sounds = [_read_file(chapter) for chapter in chapters]
     if len(sounds) == 1:
         return sounds[0]
-    shifts_ns = chapter_shifts_ns([video_times_ns(chapter) for chapter in chapters])
-    start_s = sounds[0][1]
-    places = [
-        round((own_s + shift_ns / 1e9 - start_s) * RATE_HZ)
-        for (_, own_s), shift_ns in zip(sounds, shifts_ns, strict=True)
+    times_ns = [video_times_ns(chapter) for chapter in chapters]
+    if not all(times_ns):
+        raise BadInputError("a chapter has no times of its own")
+    starts_s = [
+        own_s + shift_ns / 1e9
+        for (_, own_s), shift_ns in zip(sounds, chapter_shifts_ns(times_ns), strict=True)
     ]
-    joined = np.zeros(places[-1] + len(sounds[-1][0]), np.float32)
+    start_s = min(starts_s)
+    places = [
+        (round((begin_s - start_s) * RATE_HZ), samples)
+        for begin_s, (samples, _) in zip(starts_s, sounds, strict=True)
+    ]
+    joined = np.zeros(max(place + len(samples) for place, samples in places), np.float32)
     # An encoder adds some silence to the begin and to the end of each file.
-    for place, (samples, _) in zip(places, sounds, strict=True):
-        joined[max(0, place) : place + len(samples)] = samples[max(0, -place) :][
-            : len(joined) - max(0, place)
-        ]
+    for place, samples in places:
+        joined[place : place + len(samples)] = samples
     return joined, start_s
 
 

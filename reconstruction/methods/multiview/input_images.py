@@ -42,6 +42,8 @@ class InputImage:
     calibrated: CalibratedImage
     view: View
     """The view with the image's original distortion."""
+    step_ns: int = 0
+    """The camera's step in a staggered rig; images of one step show one moment."""
 
     @property
     def outside(self) -> Array:
@@ -139,9 +141,10 @@ def load_input_images(
             hint="depth needs two that are calibrated and see the same from different places",
         )
     # Planes are fitted to blank walls, not to objects moving in front; nor are those part of the still scene.
+    steps_ns = dataset.steps_ns
     for camera, image in images.items():
         known = replace(image.calibrated, moving=find_moving(image, motion))
-        images[camera] = replace(image, calibrated=known)
+        images[camera] = replace(image, calibrated=known, step_ns=steps_ns[camera])
     return images, left_out, calibration.source_words, calibration.unit
 
 

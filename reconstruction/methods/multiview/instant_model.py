@@ -138,16 +138,7 @@ def model_instant(
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     check = check_images(images) if options.check else None
     images, sources, scene, maps = _match_instant(
-        images,
-        left_out,
-        dataset.steps_ns,
-        matcher,
-        options,
-        part,
-        progress,
-        still or StillScene(),
-        early,
-        marks,
+        images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
     )
     misfit_px = None if check is None else check.error_px
     confidence = measure_confidence(images, sources, maps, misfit_px) if options.check else {}
@@ -217,7 +208,6 @@ def model_instant(
 def _match_instant(
     images: dict[str, InputImage],
     left_out: dict[str, str],
-    steps_ns: Mapping[str, int],
     matcher: ChosenMatcher,
     options: Multiview,
     part: Path,
@@ -241,6 +231,7 @@ def _match_instant(
     still.look(calibrated)
     scene = still.scene = still.scene or find_rough_scene(calibrated)
     views = {camera: calibrated[camera].view for camera in scene.points}
+    steps_ns = {camera: image.step_ns for camera, image in images.items()}
     sources = choose_source_views(views, scene.points, steps_ns)
     if not any(sources.values()):
         raise refuse_views(views, scene.points)

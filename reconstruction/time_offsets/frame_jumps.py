@@ -56,10 +56,11 @@ def place_step(step: Step, first: Mapping[int, float], second: Mapping[int, floa
             return np.inf
         return 1 - float(np.corrcoef(changes)[0, 1])
 
-    best, other = (min(places, key=misfit) for places in (inside, beside))
-    if misfit(other) < CLEARER_OUTSIDE * misfit(best):
+    misfits = {place: misfit(place) for place in {*inside, *beside, step.instant}}
+    best, other = (min(places, key=misfits.__getitem__) for places in (inside, beside))
+    if misfits[other] < CLEARER_OUTSIDE * misfits[best]:
         best = other
-    if misfit(best) >= CLEARER * misfit(step.instant):
+    if misfits[best] >= CLEARER * misfits[step.instant]:
         return step
     earliest, latest = min(step.earliest, best), max(step.latest, best)
     return structs.replace(step, instant=best, earliest=earliest, latest=latest)

@@ -24,7 +24,7 @@ from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.timekeeping.clock_events import ClockChanged
-from capture_app.sync.wire.datagrams import CLOCK
+from capture_app.sync.wire.datagrams import CLOCK, Report
 from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 from tests.benchmarks.simulated.clock_changes import DrawLink, cable, loopback, wifi
 from tests.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
@@ -169,6 +169,14 @@ def _draw_node(name: str, link: DrawLink, rng: random.Random) -> NodeSpec:
     return NodeSpec(name, PROFILES["pi"], clock, link(rng), None)
 
 
+def _reports(rig: VirtualRig) -> dict[str, Report]:
+    """Return what each node says of itself now."""
+    now_ns = rig.now_true_ns
+    return {
+        name: node.client.report(node.spec.clock.local_from_true(now_ns)) for name, node in rig.nodes.items()
+    }
+
+
 def run_rig(name: str, link: DrawLink, seed: int, minutes: float, cameras: int = 3) -> Figures:
     """Judge a rig of cameras with default options on a link at rest: is it ready, and what does it say?"""
     rng = random.Random(f"rig {name} {seed}")
@@ -181,8 +189,7 @@ def run_rig(name: str, link: DrawLink, seed: int, minutes: float, cameras: int =
         rig.run_for(LOOK_EVERY_NS)
         looks += 1
         ready += rig.all_ready()
-        for name_of, node in rig.nodes.items():
-            report = node.client.report(node.spec.clock.local_from_true(rig.now_true_ns))
+        for name_of, report in _reports(rig).items():
             changes += states.get(name_of, report.state) is not report.state
             states[name_of] = report.state
             texts[_without_digits(f"{report.state}: {report.message}")] += 1
@@ -215,11 +222,7 @@ def run_large(name: str, link: DrawLink, seed: int, nodes: int, tolerance_us: fl
     ready: set[str] = set()
     while rig.now_true_ns < LARGE_S * S:
         rig.run_for(LOOK_EVERY_NS)
-        reports = {
-            node_name: node.client.report(node.spec.clock.local_from_true(rig.now_true_ns))
-            for node_name, node in rig.nodes.items()
-        }
-        ready = {node_name for node_name, report in reports.items() if report.state is NodeState.READY}
+        ready = {node for node, report in _reports(rig).items() if report.state is NodeState.READY}
         ready_s = dict.fromkeys(ready, rig.now_true_ns / S) | ready_s
     waits = sorted([*ready_s.values(), *[inf] * (SAMPLED - len(ready_s))])
     return {

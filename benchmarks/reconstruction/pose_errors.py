@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import CALIBRATION
-from reconstruction import MultiviewOptions, open_session
+from reconstruction import Multiview, open_session
 
 ERRORS_PX = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
 SAMPLE, INSTANT = Path("sample_sessions/jumper"), 4
@@ -67,9 +67,7 @@ def run(
             (copy / CALIBRATION).write_bytes(msgspec.json.encode(spoilt(true, error_px, seed, distance)))
             row: dict[str, Any] = {"error_px": error_px}
             for prefix, refine in (("", False), ("refined_", True)):
-                options = MultiviewOptions(
-                    instant=INSTANT, mesh=False, cloud=False, refine=refine, quick=quick
-                )
+                options = Multiview(instant=INSTANT, mesh=False, cloud=False, refine=refine, quick=quick)
                 made = open_session(copy).multiview(options)
                 views = [view for view in made.result.views if view.within_2pct is not None]
                 row[f"{prefix}within_2pct"] = float(np.mean([view.within_2pct for view in views]))

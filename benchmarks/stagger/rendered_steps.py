@@ -26,7 +26,6 @@ from capture_app.session.reading.reader import Session
 from reconstruction import open_session
 from reconstruction.compare.method import find_method
 from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.conditions import SYNCHRONIZED
 from reconstruction.session.dataset import Dataset
 
 SCENE = "studio"
@@ -81,7 +80,7 @@ def _score(session: Session, instant: int, truths: list[Held]) -> dict[str, Any]
     """Return the depth's scores, and the views' PSNR at the times of the truths."""
     with tempfile.TemporaryDirectory() as folder:
         multiview = find_method("multiview", instant=instant, mesh=False, quick=True)
-        views = multiview.write([session.folder], Path(folder, "depth"), SYNCHRONIZED).views
+        views = multiview.make([session.folder], Path(folder, "depth")).views
         lens = truths[0].view.to_calibration()
         made = open_session(session.folder).view(instant=instant, path=(lens, lens), quick=True)
         pictures = [made.frame(number) for number in (0, 1)]

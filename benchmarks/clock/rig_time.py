@@ -20,7 +20,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.host_clock import host_from_monotonic
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.rig.rig_time import RigTime, place_mark, rig_time
+from capture_app.rig.rig_time import LeaderTime, place_mark, rig_time
 from capture_app.trust.trust import Trust
 
 COLUMNS: Columns = {
@@ -46,7 +46,7 @@ def _lead(sessions: str, trust: str, told: Connection) -> None:
     asyncio.run(lead())
 
 
-def error_ns(found: RigTime) -> int:
+def error_ns(found: LeaderTime) -> int:
     """Return the error of a time's middle, ns."""
     return found.leader_ns - CLOCK.local_from_true(host_from_monotonic(found.local_ns))
 

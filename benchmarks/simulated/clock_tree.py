@@ -17,7 +17,7 @@ from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.sync_engine import Address, Engine
 from capture_app.sync.timekeeping.poll_schedule import Progress, TreeSchedule
 from capture_app.sync.tree.member import TreeMember
@@ -25,7 +25,7 @@ from capture_app.sync.tree.relay_engine import Relay
 
 _S = 1_000_000_000
 PERIOD_NS = 33_333_333
-RIG = RigConfig(period_ns=PERIOD_NS)
+RIG = RequestedConfig(period_ns=PERIOD_NS)
 ROOT: Address = ("root", 0)
 
 

@@ -23,7 +23,7 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
@@ -131,7 +131,7 @@ class VirtualRig:
         stagger: Stagger | None = None,
         exchanges_per_s: float | None = None,
     ) -> None:
-        """Build the rig; `exchanges_per_s` is as in `LeaderConfig`, the others as in `RigConfig`."""
+        """Build the rig; `exchanges_per_s` is as in `LeaderConfig`, the others as in `RequestedConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
@@ -139,7 +139,9 @@ class VirtualRig:
         self._slept_ns = 0
         self._asleep_true_ns: int | None = None
         self._leader_timer = Timer(self._time, self._pump_leader)
-        rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger)
+        rig = RequestedConfig(
+            period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger
+        )
         self._config = LeaderConfig(0, 0, rig)
         if exchanges_per_s is not None:
             self._config = replace(self._config, exchanges_per_s=exchanges_per_s)

@@ -91,8 +91,8 @@ class DamagedImageError(BadInputError):
     """Image that was damaged before it was sent: the sending node reports it as missing."""
 
 
-class CancelledBurstError(BadInputError):
-    """Images of a cancelled burst: the sending node may delete them."""
+class UnwantedImageError(BadInputError):
+    """Image of a cancelled burst: the sending node may delete it."""
 
 
 @contextmanager

@@ -28,6 +28,7 @@ _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "lead
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
     events.ForeignTrigger: ("foreign-trigger", ("leader", "burst")),
+    events.TriggerCancelled: ("burst-cancelled", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),

@@ -178,7 +178,7 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
             hint=error.hint,
             error=type(error).__name__,
             retry=isinstance(error, errors.DiskError | errors.TryAgainError | errors.NetworkError),
-            forget=isinstance(error, errors.CancelledBurstError),
+            forget=isinstance(error, errors.UnwantedImageError),
         )
 
     def as_error(self) -> SimulshotError:

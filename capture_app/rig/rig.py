@@ -22,7 +22,7 @@ from capture_app.protocol.status import RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, instant_previews
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import RigLink, ask_status, give_order, present_cameras
-from capture_app.rig.rig_time import PlacedMark, RigTime, place_mark, rig_time
+from capture_app.rig.rig_time import LeaderTime, PlacedMark, place_mark, rig_time
 from capture_app.rig.taking import Saved, TakePlan, Taking
 from capture_app.session.reading.array_access import OpenSession
 
@@ -124,7 +124,7 @@ class AsyncRig:
                 )
             await asyncio.sleep(LOOK_EVERY_S)
 
-    async def now(self) -> RigTime:
+    async def now(self) -> LeaderTime:
         """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""
         return await rig_time(self.address)
 
@@ -244,7 +244,7 @@ class Rig:
         """Wait until at least `cameras` cameras are here and all are ready. Raises IncompleteError."""
         return _run(self._rig.wait_until_ready(cameras, timeout_s))
 
-    def now(self) -> RigTime:
+    def now(self) -> LeaderTime:
         """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""
         return _run(self._rig.now())
 

@@ -23,7 +23,7 @@ EXCHANGES = 8
 
 
 @dataclass(frozen=True, slots=True)
-class RigTime:
+class LeaderTime:
     """Time of a rig at a moment: its leader's clock showed something from `earliest_ns` to `latest_ns`.
 
     Both are ns of the clock that sessions have as `leader_ns`.
@@ -46,11 +46,11 @@ class RigTime:
         """Maximum error of `leader_ns`, ns."""
         return self.latest_ns - self.leader_ns
 
-    def at(self, local_ns: int) -> "RigTime":
+    def at(self, local_ns: int) -> "LeaderTime":
         """Return the rig's time at another `time.monotonic_ns()`, as far as clocks may drift until then."""
         elapsed_ns = local_ns - self.local_ns
         drift_ns = int(abs(elapsed_ns) * MAX_SKEW) + 1
-        return RigTime(
+        return LeaderTime(
             self.earliest_ns + elapsed_ns - drift_ns,
             self.latest_ns + elapsed_ns + drift_ns,
             local_ns,
@@ -69,17 +69,17 @@ class PlacedMark(Struct, frozen=True, kw_only=True):
 
 async def read_rig_time(
     channel: Channel[Any], exchanges: int = EXCHANGES, now_ns: Callable[[], int] = time.monotonic_ns
-) -> RigTime:
+) -> LeaderTime:
     """Return the rig's time now, by exchanges over an open stream.
 
     Raises NetworkError, and the leader's errors.
     """
-    best: RigTime | None = None
+    best: LeaderTime | None = None
     for _ in range(exchanges):
         asked_ns = now_ns()
         answer = await ask(channel, orders.AskTime(), orders.TimeAnswer)
         local_ns = now_ns()
-        time_now = RigTime(
+        time_now = LeaderTime(
             answer.leader_ns,
             answer.leader_ns + local_ns - asked_ns,
             local_ns,
@@ -91,13 +91,13 @@ async def read_rig_time(
             latest_ns = min(time_now.latest_ns, before.latest_ns)
             # They exclude each other only if a clock was set or the machine slept meanwhile.
             if earliest_ns <= latest_ns:
-                time_now = RigTime(earliest_ns, latest_ns, local_ns, time_now.unix_less_leader_ns)
+                time_now = LeaderTime(earliest_ns, latest_ns, local_ns, time_now.unix_less_leader_ns)
         best = time_now
     assert best is not None, "there is at least one exchange"
     return best
 
 
-async def rig_time(leader: Address) -> RigTime:
+async def rig_time(leader: Address) -> LeaderTime:
     """Return the time of a leader's rig now. Raises NetworkError, UnknownMachineError without the right."""
     async with await connect(leader, messages.FromLeader) as channel:
         return await read_rig_time(channel)

@@ -17,7 +17,7 @@ from capture_app.companions.phones import wire
 from capture_app.companions.phones.phone import Phone
 from capture_app.net.channel import Channel
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.sealed_engines import SealedLeader
@@ -63,7 +63,7 @@ class _NoWriter:
 def read_sealed(data: bytes, folder: Path) -> None:
     """Whatever comes to a leader's port, which answers it by no more bytes; and to a client's."""
     here, there = Address("192.0.2.1", 1), Address("192.0.2.2", 2)
-    leader = SealedLeader(Leader(LeaderConfig(1, 0, RigConfig(period_ns=10**7)), random.Random(1)))
+    leader = SealedLeader(Leader(LeaderConfig(1, 0, RequestedConfig(period_ns=10**7)), random.Random(1)))
     leader.receive_datagram(data, here, 1)
     assert sum(len(answer) for answer, _ in leader.datagrams_to_send(1)) <= len(data)
     with suppress(SealError):

@@ -13,7 +13,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig.rig import AsyncRig
-from capture_app.rig.rig_time import RigTime, place_mark, rig_time
+from capture_app.rig.rig_time import LeaderTime, place_mark, rig_time
 from capture_app.rig.taking import TakePlan
 from capture_app.session.format.marks import RIG_MARKS, Mark, marks_of
 from capture_app.session.reading.verify import verify
@@ -38,7 +38,7 @@ async def test_the_leaders_clock_is_within_the_bounds(tmp_path: Path) -> None:
 
 
 def test_bounds_grow_away_from_their_moment_by_what_clocks_drift() -> None:
-    now = RigTime(1_000_000, 1_000_100, 500, 7)
+    now = LeaderTime(1_000_000, 1_000_100, 500, 7)
     for later_ns in (10**9, -(10**9)):
         later = now.at(500 + later_ns)
         for ppm in (-1010, 0, 1010):

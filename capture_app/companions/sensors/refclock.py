@@ -15,7 +15,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, NotAvailableError
 from capture_app.net.channel import connect
 from capture_app.protocol import messages
-from capture_app.rig.rig_time import RigTime, read_rig_time
+from capture_app.rig.rig_time import LeaderTime, read_rig_time
 
 SOCK_SAMPLE = struct.Struct("@lld4i")
 """tv_sec, tv_usec, offset, pulse, leap, _pad, magic."""
@@ -25,7 +25,7 @@ AGAIN_S = 2.0
 """Time until a lost leader is asked again."""
 
 
-def sock_sample(now: RigTime, system_ns: int) -> bytes:
+def sock_sample(now: LeaderTime, system_ns: int) -> bytes:
     """Return the sample of a rig's time at the system clock's reading `system_ns` (Unix time) at that moment.
 
     The true time is that of the leader's wall clock.
@@ -63,7 +63,7 @@ async def feed_chrony(leader: Address, path: Path, every_s: float = SAMPLE_EVERY
                 await asyncio.sleep(AGAIN_S)
 
 
-def _send(sock: socket.socket, path: Path, now: RigTime) -> None:
+def _send(sock: socket.socket, path: Path, now: LeaderTime) -> None:
     local_ns, system_ns = time.monotonic_ns(), time.time_ns()
     try:
         sock.send(sock_sample(now.at(local_ns), system_ns))

@@ -169,7 +169,7 @@ class CameraNode:
         if isinstance(event, FramesSelected):
             self._upload(event)
             return
-        if isinstance(event, events.BurstCancelled):
+        if isinstance(event, events.TriggerCancelled):
             self._uploader.cancel_burst(event.leader, event.burst)
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)

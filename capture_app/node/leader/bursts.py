@@ -12,10 +12,10 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import (
     BadInputError,
-    CancelledBurstError,
     DiskFullError,
     IncompleteError,
     SimulshotError,
+    UnwantedImageError,
 )
 from capture_app.common.names import check_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
@@ -379,7 +379,7 @@ class ActiveBursts:
 
         If that session has all images of this camera, return the answer without changing the session. `pin`
         identifies the machine that sends the report. Raises BadInputError where there is no such burst or its
-        camera is another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its
+        camera is another machine's, an UnwantedImageError where it was cancelled, TryAgainError where its
         session is in use.
         """
         of_this_run = report.leader == self._engine.config.instance
@@ -387,7 +387,7 @@ class ActiveBursts:
         if session is None and (done := await self.resumed.answer_finished(report, pin)) is not None:
             return done
         if of_this_run and report.burst in self._cancelled:
-            raise CancelledBurstError(f"burst {report.burst} was cancelled")
+            raise UnwantedImageError(f"burst {report.burst} was cancelled")
         if session is None or session.finished.is_set():
             session = await self.resumed.reopen(report, self.now_ns())
             frames = self._frames_of_ended.get(report.burst) if of_this_run else None

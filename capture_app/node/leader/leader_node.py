@@ -19,7 +19,7 @@ from capture_app.node.leader.watchers import LeaderState
 from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
@@ -62,7 +62,7 @@ class LeaderNode(PortEndpoint):
             LeaderConfig(
                 instance=secrets.randbits(32),
                 transfer_port=bound[1].getsockname()[1],
-                rig=RigConfig(
+                rig=RequestedConfig(
                     period_ns=options.period_ns,
                     align_row=options.align_row,
                     max_delay_ns=options.max_delay_ns,

@@ -23,10 +23,10 @@ from capture_app.sync.rig import status_text
 from capture_app.sync.rig.burst_orders import CANCELLED
 from capture_app.sync.rig.events import (
     AlignmentFailed,
-    BurstCancelled,
     ForeignTrigger,
     FramesDropped,
     PhaseCorrected,
+    TriggerCancelled,
 )
 from capture_app.sync.rig.frame_selection import (
     RING_BYTES,
@@ -375,7 +375,7 @@ class Client(TimeClient, Generic[F]):
         if not trigger.count:
             refusal = CANCELLED
             self.forget_burst(trigger.leader, trigger.burst)
-            self._events.append(BurstCancelled(trigger.leader, trigger.burst))
+            self._events.append(TriggerCancelled(trigger.leader, trigger.burst))
         elif self.failure:
             refusal = self.failure
         elif not self.timekeeper.time_is_known:

@@ -63,7 +63,7 @@ class AlignmentFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class BurstCancelled:
+class TriggerCancelled:
     """A burst was cancelled: nothing of it is to be saved or sent."""
 
     leader: int
@@ -89,7 +89,7 @@ ClientEvent = (
     | PhaseCorrected
     | AlignmentFailed
     | FramesSelected[F]
-    | BurstCancelled
+    | TriggerCancelled
     | ForeignTrigger
 )
 

@@ -21,7 +21,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder, Orders
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.relay_summary import RelaySummary
-from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
+from capture_app.sync.rig.rig_config import CurrentConfig, RequestedConfig
 from capture_app.sync.rig.roster import LEFT, Member, Roster, camera_phases, relays_above
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
@@ -89,7 +89,7 @@ class LeaderConfig:
 
     instance: int
     transfer_port: int
-    rig: RigConfig = field(default_factory=RigConfig)
+    rig: RequestedConfig = field(default_factory=RequestedConfig)
     exchanges_per_s: float = 20_000.0
     """Maximum rate of time requests of all clients together; more clients each send fewer. An overloaded
     leader accepts fewer.

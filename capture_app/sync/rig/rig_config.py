@@ -15,8 +15,8 @@ from capture_app.sync.wire.datagrams import MAX_DELAYS, RigConfigMessage, Upstre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RigConfig:
-    """Requested alignment of a rig's frames."""
+class RequestedConfig:
+    """Requested alignment of a rig's frames, and how long a burst may wait for it."""
 
     period_ns: int | None = None
     """Frame period; None: the period of most cameras."""
@@ -38,7 +38,7 @@ class CurrentConfig:
 
     leader: int
     """Instance number of the leader."""
-    config: RigConfig
+    config: RequestedConfig
     grid_choice: GridPhaseChoice | None = None
     upstream: UpstreamMap | None = None
     """Map from a relay's clock to the root's; clients chain it to their estimates."""

@@ -9,7 +9,7 @@ from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -51,7 +51,7 @@ class ClockPair:
         keeper = Timekeeper(rng.getrandbits(32), target=AccuracyTarget(tolerance_ns))
         self.node = TimeClient("node", rng.getrandbits(32), keeper)
         self.events: list[TimeClientEvent] = []
-        self._leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=33_333_333)), rng)
+        self._leader = Leader(LeaderConfig(1, 0, RequestedConfig(period_ns=33_333_333)), rng)
         self._clock, self._leader_clock = node, leader
         self._rng, self._channel, self._silent_from_ns = rng, link.open(), silent_from_true_ns
         self._time = VirtualTime()

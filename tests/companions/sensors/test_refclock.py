@@ -17,7 +17,7 @@ import pytest
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.tasks import end
 from capture_app.companions.sensors.refclock import feed_chrony, sock_sample
-from capture_app.rig.rig_time import RigTime
+from capture_app.rig.rig_time import LeaderTime
 from tests.cheap_rig import rig_of
 from tests.waiting import until
 
@@ -28,7 +28,7 @@ CHRONYD, CHRONYC = (shutil.which(name, path=PATH) for name in ("chronyd", "chron
 
 
 def test_a_sample_is_chronys_struct() -> None:
-    now = RigTime(5_000_000_000, 5_000_000_200, 77, unix_less_leader_ns=1_700_000_000_000_000_000)
+    now = LeaderTime(5_000_000_000, 5_000_000_200, 77, unix_less_leader_ns=1_700_000_000_000_000_000)
     system_ns = now.leader_ns + now.unix_less_leader_ns - 1_234_567_891
     seconds, microseconds, offset_s, pulse, leap, pad, magic = struct.unpack(
         DOCUMENTED, sock_sample(now, system_ns)

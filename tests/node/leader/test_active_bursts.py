@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.address import Address
-from capture_app.common.errors import BadInputError, CancelledBurstError, DiskFullError, IncompleteError
+from capture_app.common.errors import BadInputError, DiskFullError, IncompleteError, UnwantedImageError
 from capture_app.common.timeouts import (
     AFTER_LAST_INSTANT_NS,
     CAMERA_DISCONNECTED_NS,
@@ -98,7 +98,7 @@ async def test_a_cancelled_burst_is_forgotten_by_its_nodes(tmp_path: Path) -> No
         with pytest.raises(BadInputError, match="not under way"):
             await bursts.cancel(number)
         late = replace(report("b", 0, 1), burst=number)
-        with pytest.raises(CancelledBurstError):
+        with pytest.raises(UnwantedImageError):
             await bursts.find_session(late, "")
         again = await order(bursts)
         assert again.burst.number > number
@@ -118,7 +118,7 @@ async def test_a_burst_that_could_not_be_written_down_is_forgotten_by_its_nodes(
         with pytest.raises(DiskFullError):
             await order(bursts)
         assert {t.count for t in triggers_sent(engine)} == {0}
-        with pytest.raises(CancelledBurstError):
+        with pytest.raises(UnwantedImageError):
             await bursts.find_session(replace(report("a", 0, 1), burst=1), "")
 
 

@@ -8,7 +8,7 @@ from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.companions.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report, Welcome
 from tests.facts import make_facts
@@ -19,7 +19,7 @@ WEBCAM = replace(make_facts(), phase_control=PhaseControl.RESET, period_ns=33_33
 
 def leader_with_a_webcam(grid_phase_ns: int | None) -> Leader:
     """Its frames are far from the grid, and it can only be restarted."""
-    config = LeaderConfig(1, 0, RigConfig(period_ns=PERIOD_NS, grid_phase_ns=grid_phase_ns))
+    config = LeaderConfig(1, 0, RequestedConfig(period_ns=PERIOD_NS, grid_phase_ns=grid_phase_ns))
     leader = Leader(config, random.Random(1))
     now_ns = 1000 * S + 7
     leader.receive_datagram(encode(Hello("cam", 5, WEBCAM)), ("10.0.0.2", 1), now_ns)

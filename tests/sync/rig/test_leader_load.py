@@ -3,7 +3,7 @@
 import random
 
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.codec import decode, encode, request_at, request_before_t0
 from capture_app.sync.wire.datagrams import CLOCK, Hello, Welcome
 
@@ -12,7 +12,7 @@ CLIENTS = 100
 
 
 def leader_of_many() -> tuple[Leader, int]:
-    leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=33_333_333)), random.Random(1))
+    leader = Leader(LeaderConfig(1, 0, RequestedConfig(period_ns=33_333_333)), random.Random(1))
     for i in range(CLIENTS):
         leader.receive_datagram(encode(Hello(f"n{i}", i + 1, CLOCK)), ("n", i), 0)
     welcome = decode(leader.datagrams_to_send(0)[0][0])

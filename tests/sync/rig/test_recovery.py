@@ -18,7 +18,7 @@ from msgspec import structs
 
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.timekeeper import MAX_EVENTS, OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
@@ -139,7 +139,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
             honest = PARENTS[self.seed % len(PARENTS)]
             peers: dict[Address, TreeMember | Relay | Leader] = {("me", 1): self.node}
             peers[honest] = Leader(
-                LeaderConfig(HONEST, 0, RigConfig(period_ns=33_333_333)), random.Random(self.seed)
+                LeaderConfig(HONEST, 0, RequestedConfig(period_ns=33_333_333)), random.Random(self.seed)
             )
             self.recover(peers, honest)
 

@@ -11,7 +11,7 @@ from capture_app.sync.rig import roster
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import (
@@ -136,7 +136,7 @@ def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
 
 
 def test_a_requested_rate_is_not_changed() -> None:
-    leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=LONG_NS)), random.Random(2))
+    leader = Leader(LeaderConfig(1, 0, RequestedConfig(period_ns=LONG_NS)), random.Random(2))
     number = joined(leader, "cam", S)
     leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
     leader.handle_timer(2 * S)

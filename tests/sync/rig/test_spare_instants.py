@@ -13,7 +13,7 @@ from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.protocol.messages import CameraReport
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.sync.rig.events import BurstCancelled
+from capture_app.sync.rig.events import TriggerCancelled
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig
 
@@ -123,6 +123,6 @@ def test_a_cancelled_burst_is_forgotten_by_all_nodes(wait_ns: int) -> None:
     for name, node in rig.nodes.items():
         assert (burst.number in node.bursts) == (name in picked)
         assert node.client.can_change_leader
-        assert BurstCancelled(burst_leader(rig), burst.number) in node.events
+        assert TriggerCancelled(burst_leader(rig), burst.number) in node.events
     burst, chosen = take(rig, 2, 2)
     assert is_complete(rig, burst, chosen)

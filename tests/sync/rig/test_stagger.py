@@ -14,7 +14,7 @@ from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.leader_engine import RETURN_NS, Leader, LeaderConfig
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.datagrams import (
     MAX_DELAYS,
@@ -144,7 +144,9 @@ class TakenOver:
     """A leader that has taken over a staggered rig, and whose cameras come back one by one."""
 
     def __init__(self, stagger: Stagger | None = None, grid: FrameGrid | None = None) -> None:
-        self.leader = Leader(LeaderConfig(1, 0, RigConfig(stagger=stagger), grid=grid), random.Random(1))
+        self.leader = Leader(
+            LeaderConfig(1, 0, RequestedConfig(stagger=stagger), grid=grid), random.Random(1)
+        )
         self.numbers: dict[str, int] = {}
 
     def join(self, name: str, now_ns: int, camera: str = "sim", via: str | None = None) -> RigConfigMessage:

@@ -9,7 +9,7 @@ from benchmarks.simulated.clock_tree import ROOT
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import LeaderNotice, NodeChanged, TriggerAnswered
-from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.rig.rig_config import RequestedConfig
 from capture_app.sync.timekeeping.poll_schedule import ESTIMATE_EVERY_NS
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.datagrams import Hello
@@ -227,7 +227,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     rig = RelayRig()
-    rig.tree.root.current.config = RigConfig()
+    rig.tree.root.current.config = RequestedConfig()
     relay = rig.relay("relay", ROOT)
     rig.run(3.0)
     camera = structs.replace(CAMERA, period_ns=20_000_000)

@@ -11,7 +11,7 @@ from capture_app.session.exporting.csv_tables import (
     yaml_names,
 )
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
-from capture_app.session.exporting.exporter import Exporter, ImageOptions
+from capture_app.session.exporting.exporter import Exporter, Masks
 from capture_app.session.exporting.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import distortion_of, matrix_of, redrawing
@@ -19,7 +19,7 @@ from capture_app.session.format.lens import distortion_of, matrix_of, redrawing
 _HALF_PIXEL = 0.5  # EasyVolcap's rays leave the first pixel at (0.5, 0.5)
 
 
-def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
+def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None) -> None:
     """Write the instants that every camera has, counted from 0, the cameras in metres, and masks if given.
 
     EasyVolcap undistorts with the first pixel at (0, 0), but casts its rays from (0.5, 0.5). With either
@@ -34,14 +34,14 @@ def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
     numbers = {instant: number for number, instant in enumerate(together)}
     images = [burst.images[camera, instant] for camera in burst.cameras for instant in together]
     redrawn = any(redraws.values())
-    encoded = ".png" if options.lossless else ".jpg"
+    encoded = ".png" if burst.lossless else ".jpg"
     suffix = encoded if redrawn else suffix_for(burst, images)
     for image in images:
         number, redraw = numbers[image.instant], redraws[image.camera]
         file = f"{names[image.camera]}/{number:06d}"
         encoder = redraw or np.asarray if redrawn else None
         place(burst, image, folder, f"images/{file}{suffix}", encoder, number)
-        write_mask(burst, options.masks, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
+        write_mask(burst, masks, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
     write_cameras(folder, structs.replace(calibration, cameras=straight), names, centre=_HALF_PIXEL)
     burst.notes += renaming_notes(names)
     if len(together) < len({instant for _, instant in burst.images}):
@@ -67,7 +67,7 @@ EXPORTER = Exporter(
     write=write,
     help="EasyVolcap: images, intri.yml and extri.yml",
     program="EasyVolcap",
-    options=ImageOptions,
+    one_instant=True,
     calibration="required",
     unit="m",
     complete_instants=True,

@@ -36,7 +36,7 @@ def _write_sequence(burst: ExportedBurst, folder: Path) -> None:
         )
         frames = ((image.leader_ns - burst.origin_ns, burst.load(image)[1]) for image in images)
         step_ns = burst.period_ns // len(delays_ns)
-        write_video(folder / SEQUENCE, frames, sizes.pop(), step_ns, lossless=burst.options.lossless)
+        write_video(folder / SEQUENCE, frames, sizes.pop(), step_ns, lossless=burst.lossless)
         burst.notes.append(f"{SEQUENCE} has {count(len(images), 'frame')} of all cameras in order of time")
 
 

@@ -1,6 +1,5 @@
 """Neural 3D Video: camNN.mp4, one frame an instant, poses_bounds.npy as LLFF defined it, and points."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.csv_tables import renaming_notes
 from capture_app.session.exporting.exported_burst import ExportedBurst
-from capture_app.session.exporting.exporter import VIDEOS, Exporter, ExportOptions, Option, Points
+from capture_app.session.exporting.exporter import VIDEOS, Exporter, Option, Points
 from capture_app.session.exporting.pinhole import centred_pinhole, focus_depths, llff_row, min_focal
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.exporting.starting_points import scatter_points
@@ -28,17 +27,17 @@ _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds, relative to the distance at which the cameras' axes meet."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _N3dvOptions(ExportOptions):
-    points: Points = None
+def write(
+    burst: ExportedBurst,
+    folder: Path,
+    *,
+    points: Points = None,
     whole: Annotated[
         bool, Option("whole pictures with black around them, not cut to what fills all films")
-    ] = False
-    near: Annotated[float | None, Option("smallest depth, in the calibration's unit", "DEPTH")] = None
-    far: Annotated[float | None, Option("largest depth", "DEPTH")] = None
-
-
-def write(burst: ExportedBurst, folder: Path, options: _N3dvOptions) -> None:
+    ] = False,
+    near: Annotated[float | None, Option("smallest depth, in the calibration's unit", "DEPTH")] = None,
+    far: Annotated[float | None, Option("largest depth", "DEPTH")] = None,
+) -> None:
     """Write the videos of the instants that every camera has, and a row of 17 numbers for each camera.
 
     The format's loaders assume one focal length, no distortion, a centred principal point, and videos of
@@ -49,10 +48,10 @@ def write(burst: ExportedBurst, folder: Path, options: _N3dvOptions) -> None:
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
     focal = (
         min(map(_whole_focal, cameras.values()))
-        if options.whole
+        if whole
         else max(min_focal(one, WIDTH, HEIGHT) for one in cameras.values())
     )
-    bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
+    bounds = {name: _bounds(near, far, depth) for name, depth in focus_depths(cameras).items()}
     film_cameras = {name: centred_pinhole(camera, WIDTH, HEIGHT, focal) for name, camera in cameras.items()}
     burst.drawn.update(film_cameras)
     for number, (name, camera) in enumerate(cameras.items()):
@@ -61,12 +60,16 @@ def write(burst: ExportedBurst, folder: Path, options: _N3dvOptions) -> None:
         write_camera(burst, path, shown, name, redraw=redraw, size=(WIDTH, HEIGHT))
     rows = [llff_row(film, *bounds[name]) for name, film in film_cameras.items()]
     np.save(folder / "poses_bounds.npy", np.array(rows))
-    cloud = read_ply(options.points) if options.points else scatter_points(film_cameras, bounds, _MAX_POINTS)
+    cloud = read_ply(points) if points else scatter_points(film_cameras, bounds, _MAX_POINTS)
     cloud = cloud.thinned(_MAX_POINTS)
     write_ply(folder / POINTS, cloud, np.zeros_like(cloud.points))
-    _add_notes(
-        burst, options, together, min(_fraction_shown(cameras[name], film_cameras[name]) for name in cameras)
-    )
+    _add_notes(burst, together, min(_fraction_shown(cameras[name], film_cameras[name]) for name in cameras))
+    if points is None:
+        burst.notes.append(f"{POINTS} has random points: `--points` takes the cloud of reconstruct multiview")
+    if near is None or far is None:
+        burst.notes.append(
+            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far"
+        )
 
 
 def _whole_focal(camera: CameraCalibration) -> float:
@@ -74,8 +77,8 @@ def _whole_focal(camera: CameraCalibration) -> float:
     return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
 
 
-def _bounds(options: _N3dvOptions, depth: float) -> tuple[float, float]:
-    near, far = options.near or _NEAR * depth, options.far or _FAR * depth
+def _bounds(near: float | None, far: float | None, depth: float) -> tuple[float, float]:
+    near, far = near or _NEAR * depth, far or _FAR * depth
     if near >= far:
         raise BadInputError(
             f"the nearest depth, {near:.4g}, is not less than the farthest, {far:.4g}",
@@ -90,7 +93,7 @@ def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float
     return float(((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1).mean())
 
 
-def _add_notes(burst: ExportedBurst, options: _N3dvOptions, together: list[int], min_shown: float) -> None:
+def _add_notes(burst: ExportedBurst, together: list[int], min_shown: float) -> None:
     """Add notes on what the videos lack.
 
     `together` are the instants of the videos, `min_shown` is the smallest fraction of an image that they
@@ -109,14 +112,6 @@ def _add_notes(burst: ExportedBurst, options: _N3dvOptions, together: list[int],
             f"the films are cut to 4:3 and one angle of view: at least {100 * min_shown:.0f} % of a picture; "
             "`--whole` shows all, and black around it",
         ),
-        (
-            options.points is None,
-            f"{POINTS} has random points: `--points` takes the cloud of reconstruct multiview",
-        ),
-        (
-            options.near is None or options.far is None,
-            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far",
-        ),
     )
     burst.notes += [note for applies, note in conditional_notes if applies]
     burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
@@ -126,7 +121,6 @@ EXPORTER = Exporter(
     write=write,
     help="Neural 3D Video, 4DGaussians: camNN.mp4, poses, points",
     program="N3DV",
-    options=_N3dvOptions,
     calibration="required",
     complete_instants=True,
     packages=VIDEOS,

@@ -4,7 +4,6 @@ Only this module checks an export's requirements, which its `Exporter` declares.
 """
 
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from capture_app.session.exporting.csv_tables import write_frames
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import (
     Exporter,
-    ExportOptions,
     load_exporter,
     load_exporters,
     own_options,
@@ -36,11 +34,15 @@ def export_session(
     out: Path,
     progress: Progress = lambda done, total: None,
     on_warning: Callable[[str], None] = lambda note: None,
+    *,
+    link: bool = False,
+    lossless: bool = False,
     **options: Any,
 ) -> ExportedBurst:
     """Export a session to the folder `out`, which must be empty or not exist, and return what was exported.
 
-    `options` are the fields of `ExportOptions` and of the format. `on_warning` gets notes on what the program
+    `link` hard-links image files where possible instead of copying them, `lossless` writes videos and redrawn
+    images losslessly; further `options` are the format's. `on_warning` gets notes on what the program
     cannot use well before they are written. Raises BadInputError for an unknown format
     or option, a folder with content, or a session that the format cannot hold; IncompleteError for a missing
     image; NotAvailableError for a missing package.
@@ -51,15 +53,16 @@ def export_session(
     if out.resolve().is_relative_to(session.folder.resolve()):
         raise BadInputError(f"{out} is inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
-    chosen = _make_options(name, exporter, options)
-    burst = ExportedBurst(session, chosen, progress, options.get("instant"))
+    _check_options(name, exporter, options)
+    burst = ExportedBurst(session, progress, options.get("instant"), link=link, lossless=lossless)
     burst.on_warning = on_warning
     if session.manifest.is_staggered:
         burst.warn(f"the session is staggered: {session.manifest.steps} between frames of one instant")
     _check_needs(exporter, burst, options)
     try:
         with output:
-            exporter.write(burst, output.folder, *([chosen] if exporter.options is not ExportOptions else []))
+            chosen = {option: value for option, value in options.items() if option != "instant"}
+            exporter.write(burst, output.folder, **chosen)
             write_frames(burst, output.folder)
             calibration = session.calibration()
             record = ExportRecord(
@@ -76,18 +79,17 @@ def export_session(
     return burst
 
 
-def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:
-    known = {one.name for one in fields(exporter.options)}
-    if unknown := [option for option in given if option not in known]:
+def _check_options(name: str, exporter: Exporter, given: dict[str, Any]) -> None:
+    own = own_options(exporter)
+    if unknown := [option for option in given if option not in own]:
         formats = ", ".join(
             other for other, one in load_exporters().items() if unknown[0] in own_options(one)
         )
         raise BadInputError(f"{name} takes no --{unknown[0]}", hint=formats and f"it is for {formats}")
-    for option, (_, stated) in own_options(exporter).items():
+    for option, (_, stated) in own.items():
         if stated.choices and given.get(option) not in (None, *stated.choices):
             named = ", ".join(stated.choices)
             raise BadInputError(f"{given[option]!r} is not a {option} of {name}", hint=f"choose of {named}")
-    return exporter.options(**given)
 
 
 def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:

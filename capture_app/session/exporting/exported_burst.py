@@ -10,7 +10,6 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.text import Progress
-from capture_app.session.exporting.exporter import ExportOptions
 from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE, read_regular
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
@@ -31,11 +30,17 @@ class ExportedBurst:
     """Calibration of all cameras, if the exporter reads it; never None if it requires one."""
 
     def __init__(
-        self, session: Session, options: ExportOptions, progress: Progress, instant: int | None = None
+        self,
+        session: Session,
+        progress: Progress,
+        instant: int | None = None,
+        *,
+        link: bool = False,
+        lossless: bool = False,
     ) -> None:
         """Take a session's images, or one `instant` only. Raises BadInputError if that has no image."""
         manifest = session.manifest
-        self.session, self.options = session, options
+        self.session, self.link, self.lossless = session, link, lossless
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
@@ -187,7 +192,7 @@ def place(
     target.parent.mkdir(parents=True, exist_ok=True)
     if redraw is not None or _ending(burst, image) != target.suffix:
         target.write_bytes(encode_image(pixels, target.suffix, quality=98))
-    elif burst.options.link and not isinstance(image, FrameRecord):
+    elif burst.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:
         target.write_bytes(data)

@@ -16,21 +16,11 @@ VIDEOS = {"av": "export"}
 """Requirement of every exporter that writes videos: PyAV."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportOptions:
-    """Options that every format has. A format with more options defines a subclass; see `Option`."""
-
-    link: bool = False
-    """Hard-link image files where possible instead of copying them."""
-    lossless: bool = False
-    """Write videos and redrawn images losslessly."""
-
-
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Command-line option of some formats only; annotates a field of their `ExportOptions`.
+    """Command-line option of some formats only; annotates a keyword-only parameter of their `Exporter.write`.
 
-    The field is a `bool`, a non-negative `int`, or, perhaps None, a positive `float`, a `Path` or one of
+    The parameter is a `bool`, a non-negative `int`, or, perhaps None, a positive `float`, a `Path` or one of
     `choices`.
     """
 
@@ -44,19 +34,8 @@ class Option:
 Points = Annotated[Path | None, Option("points to start from, as reconstruct multiview makes", "PLY")]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageOptions(ExportOptions):
-    """Options of image formats that support masks."""
-
-    instant: Annotated[int | None, Option("one instant only, counted from 0", "N")] = None
-    masks: Annotated[Path | None, Option("masks of what moves, as reconstruct movers makes", "DIR")] = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SceneOptions(ImageOptions):
-    """Options of formats used for scene reconstruction."""
-
-    points: Points = None
+Masks = Annotated[Path | None, Option("masks of what moves, as reconstruct movers makes", "DIR")]
+_INSTANT = Option("one instant only, counted from 0", "N")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,19 +45,20 @@ class Exporter:
     write: Callable[..., None]
     """`write(burst, folder)`: write an `ExportedBurst` into an empty folder.
 
-    An exporter with options of its own gets them as a third argument.
+    A keyword-only parameter with a default, annotated with an `Option`, is an option of the format.
     """
     help: str
     """Its line in `capture-app sessions export --help`."""
     program: str
     """Name of the program that reads the format, for errors and notes."""
-    options: type[ExportOptions] = ExportOptions
     calibration: Literal["unused", "optional", "required"] = "unused"
     """Whether `burst.calibration` is read. It is checked before `write` is called."""
     uncalibrated: str = ""
     """Note for the user if an optional calibration is missing."""
     unit: str = ""
     """The program's unit of length; the user gets a note if the calibration's unit is not a length."""
+    one_instant: bool = False
+    """Whether it has the option `instant`; the burst then has the images of that instant alone."""
     complete_instants: bool = False
     """Whether it needs at least one instant for which every camera has an image."""
     packages: Mapping[str, str] = field(default_factory=dict)
@@ -98,12 +78,14 @@ def load_exporters() -> dict[str, Exporter]:
 
 def own_options(exporter: Exporter) -> dict[str, tuple[type[Any], Option]]:
     """Return an exporter's options beyond the common ones, by name, each with its value type."""
-    annotated = {
-        name: get_args(hint)
-        for name, hint in get_type_hints(exporter.options, include_extras=True).items()
-        if hasattr(hint, "__metadata__")
-    }
-    return {name: ((get_args(kind) or (kind,))[0], option) for name, (kind, option) in annotated.items()}
+    own: dict[str, tuple[type[Any], Option]] = {"instant": (int, _INSTANT)} if exporter.one_instant else {}
+    # The hints of a writer without options may name what its module imports for type checkers alone.
+    names = getattr(exporter.write, "__kwdefaults__", None) or ()
+    hints = get_type_hints(exporter.write, include_extras=True) if names else {}
+    for name in names:
+        kind, option = get_args(hints[name])
+        own[name] = ((get_args(kind) or (kind,))[0], option)
+    return own
 
 
 _STATED = tuple(one.name for one in fields(Exporter))

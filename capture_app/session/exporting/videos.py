@@ -119,7 +119,7 @@ def write_camera(
         for _, since_ns, image in shown
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    lossless = burst.options.lossless
+    lossless = burst.lossless
     write_video(path, frames, (width, height), burst.period_ns, lossless=lossless, timecode=timecode)
     burst.frames |= {(camera, n): (file or path.name, k, image) for k, (n, _, image) in enumerate(shown)}
 

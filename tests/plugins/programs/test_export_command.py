@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
 
@@ -15,7 +15,7 @@ from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.common.plugins import plugin_names
 from capture_app.session.exporting import exported_burst
-from capture_app.session.exporting.exporter import GROUP, load_exporters
+from capture_app.session.exporting.exporter import GROUP, Exporter, Option, load_exporters, own_options
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
 from capture_app.session.reading.decoding import Size, decode_image, size_of
 from tests.plugins.programs.conftest import Make, encode, picture
@@ -244,3 +244,19 @@ def test_the_table_of_formats_says_what_each_needs() -> None:
         word = words.get(exporter.calibration, "for ")
         assert calibrations[name].startswith(word), name
         assert word or not calibrations[name], name
+
+
+def test_the_parameters_of_a_writer_are_options_of_its_format() -> None:
+    def write(
+        burst: Any, folder: Path, *, near: Annotated[float | None, Option("z", "M")] = None
+    ) -> None:
+        raise NotImplementedError
+
+    own = own_options(Exporter(write=write, help="", program="", one_instant=True))
+    assert {name: kind for name, (kind, _) in own.items()} == {"instant": int, "near": float}
+    assert own["near"][1].metavar == "M"
+
+    def plain(burst: "Unknown", folder: Path) -> None:  # type: ignore[name-defined] # noqa: F821
+        raise NotImplementedError
+
+    assert own_options(Exporter(write=plain, help="", program="")) == {}

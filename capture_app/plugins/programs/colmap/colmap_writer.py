@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.common.text import count
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
-from capture_app.session.exporting.exporter import Exporter, SceneOptions
+from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.exporting.starting_points import visible_pixels
 from capture_app.session.format.calibration import Calibration, CameraCalibration
@@ -26,7 +26,7 @@ _MAX_TRACKS = 2000
 """Maximum number of points with a track; COLMAP's stereo and fusion pair images by common points."""
 
 
-def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
+def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Points = None) -> None:
     """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 if the session is calibrated.
 
     The first camera is the rig's reference sensor; the model's world is the calibration's rig. A substitute
@@ -35,7 +35,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     if burst.calibration is not None:
         lenses = (burst.calibration.cameras[name] for name in burst.cameras)
         full = any(_model(lens)[0] == "FULL_OPENCV" for lens in lenses)
-        if why := "has lenses with k3" if full else "" if options.points else "has no points":
+        if why := "has lenses with k3" if full else "" if points else "has no points":
             burst.notes.append(f"sparse/0 {why}: trainers of Gaussian splats need --to splats")
     exported = [
         image
@@ -53,11 +53,11 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         names[image.camera, image.instant] = name
         place(burst, image, folder, f"images/{name}")
         # COLMAP detects no features where a mask is black.
-        write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
+        write_mask(burst, masks, image, folder / "masks" / f"{name}.png", movers=0)
     config = json.dumps(_rig_config(burst.cameras, burst.calibration), indent=1)
     (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
     if burst.calibration is not None:
-        cloud = read_ply(options.points) if options.points else None
+        cloud = read_ply(points) if points else None
         _write_model(burst, burst.calibration, names, cloud, folder / "sparse/0")
 
 
@@ -173,7 +173,7 @@ EXPORTER = Exporter(
     write=write,
     help="images and rig_config.json; a model where calibrated",
     program="COLMAP",
-    options=SceneOptions,
+    one_instant=True,
     calibration="optional",
     uncalibrated="the session has no calibration: COLMAP finds the cameras itself",
 )

@@ -7,7 +7,6 @@ poses in /tf_static; frames look along z, as REP 103 defines for optical frames.
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from itertools import chain, count, groupby
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +16,7 @@ import numpy as np
 
 from capture_app.plugins.programs.mcap.bags import foxglove_message, ros_messages
 from capture_app.session.exporting.exported_burst import ExportedBurst, jpeg_or_png
-from capture_app.session.exporting.exporter import Exporter, ExportOptions, Option
+from capture_app.session.exporting.exporter import Exporter, Option
 from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.export_record import with_images_listed
@@ -36,19 +35,19 @@ _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraI
 _GEOMETRY = "geometry_msgs/msg"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _McapOptions(ExportOptions):
-    ros: Annotated[bool, Option("a bag of ROS 2, for ros2 bag play", packages={"rosbags": "ros"})] = False
-
-
-def write(burst: ExportedBurst, folder: Path, options: _McapOptions) -> None:
+def write(
+    burst: ExportedBurst,
+    folder: Path,
+    *,
+    ros: Annotated[bool, Option("a bag of ROS 2, for ros2 bag play", packages={"rosbags": "ros"})] = False,
+) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. JPEG and PNG images keep the session's own bytes,
     others are converted to PNG. The manifest and the calibration are attached. With the option `ros`, write
     the folder <session>/ instead, a bag for `ros2 bag play`.
     """
-    (_write_bag if options.ros else _write_foxglove)(burst, folder, burst.calibration)
+    (_write_bag if ros else _write_foxglove)(burst, folder, burst.calibration)
 
 
 def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
@@ -203,7 +202,6 @@ EXPORTER = Exporter(
     write=write,
     help="one .mcap for Foxglove and Rerun",
     program="MCAP",
-    options=_McapOptions,
     calibration="optional",
     uncalibrated="the session has no calibration: the file has images only",
     unit="m",

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
-from capture_app.session.exporting.exporter import Exporter, SceneOptions
+from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.format.calibration import CameraCalibration
@@ -17,7 +17,7 @@ _POINTS = "sparse_pc.ply"
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
 
 
-def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
+def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Points = None) -> None:
     """Write images/<camera>/<instant> and transforms.json, points and masks if given.
 
     `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
@@ -26,7 +26,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     calibration = burst.calibration
     assert calibration is not None
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
-    if options.masks:
+    if masks:
         # Substitutes for dropped frames have no masks, and nerfstudio requires all or none.
         images = [image for image in images if not image.substitute]
     suffix = suffix_for(burst, images)
@@ -38,10 +38,10 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         place(burst, image, folder, file)
         time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
         entry = _entry(file, image, calibration.cameras[image.camera], time)
-        if options.masks:
+        if masks:
             # nerfstudio excludes black areas from its losses.
             entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
-            write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
+            write_mask(burst, masks, image, folder / str(entry["mask_path"]), movers=0)
         entries.append(entry)
     content: dict[str, object] = {
         "camera_model": "OPENCV",
@@ -50,9 +50,9 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         "unit": calibration.unit,
         "frames": entries,
     }
-    if options.points:
+    if points:
         content["ply_file_path"] = _POINTS
-        cloud = read_ply(options.points)
+        cloud = read_ply(points)
         write_ply(folder / _POINTS, cloud, np.zeros_like(cloud.points))
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     if several:
@@ -85,6 +85,6 @@ EXPORTER = Exporter(
     write=write,
     help="transforms.json with the time of every image",
     program="nerfstudio",
-    options=SceneOptions,
+    one_instant=True,
     calibration="required",
 )

@@ -2,8 +2,8 @@
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +15,7 @@ from capture_app.plugins.programs.splats.colmap_binary import write_model
 from capture_app.plugins.programs.splats.gltf_cameras import write_gltf
 from capture_app.session.exporting.csv_tables import yaml_names
 from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
-from capture_app.session.exporting.exporter import Exporter, ImageOptions, Option
+from capture_app.session.exporting.exporter import Exporter, Masks, Option
 from capture_app.session.exporting.pinhole import (
     common_pinhole,
     focus_depths,
@@ -42,21 +42,6 @@ Written = tuple[Cameras, PointCloud]
 """The pinhole of each camera, and the points of the first instant."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Options(ImageOptions):
-    layout: Annotated[
-        str | None, Option("folders as a trainer reads them; colmap is one instant", choices=LAYOUTS)
-    ] = None
-    points: Annotated[
-        Path | None,
-        Option("cloud of reconstruct multiview, or its folder with a cloud of each instant", "PLY|DIR"),
-    ] = None
-    max_points: Annotated[
-        int | None,
-        Option(f"keep at most this many points, drawn at random ({MAX_POINTS:,})", "N"),
-    ] = None
-
-
 class _Layout:
     """An export that is being written: its cameras, and the files of each image."""
 
@@ -64,19 +49,24 @@ class _Layout:
         self,
         burst: ExportedBurst,
         folder: Path,
-        options: _Options,
         lenses: Mapping[str, CameraCalibration],
         suffix: str = "",
+        *,
+        masks: Path | None,
+        points: Path | None,
+        max_points: int | None,
     ) -> None:
         """Take the pinhole of each camera; `suffix` is the images' type, where the format fixes it."""
         assert burst.calibration is not None
-        self.burst, self.folder, self.options, self.lenses = burst, folder, options, lenses
+        self.burst, self.folder, self.lenses = burst, folder, lenses
+        self._masks, self._points = masks, points
+        self._max_points = MAX_POINTS if max_points is None else max_points
         cameras = burst.calibration.cameras
         self.redraws: dict[str, Redraw | None] = {
             name: redrawing(cameras[name], lens) for name, lens in lenses.items()
         }
         burst.drawn.update({name: lens for name, lens in lenses.items() if self.redraws[name]})
-        redrawn = ".png" if burst.options.lossless else ".jpg"
+        redrawn = ".png" if burst.lossless else ".jpg"
         own = redrawn if any(self.redraws.values()) else suffix_for(burst, list(burst.images.values()))
         self.suffix = suffix or own
         self.names = yaml_names(burst.cameras)
@@ -91,12 +81,12 @@ class _Layout:
         place(self.burst, image, self.folder, f"{file}{self.suffix}", redraw)
         beside = file.replace("images", "masks", 1) if "images" in Path(file).parts else f"masks/{file}"
         target = self.folder / f"{beside}.png"
-        write_mask(self.burst, self.options.masks, image, target, movers=255, redraw=redraw)
+        write_mask(self.burst, self._masks, image, target, movers=255, redraw=redraw)
 
     def cloud(self, instant: int) -> PointCloud:
         """Return the points of an instant, thinned: given ones, or ones that are matched between cameras."""
-        number = MAX_POINTS if self.options.max_points is None else self.options.max_points
-        if (given := self.options.points) is None:
+        number = self._max_points
+        if (given := self._points) is None:
             return self._matched(instant).thinned(number)
         if given.is_dir():
             clouds = given / "clouds" if (given / "clouds").is_dir() else given
@@ -146,11 +136,27 @@ class _Layout:
             self.burst.warn(f"resampled without distortion: {', '.join(resampled)}")
 
 
-def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
+def write(
+    burst: ExportedBurst,
+    folder: Path,
+    *,
+    masks: Masks = None,
+    layout: Annotated[
+        str | None, Option("folders as a trainer reads them; colmap is one instant", choices=LAYOUTS)
+    ] = None,
+    points: Annotated[
+        Path | None,
+        Option("cloud of reconstruct multiview, or its folder with a cloud of each instant", "PLY|DIR"),
+    ] = None,
+    max_points: Annotated[
+        int | None,
+        Option(f"keep at most this many points, drawn at random ({MAX_POINTS:,})", "N"),
+    ] = None,
+) -> None:
     """Write instants that every camera has, in the chosen layout, and the cameras as cameras.gltf."""
     assert burst.calibration is not None
     cameras = {name: burst.calibration.cameras[name] for name in burst.cameras}
-    layout = options.layout or "colmap"
+    layout = layout or "colmap"
     if len(cameras) < 2:
         raise BadInputError(
             f"{burst.session.folder} has one camera, and splats need several",
@@ -168,23 +174,24 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
             else f"left out: {count(left_out, 'instant')} that not every camera has"
         )
     burst.images = {place: image for place, image in burst.images.items() if place[1] in instants}
-    lenses, cloud = _WRITERS[layout](burst, folder, options, cameras, instants)
+    lay_out = partial(_Layout, burst, folder, masks=masks, points=points, max_points=max_points)
+    lenses, cloud = _WRITERS[layout](lay_out, burst, cameras, instants)
     write_gltf(folder / "cameras.gltf", lenses, cloud, burst.calibration.unit)
 
 
-def _colmap(
-    burst: ExportedBurst, folder: Path, options: _Options, cameras: Cameras, instants: list[int]
-) -> Written:
+_LayOut = Callable[..., _Layout]
+"""Makes a `_Layout` of lenses and, if it is fixed, the type of the images."""
+
+
+def _colmap(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
     """Write images/<camera>_<instant> and sparse/0 of one instant."""
-    layout = _Layout(burst, folder, options, _own_pinholes(burst, cameras))
+    layout = lay_out(_own_pinholes(burst, cameras))
     return layout.written(_write_instant(layout, Path(), instants[0]))
 
 
-def _per_instant(
-    burst: ExportedBurst, folder: Path, options: _Options, cameras: Cameras, instants: list[int]
-) -> Written:
+def _per_instant(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
     """Write a folder of each instant, as in the layout colmap."""
-    layout = _Layout(burst, folder, options, _own_pinholes(burst, cameras))
+    layout = lay_out(_own_pinholes(burst, cameras))
     clouds = [_write_instant(layout, Path(f"{instant:06d}"), instant) for instant in instants]
     return layout.written(clouds[0])
 
@@ -199,43 +206,37 @@ def _write_instant(layout: _Layout, part: Path, instant: int) -> PointCloud:
     return cloud
 
 
-def _four_cameras(
-    burst: ExportedBurst, folder: Path, options: _Options, cameras: Cameras, instants: list[int]
-) -> Written:
+def _four_cameras(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
     """Write images/cam<N>_<frame>.png, and sparse/0 of the first frames."""
-    layout = _Layout(burst, folder, options, _own_pinholes(burst, cameras), ".png")
+    layout = lay_out(_own_pinholes(burst, cameras), ".png")
     for number, camera in enumerate(cameras):
         for frame, instant in enumerate(instants):
             layout.put(camera, instant, f"images/cam{number:02d}_{frame:04d}")
     cloud = layout.cloud(instants[0])
     images = [(camera, f"cam{number:02d}_0000.png") for number, camera in enumerate(cameras)]
-    write_model(folder / _MODEL, layout.lenses, images, cloud)
+    write_model(layout.folder / _MODEL, layout.lenses, images, cloud)
     return layout.written(cloud)
 
 
-def _multiple_view(
-    burst: ExportedBurst, folder: Path, options: _Options, cameras: Cameras, instants: list[int]
-) -> Written:
+def _multiple_view(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
     """Write cam<N>/frame_<N>.jpg, counted from 1, with one lens for all cameras."""
-    layout = _Layout(burst, folder, options, common_pinhole(cameras), ".jpg")
+    layout = lay_out(common_pinhole(cameras), ".jpg")
     for number, camera in enumerate(cameras, 1):
         for frame, instant in enumerate(instants, 1):
             layout.put(camera, instant, f"cam{number:02d}/frame_{frame:05d}")
     cloud = layout.cloud(instants[0])
     images = [(camera, f"image{number:02d}.jpg") for number, camera in enumerate(cameras, 1)]
-    write_model(folder / "sparse_", layout.lenses, images, cloud)
-    write_ply(folder / "points3D_multipleview.ply", cloud, np.zeros_like(cloud.points))
+    write_model(layout.folder / "sparse_", layout.lenses, images, cloud)
+    write_ply(layout.folder / "points3D_multipleview.ply", cloud, np.zeros_like(cloud.points))
     depths = focus_depths(layout.lenses)
     rows = [llff_row(lens, _NEAR * depths[name], _FAR * depths[name]) for name, lens in layout.lenses.items()]
-    np.save(folder / "poses_bounds_multipleview.npy", np.array(rows))
+    np.save(layout.folder / "poses_bounds_multipleview.npy", np.array(rows))
     return layout.written(cloud)
 
 
-def _blender(
-    burst: ExportedBurst, folder: Path, options: _Options, cameras: Cameras, instants: list[int]
-) -> Written:
+def _blender(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
     """Write D-NeRF's square images, transforms_train.json and, of the first camera, transforms_test.json."""
-    layout = _Layout(burst, folder, options, common_pinhole(cameras, (_DNERF_PX, _DNERF_PX)), ".png")
+    layout = lay_out(common_pinhole(cameras, (_DNERF_PX, _DNERF_PX)), ".png")
     frames: dict[str, list[dict[str, object]]] = {}
     last = max(len(instants) - 1, 1)
     for camera, lens in layout.lenses.items():
@@ -249,10 +250,10 @@ def _blender(
     parts = {"train": [one for of in frames.values() for one in of], "test": frames[burst.cameras[0]]}
     for part, entries in (parts | {"val": parts["test"]}).items():
         text = json.dumps({**angle, "frames": entries}, indent=1)
-        (folder / f"transforms_{part}.json").write_text(f"{text}\n", encoding="utf-8")
+        (layout.folder / f"transforms_{part}.json").write_text(f"{text}\n", encoding="utf-8")
     cloud = layout.cloud(instants[0])
     for name in ("points3d.ply", "fused.ply"):  # 3DGS's name and 4DGaussians'
-        write_ply(folder / name, cloud, np.zeros_like(cloud.points))
+        write_ply(layout.folder / name, cloud, np.zeros_like(cloud.points))
     burst.notes.append(f"the test images are those of {burst.cameras[0]}, which are also trained on")
     return layout.written(cloud)
 
@@ -275,7 +276,7 @@ EXPORTER = Exporter(
     write=write,
     help="pinhole images for trainers of Gaussian splats",
     program="Gaussian splatting",
-    options=_Options,
+    one_instant=True,
     calibration="required",
     complete_instants=True,
 )

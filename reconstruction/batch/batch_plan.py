@@ -40,8 +40,11 @@ def program_checksum() -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions:
-    """Options of a batch; `instants` None: every instant for which the burst has the condition's images."""
+class BatchPlan:
+    """What a batch computes of each session.
+
+    `instants` None: every instant for which the burst has the condition's images.
+    """
 
     conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None
@@ -51,59 +54,58 @@ class BatchOptions:
     program: str = field(default_factory=program_checksum)
     """Checksum of the program; results of another program are computed again."""
 
+    def units(self, session: Path) -> tuple[list[Unit], list[UnitRow]]:
+        """Return a session's units, and rows for units that the burst does not contain.
 
-def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[UnitRow]]:
-    """Return a session's units, and rows for units that the burst does not contain.
-
-    Raises:
-        SimulshotError: the session cannot be used at all.
-        NotApplicableError: the session is valid but has only one camera.
-    """
-    dataset = Dataset.open(session, options.time_shifts_ms)
-    dataset.require_cameras(2, "depth needs two that see the same from different places")
-    choose_calibration(dataset)
-    name = session.resolve().name
-    source = dataset.fingerprint()
-    matcher, shifts = options.matcher.engine, dict(options.time_shifts_ms)
-    units: list[Unit] = []
-    failures: list[UnitRow] = []
-    for condition in dict.fromkeys(options.conditions):
-        made: list[Unit] = []
-        refused: list[UnitRow] = []
-        for instant in range(len(dataset.instants_ns)) if options.instants is None else options.instants:
-            unit = Unit(
-                session=str(session.resolve()),
-                name=name,
-                instant=instant,
-                condition=condition.name,
-                offsets_ms=condition.offsets_ms(dataset.cameras, instant),
-                matcher=matcher,
-                time_shifts_ms=shifts,
-            )
-            try:
-                condition.check(dataset)
-                chosen = dataset.nearest_instants(instant, unit.offsets_ms)
-            except BadInputError as error:
-                refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))
-            else:
-                inputs = (
-                    source,
-                    _truth_checksums(dataset, chosen),
-                    name,
-                    instant,
-                    condition.name,
-                    chosen,
-                    str(matcher),
-                    unit.offsets_ms,
-                    sorted(shifts.items()),
-                    options.program,
+        Raises:
+            SimulshotError: the session cannot be used at all.
+            NotApplicableError: the session is valid but has only one camera.
+        """
+        dataset = Dataset.open(session, self.time_shifts_ms)
+        dataset.require_cameras(2, "depth needs two that see the same from different places")
+        choose_calibration(dataset)
+        name = session.resolve().name
+        source = dataset.fingerprint()
+        matcher, shifts = self.matcher.engine, dict(self.time_shifts_ms)
+        units: list[Unit] = []
+        failures: list[UnitRow] = []
+        for condition in dict.fromkeys(self.conditions):
+            made: list[Unit] = []
+            refused: list[UnitRow] = []
+            for instant in range(len(dataset.instants_ns)) if self.instants is None else self.instants:
+                unit = Unit(
+                    session=str(session.resolve()),
+                    name=name,
+                    instant=instant,
+                    condition=condition.name,
+                    offsets_ms=condition.offsets_ms(dataset.cameras, instant),
+                    matcher=matcher,
+                    time_shifts_ms=shifts,
                 )
-                made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
-        units += made
-        if options.instants is None:
-            refused = [] if made else refused[-1:]
-        failures += refused
-    return units, failures
+                try:
+                    condition.check(dataset)
+                    chosen = dataset.nearest_instants(instant, unit.offsets_ms)
+                except BadInputError as error:
+                    refused.append(unit_row(unit, error=str(error), exit_code=error.exit_code))
+                else:
+                    inputs = (
+                        source,
+                        _truth_checksums(dataset, chosen),
+                        name,
+                        instant,
+                        condition.name,
+                        chosen,
+                        str(matcher),
+                        unit.offsets_ms,
+                        sorted(shifts.items()),
+                        self.program,
+                    )
+                    made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
+            units += made
+            if self.instants is None:
+                refused = [] if made else refused[-1:]
+            failures += refused
+        return units, failures
 
 
 def compute_depth(unit: Unit, folder: Path) -> None:

@@ -9,7 +9,7 @@ from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotErr
 from capture_app.common.text import ProgressStep, rough_time
 from capture_app.console.terminal import talk
 from capture_app.session.files.output_folder import growing_folder
-from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
 from reconstruction.batch.summary import (
     NAMES,
     BatchResult,
@@ -29,7 +29,7 @@ TIMINGS = "timings.csv"
 def batch(
     sessions: Sequence[Path],
     out: Path,
-    options: BatchOptions,
+    plan: BatchPlan,
     workers: Workers,
     task: str = DEPTH_TASK,
     shard: Shard | None = None,
@@ -46,7 +46,7 @@ def batch(
     began = time.monotonic()
     lock = f"{WORK}/{shard.name if shard else 'batch'}.lock"
     with growing_folder(out, lock, {UNITS, WORK, *NAMES}) as root:
-        units, failures = _plan(sessions, options)
+        units, failures = _plan(sessions, plan)
         if shard:
             units = list(shard.units(units))
         missing = [unit for unit in units if not is_done(unit, root)]
@@ -65,14 +65,14 @@ def batch(
     return result
 
 
-def summarize(sessions: Sequence[Path], out: Path, options: BatchOptions) -> BatchResult:
+def summarize(sessions: Sequence[Path], out: Path, plan: BatchPlan) -> BatchResult:
     """Write the summary of the units that are in `out`, and compute none; missing ones are failures.
 
     Raises as `batch` does.
     """
     began = time.monotonic()
     with growing_folder(out, f"{WORK}/batch.lock", {UNITS, WORK, *NAMES}) as root:
-        units, failures = _plan(sessions, options)
+        units, failures = _plan(sessions, plan)
         remove_leftovers(root)
         missing = {
             unit.key: Outcome(key=unit.key, error="it is not computed yet", exit_code=ExitCode.INCOMPLETE)
@@ -121,13 +121,13 @@ def exit_code(result: BatchResult) -> ExitCode:
     return ExitCode(codes.pop()) if every_one else ExitCode.INCOMPLETE
 
 
-def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[UnitRow]]:
+def _plan(sessions: Sequence[Path], plan: BatchPlan) -> tuple[list[Unit], list[UnitRow]]:
     """Return all units, and rows for sessions and units that cannot be started."""
     units: dict[str, Unit] = {}
     failures: list[UnitRow] = []
     for session in sessions:
         try:
-            found, refused = plan(session, options)
+            found, refused = plan.units(session)
         except NotApplicableError as error:
             failures.append(UnitRow(session=session.name, not_applicable=str(error)))
         except (SimulshotError, OSError) as error:

@@ -99,7 +99,7 @@ def batch(
     Results already in --out are reused: repeat the command after an interruption, or with more sessions,
     instants or conditions.
     """
-    from reconstruction.batch.batch_plan import BatchOptions
+    from reconstruction.batch.batch_plan import BatchPlan
     from reconstruction.batch.batch_run import batch as run
     from reconstruction.batch.batch_run import exit_code, summarize
     from reconstruction.batch.units import Shard
@@ -107,7 +107,7 @@ def batch(
 
     if summary and shard:
         raise click.UsageError("--summary is of all shards: leave out --shard")
-    chosen, part = BatchOptions(**options), Shard.parse(shard) if shard else None
+    chosen, part = BatchPlan(**options), Shard.parse(shard) if shard else None
     if summary:
         result = summarize(sessions, out, chosen)
     else:

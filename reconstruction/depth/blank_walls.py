@@ -16,7 +16,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.kernels import call_kernel, floats
-from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, Surface
 from reconstruction.depth.sweep_engine import CPU, WORST_COST
 
 MAX_WIDTH_PX = 160
@@ -67,7 +67,7 @@ MIN_BLANK_FRACTION = 0.02
 """Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
 """Maximum matching costs of surface points used, with the image's own windows and with wide ones."""
-WIDE_SWEEP = SweepOptions(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
+WIDE_SWEEP = PlaneSweep(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +368,7 @@ def fit_blank_walls(
         level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
         others = [parts[other].image for other in sources[name]]
-        wide = sweep_view(part.image, others, depth_ranges[name], WIDE_SWEEP)
+        wide = WIDE_SWEEP.sweep(part.image, others, depth_ranges[name])
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     if planes is None:

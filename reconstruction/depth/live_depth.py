@@ -13,12 +13,12 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, matching_noise
 from reconstruction.depth.geometric_consistency import MAX_COST, MIN_ISLAND_PX, remove_speckles
-from reconstruction.depth.plane_sweep import Refinement, SweepOptions, cost_along, sweep_view
+from reconstruction.depth.plane_sweep import PlaneSweep, Refinement, cost_along
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, WORST_COST
 from reconstruction.depth.view_choice import choose_source_views
 
-SWEEP = SweepOptions(refinements=(Refinement(0.2, 3),), max_cells=2_500_000)
+SWEEP = PlaneSweep(refinements=(Refinement(0.2, 3),), max_cells=2_500_000)
 MAX_SOURCES = 3
 LOOK_S = 5.0
 """Interval between two searches for the scene's depth range, in seconds; each takes half a second."""
@@ -89,7 +89,7 @@ class LiveDepth:
         if not sources:
             raise NotApplicableError(f"no other camera sees what {camera} sees", hint="choose another camera")
         reference = calibrated[camera]
-        surface = sweep_view(reference, sources, scene.depth_ranges[camera], SWEEP)
+        surface = SWEEP.sweep(reference, sources, scene.depth_ranges[camera])
         confirmed, seen = self._confirm(reference, sources, surface.inverse_depth)
         moving = self._moving(camera, reference)
         self._before.append({name: image.grey for name, image in calibrated.items()})

@@ -68,22 +68,6 @@ class Refinement(NamedTuple):
     """Distance by which edges may move before the sweep, relative to the image's width."""
 
 
-@dataclass(frozen=True)
-class SweepOptions:
-    """Parameters of the sweeps, and the engine that runs them."""
-
-    window: int = 5
-    """Side of the matching window, px."""
-    fine_window: int = 7
-    """Side of the matching window in sweeps along the surface, px."""
-    refinements: tuple[Refinement, ...] = (Refinement(0.45, 3), Refinement(0.18, 3, 0.0125))
-    max_cells: int = 80_000_000
-    """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
-    first_scale: float = 1.0
-    """Scale of the images in the first sweep if they are wider than `MIN_WIDTH_PX`."""
-    engine: SweepEngine = CPU
-
-
 class Surface(NamedTuple):
     """Surface seen by a view: inverse depth, its slope per pixel in x and y, and the sources' matching cost.
 
@@ -100,113 +84,124 @@ class Surface(NamedTuple):
         return np.where(chosen, 1 / np.maximum(self.inverse_depth, 1e-12), 0).astype(np.float32)
 
 
-def sweep_view(
-    reference: CalibratedImage,
-    sources: Sequence[CalibratedImage],
-    depth_range: tuple[float, float],
-    options: SweepOptions,
-) -> Surface:
-    """Return the surface of the reference view between two depths (nearest, farthest; the rig's unit)."""
-    span = (1 / depth_range[1], 1 / depth_range[0])
-    scale, count = plan_first_sweep(reference, sources, span, options)
-    small = reference.scaled(scale)
-    source_views = [SourceView(small, source.scaled(scale)) for source in sources]
-    surface = sweep_planes(small, source_views, np.linspace(*span, count), options)
-    step = (span[1] - span[0]) / (count - 1)
-    if scale < 1.0:
-        surface = enlarge_surface(surface, reference)
-    return _refine_surface(surface, reference, sources, step, options.refinements, options)
+@dataclass(frozen=True)
+class PlaneSweep:
+    """A plane sweep and the sweeps along its surface: their parameters, and the engine that runs them."""
 
+    window: int = 5
+    """Side of the matching window, px."""
+    fine_window: int = 7
+    """Side of the matching window in sweeps along the surface, px."""
+    refinements: tuple[Refinement, ...] = (Refinement(0.45, 3), Refinement(0.18, 3, 0.0125))
+    max_cells: int = 80_000_000
+    """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
+    first_scale: float = 1.0
+    """Scale of the images in the first sweep if they are wider than `MIN_WIDTH_PX`."""
+    engine: SweepEngine = CPU
 
-def adopt_proposals(
-    surface: Surface,
-    proposed: Array,
-    sure: Array,
-    reference: CalibratedImage,
-    sources: Sequence[CalibratedImage],
-    depth_range: tuple[float, float],
-    options: SweepOptions,
-) -> Surface:
-    """Adopt depths that other views project into this image, if they match here too.
+    def sweep(
+        self,
+        reference: CalibratedImage,
+        sources: Sequence[CalibratedImage],
+        depth_range: tuple[float, float],
+    ) -> Surface:
+        """Return the surface of the reference view between two depths (nearest, farthest; the rig's unit)."""
+        span = (1 / depth_range[1], 1 / depth_range[0])
+        scale, count = self.plan(reference, sources, span)
+        small = reference.scaled(scale)
+        source_views = [SourceView(small, source.scaled(scale)) for source in sources]
+        surface = self.sweep_once(small, source_views, np.linspace(*span, count))
+        step = (span[1] - span[0]) / (count - 1)
+        if scale < 1.0:
+            surface = enlarge_surface(surface, reference)
+        return self._refine(surface, reference, sources, step, self.refinements)
 
-    `proposed`: their inverse depths, 0 = none. Where they are `sure` (bool), as others confirmed them, a
-    moderate cost is enough; elsewhere they must also match better than the surface found before.
+    def adopt_proposals(
+        self,
+        surface: Surface,
+        proposed: Array,
+        sure: Array,
+        reference: CalibratedImage,
+        sources: Sequence[CalibratedImage],
+        depth_range: tuple[float, float],
+    ) -> Surface:
+        """Adopt depths that other views project into this image, if they match here too.
 
-    `depth_range`: nearest and farthest depth, as in the first sweep.
-    """
-    span = (1 / depth_range[1], 1 / depth_range[0])
-    scale, count = plan_first_sweep(reference, sources, span, options)
-    step = scale * (span[1] - span[0]) / (count - 1)
-    new = proposed > 0
-    level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
-    planes = options.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
-    begun = Surface._make((*planes, surface.cost))
-    swept = _refine_surface(begun, reference, sources, step, (Refinement(0.25, 3),), options)
-    # A moving object is at another place in this image than the one that others confirmed.
-    highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
-    choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
-    new &= swept.cost < choose
-    return Surface(*(np.where(new, now, before) for now, before in zip(swept, surface, strict=True)))
+        `proposed`: their inverse depths, 0 = none. Where they are `sure` (bool), as others confirmed them, a
+        moderate cost is enough; elsewhere they must also match better than the surface found before.
 
+        `depth_range`: nearest and farthest depth, as in the first sweep.
+        """
+        span = (1 / depth_range[1], 1 / depth_range[0])
+        scale, count = self.plan(reference, sources, span)
+        step = scale * (span[1] - span[0]) / (count - 1)
+        new = proposed > 0
+        level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
+        planes = self.engine.fit_planes(level, 2 * TOLERANCE * step, slopes=np.stack(surface[1:3]), rounds=3)
+        begun = Surface._make((*planes, surface.cost))
+        swept = self._refine(begun, reference, sources, step, (Refinement(0.25, 3),))
+        # A moving object is at another place in this image than the one that others confirmed.
+        highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
+        choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
+        new &= swept.cost < choose
+        return Surface(*(np.where(new, now, before) for now, before in zip(swept, surface, strict=True)))
 
-def sweep_planes(
-    reference: CalibratedImage,
-    source_views: Sequence[SourceView],
-    levels: Array,
-    options: SweepOptions,
-) -> Surface:
-    """Return the surface from one sweep over the evenly spaced inverse depths `levels`."""
-    step = float(levels[1] - levels[0])
-    reference = replace(reference, window=options.window)
-    source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-    engine, grey = options.engine, reference.grey
-    place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
-    found = (levels[0] + place * step).astype(np.float32)
-    planes = engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
-    return Surface._make((*planes, cost / WORST_COST))
+    def sweep_once(
+        self,
+        reference: CalibratedImage,
+        source_views: Sequence[SourceView],
+        levels: Array,
+    ) -> Surface:
+        """Return the surface from one sweep over the evenly spaced inverse depths `levels`."""
+        step = float(levels[1] - levels[0])
+        reference = replace(reference, window=self.window)
+        source_views = [SourceView(reference, source_view.source) for source_view in source_views]
+        engine, grey = self.engine, reference.grey
+        place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
+        found = (levels[0] + place * step).astype(np.float32)
+        planes = engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
+        return Surface._make((*planes, cost / WORST_COST))
 
+    def _refine(
+        self,
+        surface: Surface,
+        reference: CalibratedImage,
+        sources: Sequence[CalibratedImage],
+        step: float,
+        plan: Sequence[Refinement],
+    ) -> Surface:
+        """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
+        engine, fine = self.engine, replace(reference, window=self.fine_window)
+        source_views = [SourceView(fine, source) for source in sources]
+        for step_fraction, steps, edges_fraction in plan:
+            planes = np.stack(surface[:3])
+            if edges_fraction:
+                # The reference may be a crop of its image.
+                off_px = max(1, round(edges_fraction * sources[0].view.width))
+                planes = move_edges(planes, source_views, off_px, engine)
+            offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
+            costs = engine.cost_volume(source_views, planes[0], offsets)
+            place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
+            found = planes[0] + (place - steps) * np.float32(step * step_fraction)
+            planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
+            surface = Surface._make((*planes, cost / WORST_COST))
+        return surface
 
-def _refine_surface(
-    surface: Surface,
-    reference: CalibratedImage,
-    sources: Sequence[CalibratedImage],
-    step: float,
-    plan: Sequence[Refinement],
-    options: SweepOptions,
-) -> Surface:
-    """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
-    engine, fine = options.engine, replace(reference, window=options.fine_window)
-    source_views = [SourceView(fine, source) for source in sources]
-    for step_fraction, steps, edges_fraction in plan:
-        planes = np.stack(surface[:3])
-        if edges_fraction:
-            # The reference may be a crop of its image.
-            off_px = max(1, round(edges_fraction * sources[0].view.width))
-            planes = move_edges(planes, source_views, off_px, engine)
-        offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
-        costs = engine.cost_volume(source_views, planes[0], offsets)
-        place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
-        found = planes[0] + (place - steps) * np.float32(step * step_fraction)
-        planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
-        surface = Surface._make((*planes, cost / WORST_COST))
-    return surface
-
-
-def plan_first_sweep(
-    reference: CalibratedImage,
-    sources: Sequence[CalibratedImage],
-    span: tuple[float, float],
-    options: SweepOptions,
-) -> tuple[float, int]:
-    """Return the scale of the images in the first sweep, and its number of depths."""
-    moved = max(motion_px(SourceView(reference, source), *span) for source in sources)
-    pixels = reference.grey.size
-    scale = options.first_scale if reference.view.width > MIN_WIDTH_PX else 1.0
-    while True:
-        count = int(np.clip(np.ceil(moved * scale / STEP_PX) + 1, MIN_PLANES, MAX_PLANES))
-        if count * pixels * scale**2 <= options.max_cells:
-            return scale, count
-        scale /= np.sqrt(2.0)
+    def plan(
+        self,
+        reference: CalibratedImage,
+        sources: Sequence[CalibratedImage],
+        span: tuple[float, float],
+    ) -> tuple[float, int]:
+        """Return the scale of the images in the first sweep, and its number of depths."""
+        moved = max(motion_px(SourceView(reference, source), *span) for source in sources)
+        pixels = reference.grey.size
+        scale = self.first_scale if reference.view.width > MIN_WIDTH_PX else 1.0
+        while True:
+            count = int(np.clip(np.ceil(moved * scale / STEP_PX) + 1, MIN_PLANES, MAX_PLANES))
+            if count * pixels * scale**2 <= self.max_cells:
+                return scale, count
+            scale /= np.sqrt(2.0)
 
 
 def motion_px(source_view: SourceView, low: float, high: float) -> float:

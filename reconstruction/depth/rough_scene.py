@@ -13,7 +13,7 @@ from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     remove_speckles,
 )
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, motion_px, sweep_planes
+from reconstruction.depth.plane_sweep import PlaneSweep, Surface, motion_px
 from reconstruction.depth.view_choice import MIN_SCORE, ViewOverlap, find_overlaps, refuse_views, seen_points
 
 WIDTH_PX = 176
@@ -53,7 +53,7 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     def sweep(name: str) -> Surface:
         source_views = [SourceView(small[name], small[other]) for other in neighbours[name]]
         levels = _levels(source_views, [overlaps[name][other].span for other in neighbours[name]])
-        return sweep_planes(small[name], source_views, levels, SweepOptions())
+        return PlaneSweep().sweep_once(small[name], source_views, levels)
 
     with worker_pool() as pool:
         names = [name for name in images if neighbours[name]]

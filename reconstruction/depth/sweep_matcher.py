@@ -21,10 +21,8 @@ from reconstruction.depth.geometric_consistency import (
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import (
     MAX_PROPOSED_COST,
+    PlaneSweep,
     Surface,
-    SweepOptions,
-    adopt_proposals,
-    sweep_view,
 )
 from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
@@ -90,14 +88,14 @@ def match_all_views(
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     budget = memory_budget()
     # The number of workers must not count: depth would depend on the number of cores.
-    cells = min(SweepOptions.max_cells, int(CELLS_FRACTION * budget.limit_bytes / BYTES_PER_CELL))
-    options = SweepOptions(max_cells=cells, first_scale=0.5 if quick else 1.0, engine=engine)
+    cells = min(PlaneSweep.max_cells, int(CELLS_FRACTION * budget.limit_bytes / BYTES_PER_CELL))
+    sweep = PlaneSweep(max_cells=cells, first_scale=0.5 if quick else 1.0, engine=engine)
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
         found = still.surface(name, images[name])
         for box, mine in boxes_around(new[name]):
-            swept = sweep_view(images[name].cropped(box), others, depth_ranges[name], options)
+            swept = sweep.sweep(images[name].cropped(box), others, depth_ranges[name])
             found = renewed(found, swept, box, mine)
         steps.step(f"depth of {name}")
         return found
@@ -129,7 +127,7 @@ def match_all_views(
         for box, mine in boxes_around(new[name]):
             before = Surface(*(np.ascontiguousarray(part[box]) for part in surfaces[name]))
             given = before, proposed[box], sure[box] > 0, images[name].cropped(box)
-            swept = adopt_proposals(*given, others, depth_ranges[name], options)
+            swept = sweep.adopt_proposals(*given, others, depth_ranges[name])
             found = renewed(found, swept, box, mine)
         return found
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.batch.batch_plan import BatchOptions, compute_depth, plan
+from reconstruction.batch.batch_plan import BatchPlan, compute_depth
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
@@ -80,7 +80,7 @@ def test_every_step_by_itself_pairs_the_images_that_belong_together(
     found, mended = both("multiview", "--no-mesh")
     assert found["mover_within_2pct"] < 0.1
     assert mended["mover_within_2pct"] > 0.8
-    (unit,), _ = plan(late.folder, BatchOptions(instants=(2,), time_shifts_ms={"right": FRAME_MS}))
+    (unit,), _ = BatchPlan(instants=(2,), time_shifts_ms={"right": FRAME_MS}).units(late.folder)
     folder = tmp_path / "unit"
     folder.mkdir()
     compute_depth(unit, folder)

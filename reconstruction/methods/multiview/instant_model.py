@@ -20,7 +20,7 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.outputs import Made
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.geometric_consistency import MAX_COST
-from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import PlaneSweep
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -256,7 +256,7 @@ def _show_pair(
 ) -> None:
     """Draw two cameras' depth at a small size as `PAIR_DEPTH`, and show it in the target."""
     reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
-    surface = sweep_view(reference, [other], depth_range, SweepOptions())
+    surface = PlaneSweep().sweep(reference, [other], depth_range)
     depth = surface.depth_where(surface.cost < MAX_COST)
     drawn = early.folder / PAIR_DEPTH
     write_image(drawn, colour_depth(depth, *display_range(depth)))

@@ -247,9 +247,7 @@ def test_the_table_of_formats_says_what_each_needs() -> None:
 
 
 def test_the_parameters_of_a_writer_are_options_of_its_format() -> None:
-    def write(
-        burst: Any, folder: Path, *, near: Annotated[float | None, Option("z", "M")] = None
-    ) -> None:
+    def write(burst: Any, folder: Path, *, near: Annotated[float | None, Option("z", "M")] = None) -> None:
         raise NotImplementedError
 
     own = own_options(Exporter(write=write, help="", program="", one_instant=True))

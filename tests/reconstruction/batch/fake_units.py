@@ -59,7 +59,7 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions
+    from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
     from reconstruction.batch.batch_run import batch, summarize
     from reconstruction.batch.units import Shard
     from reconstruction.batch.workers import Workers
@@ -67,7 +67,7 @@ def main() -> None:
     out, session, *asked = sys.argv[1:]
     conditions = tuple(Condition.parse(text) for text in (("synced",) if "real" in asked else CONDITIONS))
     # Whoever edits the program while a test runs computes no new units.
-    options = BatchOptions(conditions=conditions, program="fixed")
+    options = BatchPlan(conditions=conditions, program="fixed")
     task = DEPTH_TASK if "real" in asked else FAKE_TASK
     shard = next((Shard.parse(text) for text in asked if "/" in text), None)
     try:

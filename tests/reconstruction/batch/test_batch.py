@@ -19,7 +19,7 @@ import pytest
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction.batch import workers
-from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
 from reconstruction.batch.batch_run import batch, exit_code, summarize
 from reconstruction.batch.summary import UnitRow, depth_sheets
 from reconstruction.batch.units import Shard, run_unit
@@ -50,7 +50,7 @@ def run(
 ) -> Callable[..., Any]:
     def run(*, workers: Any = None, task: str = FAKE_TASK, sessions: Any = None, **options: Any) -> Any:
         result = batch(
-            sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), workers or here, task
+            sessions or [boards.folder], tmp_path / "out", BatchPlan(**options), workers or here, task
         )
         lines = capsys.readouterr().err.splitlines()
         return SimpleNamespace(result=result, lines=lines, out=tmp_path / "out")
@@ -212,13 +212,13 @@ def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: P
         program: str = "1",
         shifts_ms: Mapping[str, float] | None = None,
     ) -> Any:
-        options = BatchOptions(
+        options = BatchPlan(
             conditions=(Condition.parse(condition),),
             matcher=matcher,
             program=program,
             time_shifts_ms=shifts_ms or {},
         )
-        units, _ = plan(folder, options)
+        units, _ = options.units(folder)
         return [unit.key for unit in units]
 
     first = keys()
@@ -249,7 +249,7 @@ def test_a_damaged_image_is_no_input_of_its_instant_and_spoils_no_other(
     data = bytearray(image.read_bytes())
     data[-20] ^= 1
     image.write_bytes(data)
-    units, _ = plan(copied, BatchOptions(instants=(0, 1)))
+    units, _ = BatchPlan(instants=(0, 1)).units(copied)
     outcomes = [run_unit(DEPTH_TASK, unit, tmp_path / "out") for unit in units]
     assert [outcome.exit_code for outcome in outcomes] == [ExitCode.INCOMPLETE, ExitCode.OK]
     assert "is damaged" in outcomes[0].error
@@ -317,7 +317,7 @@ def test_two_batches_do_not_share_a_folder(run: Callable[..., Any], tmp_path: Pa
 
 def test_a_shard_runs_once_and_beside_another(boards: Session, here: Workers, tmp_path: Path) -> None:
     def run(part: Shard) -> int:
-        options = BatchOptions(instants=(0, 1))
+        options = BatchPlan(instants=(0, 1))
         return batch([boards.folder], tmp_path / "out", options, here, FAKE_TASK, part).computed
 
     with locked(tmp_path / "out" / "work" / "shard-1-of-2.lock"):
@@ -327,7 +327,7 @@ def test_a_shard_runs_once_and_beside_another(boards: Session, here: Workers, tm
 
 
 def test_a_summary_names_what_is_not_computed_yet(boards: Session, here: Workers, tmp_path: Path) -> None:
-    options = BatchOptions(instants=(0, 1))
+    options = BatchPlan(instants=(0, 1))
     batch([boards.folder], tmp_path / "out", options, here, FAKE_TASK, Shard(1, 2))
     found = summarize([boards.folder], tmp_path / "out", options)
     assert [row.error for row in found.units] == ["", "it is not computed yet"]

@@ -9,7 +9,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
@@ -129,7 +129,7 @@ def test_large_pictures_are_swept_small_and_finished_at_full_size(
     photos: dict[str, CalibratedImage], truth: Array
 ) -> None:
     others = [photos["left"], photos["right"]]
-    surface = sweep_view(photos["middle"], others, (1.4, 4.0), SweepOptions(max_cells=90_000))
+    surface = PlaneSweep(max_cells=90_000).sweep(photos["middle"], others, (1.4, 4.0))
     assert surface.inverse_depth.shape == truth.shape
     error = np.abs(surface.inverse_depth * truth - 1)[8:-8, 24:-24]
     assert np.median(error) < 0.006
@@ -170,14 +170,13 @@ def test_proposals_that_nobody_confirmed_must_match_better(
     found = right.copy()
     found[spoilt], cost[spoilt], proposed[spoilt] = 0.6 * right[spoilt], 0.9, right[spoilt]
     proposed[doubted] = 0.7 * right[doubted]
-    adopted = adopt_proposals(
+    adopted = PlaneSweep().adopt_proposals(
         Surface(found, flat, flat, cost),
         proposed,
         flat > 0,
         photos["middle"],
         [photos["left"], photos["right"]],
         (1.4, 4.0),
-        SweepOptions(),
     )
     error = np.abs(adopted.inverse_depth * truth - 1)
     assert np.mean(error[spoilt] < 0.02) > 0.8

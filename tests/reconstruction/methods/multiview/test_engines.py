@@ -21,7 +21,7 @@ from reconstruction.depth.compiling import library_of
 from reconstruction.depth.geometric_consistency import _valid_fraction
 from reconstruction.depth.kernels import load_kernels
 from reconstruction.depth.matchers import Matcher
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
 from reconstruction.depth.sweep_matcher import (
@@ -232,12 +232,12 @@ def test_a_picture_that_is_swept_at_a_smaller_size_first_gets_the_same_depth_on_
     views = source_views(3, 5)
     reference, sources = views[0].reference, [view.source for view in views]
     cells = 24 * reference.grey.size // 3
-    by_numpy = sweep_view(reference, sources, (1.0, 4.0), SweepOptions(max_cells=cells, engine=NUMPY))
+    by_numpy = PlaneSweep(max_cells=cells, engine=NUMPY).sweep(reference, sources, (1.0, 4.0))
     # What NumPy makes of arrays often lies column by column; kernels read row by row.
     reference, *sources = (replace(one, grey=np.asfortranarray(one.grey)) for one in (reference, *sources))
     fit_planes = engine.fit_planes
     monkeypatch.setattr(engine, "fit_planes", lambda *a, **k: np.asfortranarray(fit_planes(*a, **k)))
-    found = sweep_view(reference, sources, (1.0, 4.0), SweepOptions(max_cells=cells, engine=engine))
+    found = PlaneSweep(max_cells=cells, engine=engine).sweep(reference, sources, (1.0, 4.0))
     off = np.abs(by_numpy.inverse_depth / found.inverse_depth - 1)
     assert np.median(off) < 0.001
     assert np.mean(off > 0.01) < 0.02

@@ -24,12 +24,11 @@ from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, Sour
 from reconstruction.depth.plane_sweep import (
     MIN_PLANES,
     STEP_PX,
+    PlaneSweep,
     Surface,
-    SweepOptions,
     enlarge_surface,
     motion_px,
     move_edges,
-    plan_first_sweep,
 )
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
@@ -301,10 +300,10 @@ def test_motion_and_the_number_of_depths_follow_from_the_geometry() -> None:
     pair = SourceView(image_of(left), image_of(right))
     assert motion_px(pair, 0.2, 1.0) == pytest.approx(0.8 * 70, rel=1e-4)
     sizes = (pair.reference, [pair.source], (0.2, 1.0))
-    scale, count = plan_first_sweep(*sizes, SweepOptions())
+    scale, count = PlaneSweep().plan(*sizes)
     assert (scale, count) == (1.0, int(np.ceil(0.8 * 70 / STEP_PX) + 1))
     # With room for 30 depths at most, both sides shrink until the cells fit.
-    scale, count = plan_first_sweep(*sizes, SweepOptions(max_cells=30 * 80 * 60))
+    scale, count = PlaneSweep(max_cells=30 * 80 * 60).plan(*sizes)
     assert scale == pytest.approx(2**-0.5)
     assert count == max(MIN_PLANES, int(np.ceil(0.8 * 70 * scale / STEP_PX) + 1))
 

@@ -21,11 +21,11 @@ from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
 from reconstruction.methods.multiview.fusion import fuse_maps
 from reconstruction.methods.multiview.input_images import InputImage, undistort_image
 from reconstruction.methods.multiview.instant_scoring import count_near, visible_points
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 
 SEEN_WITHIN_DEG = 35.0
 RIGHT, WRONG = 0.01, 0.02

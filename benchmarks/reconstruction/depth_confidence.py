@@ -24,7 +24,6 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
 from reconstruction.methods.multiview.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.methods.multiview.input_images import (
@@ -34,6 +33,7 @@ from reconstruction.methods.multiview.input_images import (
     undistort_image,
     undistorted_truth,
 )
+from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import MARGIN_PX, SceneMotion, dilate

@@ -32,15 +32,15 @@ from benchmarks.reconstruction.camera_rows import read_row
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth import sweep_matcher
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
-from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
+from reconstruction.methods.multiview import sweep_matcher
 from reconstruction.methods.multiview.fusion import fuse_maps
 from reconstruction.methods.multiview.gpu import GpuEngine, find_engine
 from reconstruction.methods.multiview.input_images import undistort_image
 from reconstruction.methods.multiview.instant_scoring import count_near, true_surfaces
+from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.methods.stereo.matching import match_rectified
 from reconstruction.methods.stereo.stereo_pair import rectify
 from reconstruction.scores.tally import Measurements

@@ -614,7 +614,7 @@ int deny(int count, const Map *maps, int64_t n, const float *points, const float
   return 0;
 }
 
-/* ---- Pixels beside edges of depth, see `edge_sharpening.py` ---- */
+/* ---- Pixels beside edges of depth, see `methods/multiview/edge_sharpening.py` ---- */
 
 /* A plane's level (of 3 x height x width) at a pixel, from a pixel beside it; the border's planes go on beyond it. */
 PART float level_beside(int height, int width, const float *planes, int x, int y, int dx, int dy, size_t *at) {
@@ -692,7 +692,7 @@ int support(int height, int width, const float *planes, const uint8_t *valid, in
   return 0;
 }
 
-/* ---- Planes that match as well as others, see `blank_walls.py` ---- */
+/* ---- Planes that match as well as others, see `methods/multiview/blank_walls.py` ---- */
 
 /* Marks the places where a level (`count` of `size`) is within a relative distance of one before it but the first. */
 FOR_ALL int repeats(int count, int size, const float *levels, float relative, uint8_t *marked) {

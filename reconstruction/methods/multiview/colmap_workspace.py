@@ -21,7 +21,7 @@ from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
-from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 POINTS_PER_VIEW = 300
 """Points per view in the sparse model; fusion finds neighbouring views by shared points only."""

@@ -16,7 +16,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import MAX_ANGLE_DEG
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import CPU, Agreement
-from reconstruction.depth.sweep_matcher import ViewDepth, voting_views
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth, voting_views
 
 TOLERANCE = 0.02
 """Relative error up to which a depth is right, as in `reconstruction.scores.truth`."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.kernels import call_kernel, floats
-from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 MIN_VIEWS = 3
 """Minimum maps that contain a point, or all maps if there are fewer; limits as in COLMAP's fusion."""

@@ -9,17 +9,17 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import match_brightness
-from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_engine import CPU
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import smallest_group
+from reconstruction.methods.multiview.blank_walls import ScenePlane
 from reconstruction.methods.multiview.fusion import fuse_maps, median_of_known
 from reconstruction.methods.multiview.input_images import InputImage
 from reconstruction.methods.multiview.matcher import ChosenMatcher, image_colours, image_views, match_cameras
+from reconstruction.methods.multiview.still_scene import StillScene
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 SWEEP = ChosenMatcher()
 NO_PLANES: Array = np.zeros((0, 4))

@@ -22,8 +22,6 @@ from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.plane_sweep import PlaneSweep
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
-from reconstruction.depth.still_scene import StillScene
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import (
     choose_reference_view,
     choose_source_views,
@@ -51,6 +49,8 @@ from reconstruction.methods.multiview.matcher import (
 from reconstruction.methods.multiview.mesh import build_mesh
 from reconstruction.methods.multiview.multiview_method import RESULT, Multiview
 from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
+from reconstruction.methods.multiview.still_scene import StillScene
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
 from reconstruction.report.wording import percentage

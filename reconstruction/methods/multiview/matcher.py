@@ -9,9 +9,7 @@ import numpy as np
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.matchers import Matcher
-from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.methods.multiview.colmap_workspace import (
     CudaGpu,
     find_gpu,
@@ -21,6 +19,8 @@ from reconstruction.methods.multiview.colmap_workspace import (
 )
 from reconstruction.methods.multiview.gpu import find_engine, is_requested
 from reconstruction.methods.multiview.input_images import InputImage
+from reconstruction.methods.multiview.still_scene import StillScene
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 
 FINDS_MORE = "it finds more than PatchMatch does"
 

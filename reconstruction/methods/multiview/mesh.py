@@ -12,8 +12,8 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
 from reconstruction.depth.geometric_consistency import MIN_ISLAND_PX, remove_speckles
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 NEIGHBOURS = 16
 SAME_SURFACE = 0.015

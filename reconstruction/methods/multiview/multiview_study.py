@@ -17,7 +17,6 @@ from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.input_images import UndistortedSession
@@ -26,6 +25,7 @@ from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
 from reconstruction.methods.multiview.mesh import draw_clouds
 from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence

@@ -29,12 +29,12 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
-from reconstruction.depth.still_scene import StillScene
 from reconstruction.methods.multiview.instant_model import FUSED, model_instant
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.refinement import refine_calibration
 from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
+from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.session.conditions import SYNCHRONIZED, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, write_masks

@@ -10,7 +10,17 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
-from reconstruction.depth.edge_sharpening import (
+from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
+from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.sweep_engine import (
+    BETTER_OF_TWO,
+    JUMP_GREY,
+    WORST_COST,
+    Agreement,
+    SweepEngine,
+)
+from reconstruction.depth.sweep_engine import MIN_JUMP as MIN_PRICE
+from reconstruction.methods.multiview.edge_sharpening import (
     FAR_PRIOR,
     FEW,
     GAIN_WEIGHT,
@@ -23,16 +33,6 @@ from reconstruction.depth.edge_sharpening import (
     SIMILAR_PX,
     _differences,
 )
-from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
-from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_engine import (
-    BETTER_OF_TWO,
-    JUMP_GREY,
-    WORST_COST,
-    Agreement,
-    SweepEngine,
-)
-from reconstruction.depth.sweep_engine import MIN_JUMP as MIN_PRICE
 
 
 class ArrayEngine(SweepEngine):

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.fusion import BEHIND, SLACK, PosedMap, project_points, surface_points
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 
 def fuse_arrays(maps: Sequence[PosedMap], required: int, error: float, cosine: float) -> tuple[Array, Array]:

@@ -14,7 +14,6 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.depth.matchers import Matcher
-from reconstruction.depth.still_scene import StillScene
 from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT, fuse_by_colmap
 from reconstruction.methods.multiview.input_images import InputImage
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
@@ -29,6 +28,7 @@ from reconstruction.methods.multiview.matcher import (
     choose_matcher,
 )
 from reconstruction.methods.multiview.multiview_study import MultiviewStudy, save_clouds
+from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.report.embedding import view_clouds
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, Condition

@@ -8,18 +8,18 @@ import pytest
 from benchmarks.reconstruction import blank_scenes
 from capture_app.plugins.cameras.sim.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.blank_walls import (
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.methods.multiview.blank_walls import (
     ScenePlane,
     evident_patches,
     extract_blank_part,
     find_scene_planes,
     own_surfaces,
 )
-from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.rough_scene import find_rough_scene
-from reconstruction.depth.sweep_matcher import match_all_views
-from reconstruction.depth.view_choice import choose_source_views
 from reconstruction.methods.multiview.input_images import undistort_image
+from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.scores.truth import right_depth
 
 NORMALS = np.array([[0.0, 0.0, 1.0], [0.0, 0.8, 0.6], [1.0, 0.0, 0.0]])

@@ -6,8 +6,8 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.confidence import ASSUMED_MISFIT_PX, DepthSupport, measure_support
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from tests.reconstruction.depth.small_views import HEIGHT, WIDTH, photo_of, view_at
 
 INNER = slice(25, -25), slice(35, -35)

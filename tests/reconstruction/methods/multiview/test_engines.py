@@ -24,16 +24,16 @@ from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
-from reconstruction.depth.sweep_matcher import (
+from reconstruction.methods.multiview import gpu, matcher
+from reconstruction.methods.multiview.fusion import PosedMap, find_denied, fuse_posed_maps
+from reconstruction.methods.multiview.gpu import GpuEngine, find_adapters, find_engine, open_gpu
+from reconstruction.methods.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.sweep_matcher import (
     ViewDepth,
     _close_gaps,
     match_all_views,
     propose_inverse_depth,
 )
-from reconstruction.methods.multiview import gpu, matcher
-from reconstruction.methods.multiview.fusion import PosedMap, find_denied, fuse_posed_maps
-from reconstruction.methods.multiview.gpu import GpuEngine, find_adapters, find_engine, open_gpu
-from reconstruction.methods.multiview.matcher import ChosenMatcher
 from tests.reconstruction.depth.array_engine import (
     ArrayEngine,
     aggregate_costs,

@@ -7,9 +7,9 @@ import pytest
 
 from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
 from reconstruction.methods.multiview.fusion import find_denied, fuse_maps
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from tests.reconstruction.depth.small_views import HEIGHT, MATRIX, SLOPE, WIDTH, photo_of, view_at
 
 

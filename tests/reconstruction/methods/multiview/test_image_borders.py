@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview import matcher
 from reconstruction.methods.multiview.input_images import InputImage, undistort_image
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from tests.reconstruction.conftest import make_view
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview import mesh
 from reconstruction.methods.multiview.mesh import join_maps
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from tests.reconstruction.conftest import Scene, make_view
 
 VIEWS = {name: make_view((x, 0.02, 0), yaw=-5 * x) for name, x in (("left", -0.2), ("right", 0.2))}

@@ -15,7 +15,6 @@ from capture_app.common.errors import BadInputError, NotApplicableError, NotAvai
 from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview import colmap_workspace
 from reconstruction.methods.multiview.colmap_workspace import (
     ENVIRONMENT,
@@ -29,6 +28,7 @@ from reconstruction.methods.multiview.colmap_workspace import (
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scores.truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session

@@ -11,15 +11,6 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.blank_walls import (
-    AS_FOUND,
-    BlankPart,
-    ScenePlane,
-    choose_planes,
-    extract_blank_part,
-    lay_planes,
-    sample_surface,
-)
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import (
     MIN_PLANES,
@@ -32,7 +23,6 @@ from reconstruction.depth.plane_sweep import (
 )
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, Agreement, SweepEngine
-from reconstruction.depth.sweep_matcher import propose_inverse_depth
 from reconstruction.depth.view_choice import (
     BEST_ANGLES_DEG,
     MAX_ANGLE_DEG,
@@ -42,6 +32,15 @@ from reconstruction.depth.view_choice import (
     seen_points,
 )
 from reconstruction.methods.multiview import mesh
+from reconstruction.methods.multiview.blank_walls import (
+    AS_FOUND,
+    BlankPart,
+    ScenePlane,
+    choose_planes,
+    extract_blank_part,
+    lay_planes,
+    sample_surface,
+)
 from reconstruction.methods.multiview.fusion import project_points
 from reconstruction.methods.multiview.instant_scoring import (
     TOLERANCE_M,
@@ -50,6 +49,7 @@ from reconstruction.methods.multiview.instant_scoring import (
     visible_points,
 )
 from reconstruction.methods.multiview.mesh import draw_clouds, up_direction
+from reconstruction.methods.multiview.sweep_matcher import propose_inverse_depth
 from tests.reconstruction.depth.array_engine import ArrayEngine, cosine_of_rays, pixels_per_inverse_depth
 
 NUMPY = ArrayEngine()

@@ -7,10 +7,10 @@ import numpy as np
 
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.methods.multiview.matcher import image_colours, image_views
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.session.dataset import Dataset
 
 

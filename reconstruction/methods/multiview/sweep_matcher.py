@@ -11,9 +11,7 @@ from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool
-from reconstruction.depth.blank_walls import fit_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.edge_sharpening import sharpen_edges
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
@@ -24,8 +22,10 @@ from reconstruction.depth.plane_sweep import (
     PlaneSweep,
     Surface,
 )
-from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
+from reconstruction.methods.multiview.blank_walls import fit_blank_walls
+from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
+from reconstruction.methods.multiview.still_scene import WHOLE, StillScene, boxes_around, renewed
 
 MAX_VOTERS = 8
 """Maximum number of other views that vote: the sources first, then the sources' sources."""

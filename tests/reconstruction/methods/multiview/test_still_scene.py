@@ -9,9 +9,9 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.still_scene import StillScene, boxes_around
 from reconstruction.depth.sweep_engine import CPU
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.methods.multiview.still_scene import StillScene, boxes_around
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.small_views import PAINT, PLACES, choose_by_depth, photo_of, view_at
 
 NEAR_M, HALF_M = 1.4, 0.16

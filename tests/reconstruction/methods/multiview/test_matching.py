@@ -12,7 +12,7 @@ from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.array_engine import pixels_per_inverse_depth
 from tests.reconstruction.depth.small_views import (
     FOCAL,

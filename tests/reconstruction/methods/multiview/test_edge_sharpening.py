@@ -6,8 +6,8 @@ import pytest
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.edge_sharpening import sharpen_edges
 from reconstruction.depth.plane_sweep import Surface
+from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from tests.reconstruction.conftest import Scene, make_view
 from tests.reconstruction.depth.array_engine import sharpen_by_arrays
 from tests.reconstruction.depth.small_views import SLOPE, photo_of, view_at

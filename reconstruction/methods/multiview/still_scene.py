@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.rough_scene import RoughScene
 from reconstruction.depth.sweep_engine import CPU
+from reconstruction.methods.multiview.blank_walls import ScenePlane
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
 """Minimum difference of a window's mean grey level that counts as a change since its depth was found.

@@ -1,15 +1,17 @@
 """OpenTimelineIO: a take as a timeline for editors, a track of each camera, in step to a part of a frame."""
 
+from datetime import datetime
 from pathlib import Path
 
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
-from capture_app.session.exporting.start_timecode import first_frame, timecode_text
 from capture_app.session.exporting.videos import at_own_times, write_camera
 
 TIMELINE = "timeline.otio"
 SAME_RATE = 5e-4
 """Relative difference within which a rate is called the whole one; half of that of 29.97 and 30."""
+
+DAY_S = 86_400
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
@@ -49,6 +51,30 @@ def write(burst: ExportedBurst, folder: Path) -> None:
         track.append(clip)
         timeline.tracks.append(track)
     (folder / TIMELINE).write_text(otio.adapters.write_to_string(timeline, "otio_json"), encoding="utf-8")
+
+
+def first_frame(burst: ExportedBurst, since_ns: int = 0) -> int:
+    """Return the number of the frame that is `since_ns` after the burst's first image, since midnight UTC.
+
+    The burst's first image has the time of day at which the session was written, in whole seconds.
+    """
+    created = datetime.fromisoformat(burst.session.manifest.created)
+    of_day_s = created.hour * 3600 + created.minute * 60 + created.second
+    return of_day_s * frames_per_second(burst) + round(since_ns / burst.period_ns)
+
+
+def frames_per_second(burst: ExportedBurst) -> int:
+    """Return how many frames a second of timecode has; 0 for a rate that has no timecode."""
+    return round(1e9 / burst.period_ns)
+
+
+def timecode_text(burst: ExportedBurst, frame: int) -> str:
+    """Return a frame's timecode as HH:MM:SS:FF, without dropped numbers; empty if the rate has none."""
+    if not (rate := frames_per_second(burst)):
+        return ""
+    seconds, rest = divmod(frame, rate)
+    minutes, second = divmod(seconds % DAY_S, 60)
+    return f"{minutes // 60:02d}:{minutes % 60:02d}:{second:02d}:{rest:02d}"
 
 
 EXPORTER = Exporter(

@@ -14,7 +14,6 @@ from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
-    consistent_pixels,
 )
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.plane_sweep import (
@@ -24,6 +23,7 @@ from reconstruction.depth.plane_sweep import (
 )
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.methods.multiview.blank_walls import fit_blank_walls
+from reconstruction.methods.multiview.consistent_pixels import consistent_pixels
 from reconstruction.methods.multiview.edge_sharpening import sharpen_edges
 from reconstruction.methods.multiview.still_scene import WHOLE, StillScene, boxes_around, renewed
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
-from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH, SUPPORT_PLACES, SUPPORT_PX
+from reconstruction.depth.geometric_consistency import RELATIVE_DEPTH
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import (
     BETTER_OF_TWO,
@@ -20,6 +20,7 @@ from reconstruction.depth.sweep_engine import (
     SweepEngine,
 )
 from reconstruction.depth.sweep_engine import MIN_JUMP as MIN_PRICE
+from reconstruction.methods.multiview.consistent_pixels import SUPPORT_PLACES, SUPPORT_PX
 from reconstruction.methods.multiview.edge_sharpening import (
     FAR_PRIOR,
     FEW,

@@ -18,13 +18,13 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth import compiling
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiling import library_of
-from reconstruction.depth.geometric_consistency import _valid_fraction
 from reconstruction.depth.kernels import load_kernels
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
 from reconstruction.methods.multiview import gpu, matcher
+from reconstruction.methods.multiview.consistent_pixels import _valid_fraction
 from reconstruction.methods.multiview.fusion import PosedMap, find_denied, fuse_posed_maps
 from reconstruction.methods.multiview.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.methods.multiview.matcher import ChosenMatcher

@@ -331,6 +331,7 @@ class ActiveBursts:
     async def _cancel(self, session: BurstSession, reason: str) -> None:
         self._cancelled.add(session.burst.number)
         self._engine.orders.cancel(session.burst, self.now_ns())
+        self._pump.turn()
         await session.finish_now(reason, silent=False)
 
     async def end(self, number: int | None = None) -> None:

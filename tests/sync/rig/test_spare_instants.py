@@ -10,6 +10,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.node.burst.plans import choose_instants
 from capture_app.node.camera.burst_upload import Upload
 from capture_app.plugins.cameras.sim.profiles import PROFILES
+from capture_app.protocol.event_text import client_record
 from capture_app.protocol.messages import CameraReport
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
@@ -123,6 +124,8 @@ def test_a_cancelled_burst_is_forgotten_by_all_nodes(wait_ns: int) -> None:
     for name, node in rig.nodes.items():
         assert (burst.number in node.bursts) == (name in picked)
         assert node.client.can_change_leader
-        assert TriggerCancelled(burst_leader(rig), burst.number) in node.events
+        cancelled = TriggerCancelled(burst_leader(rig), burst.number)
+        assert cancelled in node.events
+        assert client_record(cancelled)["event"] == "burst-cancelled"
     burst, chosen = take(rig, 2, 2)
     assert is_complete(rig, burst, chosen)

@@ -78,7 +78,7 @@ def test_same_arguments_give_the_same_bytes_in_another_process(scene: Scene) -> 
     assert np.array_equal(shot, picture(scene))
     code = (
         "import hashlib, sys; from capture_app.plugins.cameras.sim.rendering.scene import load;"
-        "assert 'open3d' not in sys.modules;"  # slow to import, and absent on small machines
+        "assert 'open3d' not in sys.modules;"  # slow to import, and absent where there is no reconstruction
         f"s = load('studio', scale={SCALE});"
         f"s.render('cam00', 5, {EXPOSURE_NS}, {ROW_NS}, seed=9);"  # what was drawn before does not matter
         f"p = s.render('cam00', {START_NS}, {EXPOSURE_NS}, {ROW_NS}, seed=1);"

@@ -55,9 +55,7 @@ async def test_a_phones_page_takes_whole_bursts_in_each_engine(packages: str, tm
             ready_s = time.monotonic() - began
             (node,) = place.leader.status().nodes
             alignment = f"{node.message or 'in step'}; {node.camera.width}x{node.camera.height}"
-            waited = (
-                f"joined after {joined - began:.0f} s, {node.state} {time.monotonic() - joined:.0f} s later"
-            )
+            waited = f"joined after {joined_s:.0f} s, {node.state} after {ready_s:.0f} s"
             talk(f"{browser.version}: {waited}: {alignment}")
             for _ in range(BURSTS):
                 session = await burst(place, FRAMES)

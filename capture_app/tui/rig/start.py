@@ -45,8 +45,8 @@ from capture_app.tui.widgets.lines import Lines
 TITLE_WIDTH = 26
 """Cells of a title; leaves space for the code beside the list in a narrow terminal."""
 CAMERA_KEYS = "cefgmpuvwxyz"
-QUICK = "drops=0,samples=2"
-"""Options of simulated cameras: images of half the samples are there in half the time."""
+QUICK = "drops=0,samples=1"
+"""Options of simulated cameras: images of one ray a pixel are there in a third of the time."""
 """Keys of detected cameras; the other letters belong to the fixed choices."""
 MAX_WIDTH, MARGIN = 96, 8
 """Width of the panel in a wide terminal, and margin beside its text, in cells."""

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.reconstruction.novel_view_scenes import SHOTS, Held, take, true_views
 from benchmarks.report import new_parser, print_report, print_rows, talk
-from reconstruction import Multiview
+from reconstruction import Multiview, open_session
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.camera_paths import find_subject
@@ -30,7 +30,7 @@ from reconstruction.depth.seen_moment import Moment, read_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.reconstructed_session import ReconstructedSession, open_session
+from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.scores.picture_quality import psnr, ssim
 
 MARGIN_PX = 9
@@ -111,7 +111,7 @@ def measure(
         optimized[iterations], _ = optimize(make_gaussians(moment), moment, iterations)
         seconds[f"splat, {iterations}"] = time.process_time() - begun
         talk(f"{len(optimized[iterations]):,} Gaussians, {iterations} iterations: {seconds}")
-    rows = []
+    rows = list[dict[str, Any]]()
     for name, one in held.items():
         nearest = nearest_camera(one.view, moment)
         methods: dict[str, Callable[[], Array]] = {
@@ -132,8 +132,8 @@ def measure(
                 _save(pictures, f"{shot}_{name}_{method}", drawn)
             quality = {"psnr": psnr(drawn, one.picture), "ssim": ssim(drawn, one.picture)}
             moves = psnr(drawn, one.picture, moving) if moving.any() else None
-            quality |= {"moving_psnr": moves, "seconds": own_s}
-            rows.append({"shot": shot, "seed": seed, "view": name, "method": method, **quality})
+            about = {"shot": shot, "seed": seed, "view": name, "method": method}
+            rows.append({**about, **quality, "moving_psnr": moves, "seconds": own_s})
     return rows
 
 

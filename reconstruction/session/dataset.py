@@ -92,6 +92,8 @@ class Dataset:
         own_records = [record for record in manifest.images if not record.substitute]
         self._records = shift_times(own_records, self.time_shifts_ms, self.instants_ns, self.period_ns)
         self._adopted: Calibration | None = None
+        self.scale_error = 0.0
+        """Relative standard deviation of the calibration's scale; 0 = as exact as its poses."""
         self._scale = 1.0
         self._read = self._image_cache()
 

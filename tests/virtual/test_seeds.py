@@ -16,6 +16,7 @@ FOUND = {
     307: "a recording in which a clock was slewed as NTP daemons do contradicted its clock record",
     459: "frames of a node that was started again during a recording were not marked late",
     1042: "a recording that ended within two seconds contradicted its clock record",
+    2089: "a leader that was killed had not yet told its cameras of a burst that it had cancelled",
     3906: "a camera that offered an image it had not reported had its session opened for ever",
     3907: "a recording did not wait for an image that had been reported missing before",
     3913: "frames of beyond a recording's end were refused for ever",

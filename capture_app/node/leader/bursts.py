@@ -267,7 +267,10 @@ class ActiveBursts:
         return session
 
     def _lost_cameras(self) -> dict[str, str]:
-        """Return the cameras that the rig had within FORGET_LOST_NS, and why they are not here."""
+        """Return the cameras that the rig had within FORGET_LOST_NS, and why they are not here.
+
+        A name that never reported a frame was not one of its cameras.
+        """
         now_ns, members = self.now_ns(), self._engine.roster.by_name()
         absent: dict[str, str] = {}
         if now_ns < self._awaited_until_ns:
@@ -277,7 +280,9 @@ class ActiveBursts:
         return absent | {
             member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
             for member in members
-            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA
+            if member.lost not in ("", LEFT)
+            and member.camera.kind not in WITHOUT_CAMERA
+            and member.report.frames
         }
 
     @property
@@ -326,6 +331,7 @@ class ActiveBursts:
     async def _cancel(self, session: BurstSession, reason: str) -> None:
         self._cancelled.add(session.burst.number)
         self._engine.orders.cancel(session.burst, self.now_ns())
+        self._pump.turn()
         await session.finish_now(reason, silent=False)
 
     async def end(self, number: int | None = None) -> None:

@@ -45,18 +45,20 @@ class DepthSupport(NamedTuple):
     worth_px: Array
     """Motion in another view, px, by 2 % of the depth: the largest of all views."""
 
-    def confidence(self, misfit_px: float | None) -> Array:
-        """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px)."""
+    def confidence(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
+        """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale."""
         right = np.interp(self.evidence, [*RIGHT], [*RIGHT.values()])
-        return np.asarray(right * self.measurable(misfit_px), np.float32)
+        return np.asarray(right * self.measurable(misfit_px, scale_error), np.float32)
 
-    def measurable(self, misfit_px: float | None) -> Array:
+    def measurable(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that a right match gives a right depth: that of an error within `worth_px`.
 
-        `misfit_px` is that of points at rest to the calibration, px; None = unknown.
+        `misfit_px` is that of points at rest to the calibration, px; None = unknown. `scale_error` is the
+        relative standard deviation of its scale, and so of all depths.
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
-        sigma_px = math.hypot(MATCHING_PX, POSE_FACTOR * misfit_px)
+        scale_px = self.worth_px * (scale_error / TOLERANCE)
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, POSE_FACTOR * misfit_px))
         sigmas = np.linspace(0, 5, 501)
         within = [math.erf(float(x) / math.sqrt(2)) for x in sigmas]
         return np.asarray(np.interp(self.worth_px / sigma_px, sigmas, within))

@@ -141,7 +141,9 @@ def model_instant(
         images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
     )
     misfit_px = None if check is None else check.error_px
-    confidence = measure_confidence(images, sources, maps, misfit_px) if options.check else {}
+    confidence = (
+        measure_confidence(images, sources, maps, misfit_px, dataset.scale_error) if options.check else {}
+    )
     marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
@@ -182,6 +184,7 @@ def model_instant(
         **_figures(next(view for view in scored if view.camera == reference)),
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if check is None else check.points,
+        scale_error=round(dataset.scale_error, 4),
         movers_1cm=moving_score,
         moving_measured=measured_fraction(image, depth, motion) if options.page else None,
         nearest=min(nearest for nearest, _ in ranges),
@@ -301,16 +304,19 @@ def measure_confidence(
     sources: Mapping[str, Sequence[str]],
     maps: Mapping[str, ViewDepth],
     misfit_px: float | None,
+    scale_error: float,
 ) -> dict[str, Array]:
     """Return by camera the probability that depth is right, 0 where it is unknown; not of COLMAP's maps.
 
-    `misfit_px` is that of points at rest to the calibration, None = unknown.
+    `misfit_px` is that of points at rest to the calibration, None = unknown; `scale_error` the relative
+    standard deviation of its scale.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    return {
-        camera: np.where(maps[camera].depth > 0, support.confidence(misfit_px), 0).astype(np.float16)
-        for camera, support in measure_support(calibrated, sources, maps)
-    }
+    found = {}
+    for camera, support in measure_support(calibrated, sources, maps):
+        known = np.where(maps[camera].depth > 0, support.confidence(misfit_px, scale_error), 0)
+        found[camera] = known.astype(np.float16)
+    return found
 
 
 def write_view(

@@ -175,7 +175,7 @@ class Multiview(Method, frozen=True, kw_only=True):
         if self.refine:
             from reconstruction.methods.multiview.refinement import refine_calibration
 
-            dataset.adopt_calibration(refine_calibration(dataset))
+            refine_calibration(dataset)
         offsets_ms = self.offsets_ms or condition.offsets_ms(dataset.cameras, self.instant)
         cloud = self.cloud and (self.mesh or (not self.quick and find_spec("open3d") is not None))
         options = msgspec.structs.replace(self, offsets_ms=offsets_ms, cloud=cloud)

@@ -10,7 +10,6 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import NotApplicableError
-from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.consistency import (
     Track,
@@ -31,10 +30,10 @@ LOSS_PX = 0.5
 MIN_POINTS_PER_CAMERA = 30
 
 
-def refine_calibration(dataset: Dataset) -> Calibration:
-    """Return the session's calibration with its poses refined by points at rest in its middle images.
+def refine_calibration(dataset: Dataset) -> None:
+    """Let the dataset adopt its calibration with the poses refined by points at rest in its middle images.
 
-    Lenses stay as they are.
+    Lenses stay as they are. How uncertain the scale is, becomes `dataset.scale_error`.
 
     Raises:
         NotApplicableError: there is no calibration, or it has too few points at rest to be refined by.
@@ -50,10 +49,13 @@ def refine_calibration(dataset: Dataset) -> Calibration:
         refined = refine_views(rig.views, rig.middle_features)
         before, after = (check_rig(views, rig.middle_features).error_px for views in (rig.views, refined))
     if before is None or after is None or after >= before:
-        return calibration
+        return
     cameras = {name: view.to_calibration() for name, view in refined.items()}
     source = f"{calibration.source_words}, refined from {before:.2f} to {after:.2f} px by points at rest"
-    return structs.replace(calibration, cameras=calibration.cameras | cameras, source=source)
+    dataset.adopt_calibration(
+        structs.replace(calibration, cameras=calibration.cameras | cameras, source=source)
+    )
+    dataset.scale_error = estimate_scale_error(rig.views, refined)
 
 
 def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) -> dict[str, View]:
@@ -156,3 +158,15 @@ def _in_place(views: Mapping[str, View], before: Mapping[str, View]) -> dict[str
         centre = old_middle + scale * turn @ (view.centre - middle)
         placed[name] = replace(view, rotation=rotation, translation=-rotation @ centre)
     return placed
+
+
+def estimate_scale_error(before: Mapping[str, View], refined: Mapping[str, View]) -> float:
+    """Return the standard deviation of the scale of refined views, relative to the scale.
+
+    Images show the rig's shape but not its scale, which is that of the cameras' distances before. As far as
+    the cameras stood beside that shape, so far is the scale probably off, divided by the rig's size.
+    """
+    centres, old = (np.array([of[name].centre for name in before]) for of in (refined, before))
+    # A shift and a scale were fitted to the places: 4. Student's variance is that of 2 fewer.
+    sigma = np.linalg.norm(old - centres) / np.sqrt(max(centres.size - 6, 1))
+    return float(sigma / np.linalg.norm(centres - centres.mean(0)))

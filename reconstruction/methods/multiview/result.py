@@ -6,6 +6,9 @@ from reconstruction.calibration.consistency import describe_misfit
 from reconstruction.scores.truth import DepthShares
 from reconstruction.session.provenance import Provenance
 
+UNCERTAIN_SCALE = 0.005
+"""Relative standard deviation of the scale from which it is reported: a quarter of depth's 2 %."""
+
 
 class ViewResult(DepthShares, frozen=True, kw_only=True):
     """One camera's depth map, and its accuracy."""
@@ -58,6 +61,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     rest_error_px: float | None = None
     """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
     rest_points: int = 0
+    scale_error: float = 0.0
+    """Relative standard deviation of all distances by `--refine`, of which images do not show the scale."""
     movers_1cm: CloudScore | None = None
     """None if nothing moves, or the truth is not known in metres."""
     moving_measured: float | None = None
@@ -76,8 +81,15 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
 
     @property
     def basis(self) -> str:
-        """What the depth rests on, in words: the fit of points at rest, and what that means."""
-        return describe_misfit(self.rest_error_px, self.rest_points, expected=self.expected_within_2pct)
+        """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
+        fit = describe_misfit(self.rest_error_px, self.rest_points, expected=self.expected_within_2pct)
+        if self.scale_error < UNCERTAIN_SCALE:
+            return fit
+        return (
+            f"{fit}; warning: the poses were refined, of which images do not show the scale: all distances "
+            f"may be wrong by the same {100 * self.scale_error:.1f} % (standard deviation); "
+            "calibrate with a board to know it"
+        )
 
 
 class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):

@@ -217,7 +217,7 @@ def model_sequence(
     chosen = dataset.chosen_instants(options.instants)
     choose_calibration(dataset)
     if options.refine:
-        dataset.adopt_calibration(refine_calibration(dataset))
+        refine_calibration(dataset)
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(),

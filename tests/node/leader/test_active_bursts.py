@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, CancelledBurstError, DiskFullError, IncompleteError
+from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import (
     AFTER_LAST_INSTANT_NS,
     CAMERA_DISCONNECTED_NS,
@@ -35,7 +36,7 @@ from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import TriggerAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import FromClient, decode
-from capture_app.sync.wire.datagrams import Goodbye, Hello, TimeRequest, Trigger
+from capture_app.sync.wire.datagrams import Goodbye, Heartbeat, Hello, Report, TimeRequest, Trigger
 from capture_app.trust.trust import Trust
 from tests.images import small_jpeg
 from tests.node.bursts import CAMERA, DISK, IMAGE, LEADER, pieces, receive_image, report, upload
@@ -206,7 +207,7 @@ async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path:
 
 
 async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -> None:
-    engine, clock = engine_of("a", "died", "left", "removed"), StillClock()
+    engine, clock = engine_of("a", "died", "left", "removed", "without-a-frame"), StillClock()
     options = LeaderOptions(sessions=tmp_path, clock=clock, trust=Trust.open())
     bursts = ActiveBursts(options, engine, Pump(engine, clock, lambda: None))
 
@@ -222,6 +223,9 @@ async def test_a_burst_names_the_cameras_that_the_rig_has_lost(tmp_path: Path) -
         engine.receive_message(message, (name, 0), clock.shown_ns)
 
     try:
+        for name in ("died", "left", "removed"):
+            number = engine.roster.members[name].number
+            hear(name, Heartbeat(number, Report(state=NodeState.READY, frames=1)))
         hear("left", Goodbye(engine.roster.members["left"].number))
         for _ in range(12):
             clock.shown_ns += 10**9

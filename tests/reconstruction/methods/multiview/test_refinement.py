@@ -15,8 +15,9 @@ from reconstruction.calibration.consistency import (
     triangulate,
 )
 from reconstruction.common.geometry import View
+from reconstruction.methods.multiview.confidence import DepthSupport
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import refine_views
+from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
 from reconstruction.pairs import Features
 from tests.reconstruction.conftest import make_view
 
@@ -49,6 +50,14 @@ def spoilt(px: float) -> dict[str, View]:
     return found
 
 
+def moved(sigma: float, seed: int) -> dict[str, View]:
+    rng = np.random.default_rng(seed)
+    return {
+        name: replace(view, translation=-view.rotation @ (view.centre + rng.normal(0, sigma, 3)))
+        for name, view in VIEWS.items()
+    }
+
+
 def error_px(views: dict[str, View], features: dict[str, Features]) -> float:
     found = check_rig(views, features).error_px
     assert found is not None
@@ -75,6 +84,35 @@ def test_poses_that_are_off_fit_again(px: float) -> None:
     assert depth_error(views, features) > 0.015 * px
     spread = [np.std([view.centre for view in of.values()], axis=0) for of in (views, refined)]
     assert np.linalg.norm(spread[1]) == pytest.approx(np.linalg.norm(spread[0]), rel=1e-6)
+
+
+def test_the_scale_of_refined_poses_is_as_uncertain_as_it_says() -> None:
+    sigmas, sizes = [], []
+    for seed in range(40):
+        views = moved(0.01, seed)
+        # What a refinement finds: the true shape, at the size that the moved cameras have.
+        centres, true = (np.array([view.centre for view in of.values()]) for of in (views, VIEWS))
+        middle, true_middle = centres.mean(0), true.mean(0)
+        size = float(np.linalg.norm(centres - middle) / np.linalg.norm(true - true_middle))
+        found = {
+            name: replace(
+                view, translation=-view.rotation @ (middle + size * (VIEWS[name].centre - true_middle))
+            )
+            for name, view in views.items()
+        }
+        sigmas.append((size - 1) / estimate_scale_error(views, found))
+        sizes.append(size)
+    assert np.std(sizes) > 0.01
+    assert 0.8 < np.std(sigmas) < 1.3
+
+
+def test_depth_of_an_uncertain_scale_is_not_sure() -> None:
+    support = DepthSupport(np.array([[1.5, 1.5]]), np.array([[8.0, 0.1]]))
+    sure, no_more = support.confidence(0.1)[0], support.confidence(0.1, 0.02)[0]
+    assert sure[0] > 0.98
+    # One standard deviation of the scale is the 2 % within which depth is right.
+    assert no_more[0] == pytest.approx(0.68, abs=0.02)
+    assert no_more[1] < sure[1] < 0.6
 
 
 def test_a_camera_with_few_points_is_not_refined() -> None:

@@ -184,7 +184,7 @@ def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
     Raises what `reconstruct compare` raises.
     """
     less: dict[str, Any] = (
-        {"max_instants": 2, "multiview_instants": 1, "multiview_width": 320} if quick else {}
+        {"max_instants": 2, "max_multiview_instants": 1, "multiview_width": 320} if quick else {}
     )
     made = []
     for session in dict.fromkeys(showing.session for showing in APPLICATIONS):

@@ -174,9 +174,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             given=tuple(name for name in TABLE_3.names if name != "messages"),
             notes=(
                 BEGINS,
-                "The delay distribution comes from these figures and the shortest round trips below. The "
-                "division of the quickest round trip is a single sample. No exchange can show the "
-                "asymmetry; half the shortest round trip bounds it.",
+                "The delay distribution comes from these figures and the shortest round trips below.",
                 f"Not an input: after {FIRST} messages the minimum filter is {panel['mean_abs']:.0f} us off "
                 f"on average and {panel['max']:.0f} at most in {len(first)} trials. The paper's panel found "
                 f"{TABLE_2['clock.mean']:.0f} and {TABLE_2['clock.max']:.0f} at most.",
@@ -200,13 +198,12 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             simulated=SIMULATED,
             given=("mean.10000", "minimum.10000"),
             notes=(
-                "With a skew of 20 ppm, all filters use the last 30 s, like the engine. Filters without a "
-                "skew term are off by the drift of that time.",
+                "With a skew, all filters use the last 30 s; those without a skew term are off by its drift.",
                 f"After {FIRST} messages without skew the minimum filter is "
                 f"{at_first['minimum']['mean_abs']:.0f} us off on average and "
                 f"{at_first['minimum']['max']:.0f} at most, ours "
                 f"{at_first['ours']['mean_abs']:.0f} and {at_first['ours']['max']:.0f} "
-                f"({short[1000]} trials). In the end both converge to the asymmetry of the model.",
+                f"({short[1000]} trials).",
             ),
             draw=partial(draw_convergence, {AS_THE_PAPER: papers, BY_DEFAULT: ours}),
         ),

@@ -83,11 +83,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             protocol=pairs(papers, setups[0]),
             default=pairs(ours, setups[1]),
             simulated=SIMULATED,
-            notes=(
-                "Measured by the pictures' true times, half a second after the phones are ready. The paper "
-                "states twice its largest error of a client against the leader. Ours is the error of the "
-                "pair.",
-            ),
+            notes=("The paper states twice its largest error of a client; ours is the error of the pair.",),
         ),
         Reproduction(
             of=START_UP,
@@ -111,7 +107,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
                 "the clients at once, until clocks are as good as the link can bear",
             ),
             simulated=SIMULATED,
-            notes=("By default the leader's own camera counts, too; its messages stay within the machine.",),
+            notes=("By default the leader's own camera counts, too.",),
         ),
         Reproduction(
             of=BURST,

@@ -68,9 +68,8 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=tables[1],
             simulated=SIMULATED,
             notes=(
-                "The total is read from the pictures. Its parts come from the simulation's truth. The paper "
-                "takes the phase from timestamps, and the clock's part as the difference.",
-                "Pictures are requested when both phones are ready, and taken half a second later.",
+                "The total is read from the pictures, its parts from the truth; the paper takes the phase "
+                "from timestamps.",
             ),
         ),
         Reproduction(

@@ -55,10 +55,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             protocol=_injections(injected[:count], TOLERANCE_NS),
             default=_injections(injected[count:], PHASE_TOLERANCE_NS),
             simulated=SIMULATED,
-            notes=(
-                "Each phone is of an unknown model: its row time is known, but not its frame duration or "
-                "overhead. A known phone takes one injected frame.",
-            ),
+            notes=("Each phone is of an unknown model. A known one takes one injected frame.",),
         ),
         Reproduction(
             of=RESTARTS,
@@ -66,9 +63,8 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=_restarts(restarted[count:], RESET_TOLERANCE_NS),
             simulated=SIMULATED,
             notes=(
-                "Phones start in 600 to 800 ms, as in the paper. Starts scatter over two periods, so they "
-                "cannot be aimed. A restart then fits in 1 of 33.3 cases, as in the paper's formula; its "
-                "28.7 is the mean of ten trials. By default such a camera is aligned to 2 ms.",
+                "A restart fits in 1 of 33.3 cases, as in the paper's formula; its 28.7 is the mean of ten "
+                "trials. By default such a camera is aligned to 2 ms.",
             ),
         ),
     ]

@@ -19,7 +19,7 @@ LOOK_S = 2.0
 LATER_NICENESS = 9
 """Added to the process's niceness after the first depth: a rig's own work goes first."""
 T = TypeVar("T")
-HINT = "calibrate it with reconstruct calibrate; with simulated cameras, take once"
+HINT = "simulated cameras: take once; others: reconstruct calibrate"
 
 
 @click.command(hidden=True)

@@ -47,6 +47,13 @@ def run(capture_only: dict[str, str], *arguments: str) -> subprocess.CompletedPr
     return subprocess.run(command, env=capture_only, capture_output=True, text=True, check=False)
 
 
+def test_a_scene_is_rendered_without_reconstruction(capture_only: dict[str, str]) -> None:
+    """The first thing that a newcomer sees who installed no extra."""
+    pytest.importorskip("embreex", reason="scenes are rendered by Embree")
+    scene = "from capture_app.plugins.cameras.sim.rendering.scene import load; load('studio', scale=0.05)"
+    assert run(capture_only, "-c", scene).returncode == 0
+
+
 def test_no_module_needs_them(capture_only: dict[str, str]) -> None:
     done = run(capture_only, "-c", "import open3d")
     assert "No module named 'open3d'" in done.stderr, "they are missing indeed"

@@ -71,3 +71,9 @@ def inline_commands(page: Path) -> Iterator[str]:
     text = re.sub(r"^(```.*?^```|    .*?$)", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
     for found in _INLINE.finditer(" ".join(text.split())):
         yield found[1]
+
+
+def plugin_module(section: str) -> str:
+    """Return the code of the module that a section of docs/plugins.md links to."""
+    name, *_ = re.findall(r"\]\((examples/plugins/\w+\.py)\)", section)
+    return (ROOT / "docs" / name).read_text()

@@ -14,11 +14,11 @@ import pytest
 from capture_app.common.errors import ExitCode
 from capture_app.session.format.export_record import RECORD
 from capture_app.session.reading.reader import Session
-from tests.documentation.pages import ROOT
+from tests.documentation.pages import ROOT, plugin_module
 from tests.plugins.programs.conftest import Make, make  # noqa: F401 - a fixture
 
 _RECIPE = re.compile(r"^## .*?(?=^## |\Z)", re.DOTALL | re.MULTILINE)
-_BLOCK = re.compile(r"```(python|toml)\n(.*?)```", re.DOTALL)
+_BLOCK = re.compile(r"```(toml)\n(.*?)```", re.DOTALL)
 _ENTRY = re.compile(r'\[project\.entry-points\."(.+)"\]\n(\S+) = "(\w+):(\w+)"')
 
 
@@ -35,7 +35,7 @@ def package(tmp_path: Path) -> Path:
         entry = _ENTRY.search(blocks.get("toml", ""))
         if entry is None or entry[1] not in ("simulshot.exporters", "simulshot.importers"):
             continue
-        (folder / f"{entry[3]}.py").write_text(blocks["python"])
+        (folder / f"{entry[3]}.py").write_text(plugin_module(recipe))
         entries += [f"[{entry[1]}]", f"{entry[2]} = {entry[3]}:{entry[4]}", "broken = no_such_module:NOTHING"]
     assert len(entries) == 6
     (metadata / "entry_points.txt").write_text("\n".join(entries))

@@ -10,6 +10,7 @@ import pytest
 from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.documentation.pages import plugin_module
 from tests.end_to_end.rig import burst, lead, output
 
 from .conftest import Start
@@ -31,7 +32,7 @@ def list_cameras():
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where Python finds the packages of the test."""
     section = GUIDE.read_text().partition("\n## A camera\n")[2].partition("\n## ")[0]
-    module, entry = re.findall(r"```(?:python|toml)\n(.*?)```", section, re.DOTALL)
+    module, (entry,) = plugin_module(section), re.findall(r"```toml\n(.*?)```", section, re.DOTALL)
     group, name, target = re.search(r'"(.+?)"\]\n(\w+) = "(\w+)"', entry).groups()
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     install(tmp_path, target, module, f"[{group}]\n{name} = {target}\n")

@@ -26,7 +26,7 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
-from capture_app.tui.rig.start import StartPanel
+from capture_app.tui.rig.start import QUICK, StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
@@ -253,7 +253,9 @@ class RigView(ModeView):
             )
             nodes = status.nodes if status is not None else ()
             if simulated := sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes):
-                await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
+                await self._source.order(
+                    AddSimulated(cameras=simulated, scene=self._start.scene, options=QUICK)
+                )
             connecting = f"the leader at {leader} runs again, connecting …"
         self._starting = connecting
         self._draw()

@@ -16,6 +16,7 @@ from textual.widgets.option_list import Option
 
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
+from capture_app.common.errors import SimulshotError
 from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.text import count, printable
 from capture_app.machine.cameras import list_cameras
@@ -37,13 +38,15 @@ from capture_app.tui.rig.guide_screens import (
     joining_place,
     show_codes,
 )
-from capture_app.tui.rig_record import SessionsRequested, showing_errors
+from capture_app.tui.rig_record import ActionFailed, SessionsRequested, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
 TITLE_WIDTH = 26
 """Cells of a title; leaves space for the code beside the list in a narrow terminal."""
 CAMERA_KEYS = "cefgmpuvwxyz"
+QUICK = "drops=0,samples=1"
+"""Options of simulated cameras: images of one ray a pixel are there in a third of the time."""
 """Keys of detected cameras; the other letters belong to the fixed choices."""
 MAX_WIDTH, MARGIN = 96, 8
 """Width of the panel in a wide terminal, and margin beside its text, in cells."""
@@ -273,7 +276,7 @@ class StartPanel(Vertical):
         """Start simulated cameras."""
         self._start(
             "simulated",
-            AddSimulated(cameras=self._cameras, scene=self.scene),
+            AddSimulated(cameras=self._cameras, scene=self.scene, options=QUICK),
             f"Starting {count(self._cameras, 'simulated camera')} …",
         )
 
@@ -321,12 +324,14 @@ class StartPanel(Vertical):
     async def _start(self, choice: str, order: Order, words: str) -> None:
         self._settings.remember(CHOICE, choice)
         self.say_busy(words)
-        until_there = ""
-        with showing_errors(self):
+        try:
             await self._source.order(order)
             # Shown until the cameras join; their list then replaces this panel.
-            until_there = f"{words} Cameras join within half a minute."
-        self.say_busy(until_there)
+            words += " Cameras join within half a minute."
+        except SimulshotError as error:
+            self.post_message(ActionFailed(error))
+            words = str(error)  # a message of some seconds is easily missed
+        self.say_busy(words)
 
     def say_busy(self, words: str) -> None:
         """Show the activity in progress; with an empty text, the explanations again."""

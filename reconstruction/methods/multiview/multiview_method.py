@@ -101,7 +101,7 @@ class Multiview(Method, frozen=True, kw_only=True):
     rrd: Annotated[bool, command_flag("--rrd", help="With --instants, also write a recording for Rerun.")] = (
         False
     )
-    multiview_instants: Annotated[
+    max_multiview_instants: Annotated[
         int,
         flag(
             "--max-multiview-instants",

@@ -237,12 +237,12 @@ class MultiviewStudy(ConditionStudy):
     @property
     def steps(self) -> int:
         """Number of progress lines: one for the choice of cameras, and one for each instant and condition."""
-        limit: int = self.options.multiview_instants
+        limit: int = self.options.max_multiview_instants
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
         """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
-        return "" if self.options.multiview_instants else UNASKED
+        return "" if self.options.max_multiview_instants else UNASKED
 
     def check(self) -> None:
         """Reject a matcher that this machine cannot run; see `Study.check`."""
@@ -373,7 +373,7 @@ class MultiviewStudy(ConditionStudy):
         reference, problem = self.reference, self.shots.problem
         complete = complete_instants(self.dataset, condition, reference, self.cameras)
         by_instant = {one.instant: one.shown for one in complete}
-        limit = self.options.multiview_instants
+        limit = self.options.max_multiview_instants
         usable = [
             ShownInstant(
                 k, {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.documentation.pages import plugin_module
 from tests.reconstruction.found import study, values
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -22,9 +23,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("installed")
     for heading, group in (("A study", "simulshot.studies"), ("A method", "simulshot.methods")):
         recipe = (ROOT / "docs" / "plugins.md").read_text().partition(f"\n## {heading}\n")[2]
-        module, metadata = (
-            re.search(rf"```{kind}\n(.*?)```", recipe, re.DOTALL)[1] for kind in ("python", "toml")
-        )
+        module, metadata = plugin_module(recipe), re.search(r"```toml\n(.*?)```", recipe, re.DOTALL)[1]
         ((name, target),) = tomllib.loads(metadata)["project"]["entry-points"][group].items()
         (folder / f"{target.partition(':')[0]}.py").write_text(module)
         install(folder, name, target, group)

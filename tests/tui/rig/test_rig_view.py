@@ -12,6 +12,7 @@ from capture_app.protocol.orders import AddSimulated, RemoveCamera, StaggerCamer
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
+from capture_app.tui.rig.start import QUICK
 from capture_app.tui.rig_record import RigRecord
 from tests.facts import make_facts
 from tests.tui.driving import lines, make_app, settle, text, toasts
@@ -302,7 +303,7 @@ async def test_simulated_cameras_come_back_with_a_restarted_leader(
         await pilot.press("l")
         await settle(pilot)
         assert [asked for asked in rig.asked if asked[0] == "order"][-1][1] == AddSimulated(
-            cameras=2, scene="studio"
+            cameras=2, scene="studio", options=QUICK
         )
 
 

@@ -12,7 +12,7 @@ from capture_app.protocol.orders import AddCamera, AddSimulated
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.guide_screens import joining_line, qr_lines
-from capture_app.tui.rig.start import StartPanel
+from capture_app.tui.rig.start import QUICK, StartPanel
 from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
@@ -96,7 +96,7 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
         assert "s  Try 5 simulated cameras" in offered(app)  # that scene has no more views
         await pilot.press("-", "s")
         await settle(pilot)
-        assert rig.asked == [("order", AddSimulated(cameras=4, scene="pinwheel"))]
+        assert rig.asked == [("order", AddSimulated(cameras=4, scene="pinwheel", options=QUICK))]
         assert "◔ syncing" in text(app, "#cameras-rows")
         assert not app.screen.query_one("#start").display
         await pilot.press("a")  # more of them, and back
@@ -115,6 +115,7 @@ async def test_what_cannot_be_started_is_said_in_a_sentence(cameras: list[Camera
         await pilot.press("enter")
         await settle(pilot)
         assert toasts(app) == ["/dev/video0 is in use (close the other program)"]
+        assert "/dev/video0 is in use" in text(app, "#start-meaning"), "it stays after the message is gone"
 
 
 async def test_inviting_shows_the_line_and_its_code() -> None:

@@ -1,6 +1,7 @@
 import hashlib
 import subprocess
 import sys
+import time
 
 import cv2
 import numpy as np
@@ -78,7 +79,7 @@ def test_same_arguments_give_the_same_bytes_in_another_process(scene: Scene) -> 
     assert np.array_equal(shot, picture(scene))
     code = (
         "import hashlib, sys; from capture_app.plugins.cameras.sim.rendering.scene import load;"
-        "assert 'open3d' not in sys.modules;"  # slow to import, and absent on small machines
+        "assert 'open3d' not in sys.modules;"  # slow to import, and absent where there is no reconstruction
         f"s = load('studio', scale={SCALE});"
         f"s.render('cam00', 5, {EXPOSURE_NS}, {ROW_NS}, seed=9);"  # what was drawn before does not matter
         f"p = s.render('cam00', {START_NS}, {EXPOSURE_NS}, {ROW_NS}, seed=1);"
@@ -98,6 +99,15 @@ def test_a_draft_shows_the_same_in_small(scene: Scene) -> None:
     blocks = full.reshape(6, 20, 8, 20, 3).mean((1, 3)), small.reshape(6, 10, 8, 10, 3).mean((1, 3))
     assert np.abs(blocks[0] - blocks[1]).mean() < 0.03 * 255
     assert np.corrcoef(blocks[0].ravel(), blocks[1].ravel())[0, 1] > 0.98
+
+
+def test_static_parts_are_rendered_ahead_without_blocking_drafts() -> None:
+    ahead = Scene("studio", DEFINITIONS["studio"], scale=SCALE)
+    ahead.prepare("cam00")
+    assert ahead.draft(0.5).render("cam00", START_NS, 4_000_000, ROW_NS, seed=1).any()
+    while "cam00" not in ahead._still:
+        time.sleep(0.01)
+    assert np.array_equal(picture(ahead), picture(Scene("studio", DEFINITIONS["studio"], scale=SCALE)))
 
 
 def test_seed_changes_only_the_noise(scene: Scene) -> None:

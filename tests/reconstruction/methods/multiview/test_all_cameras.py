@@ -49,7 +49,7 @@ def multiview(
     matcher: ChosenMatcher = SWEEP,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
-    options = {"multiview_instants": instants, "multiview_width": width}
+    options = {"max_multiview_instants": instants, "multiview_width": width}
     rig = calibrated_rig(session, folder)
     study = MultiviewStudy(Context(rig=rig, middle=middle, options=options))
     study.matcher = matcher

@@ -132,7 +132,9 @@ class SceneView(PictureSource):
         """Return the view at about that width, BGR uint8, with one sample per pixel and no motion blur."""
         draft = self.scene.draft(min(1.0, width / self.width))
         row_time_ns = self.row_time_ns * self.height // draft.views[self.view].height
-        return draft.render(self.view, frame.start_true_ns, frame.exposure_ns, row_time_ns, seed=seed)
+        image = draft.render(self.view, frame.start_true_ns, frame.exposure_ns, row_time_ns, seed=seed)
+        self.scene.prepare(self.view)  # whoever looks takes a picture soon
+        return image
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return the view's true depth in m, object numbers and moving pixels."""

@@ -1,21 +1,19 @@
-"""Ray casting against a rigid body of textured triangles (Embree, through Open3D, on the CPU)."""
+"""Ray casting against a rigid body of textured triangles (Embree, on the CPU)."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import ModuleType
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
+from capture_app.common.errors import NotAvailableError
 from capture_app.plugins.cameras.sim.scenes.stages import Floats, Mesh
 
 _SRGB = np.arange(256, dtype=np.float32) / 255.0
 LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Linear light of each grey level of sRGB."""
-_PLOTS = "open3d.visualization.draw_plotly", "draw_plotly", "draw_plotly_server", "get_plotly_fig"
 
 
 class Texture:
@@ -60,6 +58,25 @@ def bundle_rays(origins: Floats, directions: Floats) -> Floats:
     return rays.reshape(-1, 6)
 
 
+def _parts(rays: Floats) -> tuple[Floats, Floats]:
+    """Return the origins and the directions (N, 3) of rays (N, 6)."""
+    return np.ascontiguousarray(rays[:, :3]), np.ascontiguousarray(rays[:, 3:])
+
+
+def _embree_scene(vertices: Floats, triangles: NDArray[np.integer]) -> Any:
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except (ImportError, OSError) as error:
+        raise NotAvailableError(
+            f"a rendered scene needs embreex (Linux on x86-64), which does not load here: {error}",
+            hint="use scene=bars",
+        ) from error
+    scene = EmbreeScene()
+    TriangleMesh(scene, np.ascontiguousarray(vertices, np.float32), triangles.astype(np.int32))
+    return scene
+
+
 @dataclass(frozen=True)
 class Hits:
     """Hits of rays: distance in ray lengths (inf: nothing), triangle, position in the triangle."""
@@ -79,11 +96,6 @@ class Body:
     def __init__(
         self, meshes: Sequence[Mesh], textures: Mapping[str, Texture], things: Sequence[int] | None = None
     ) -> None:
-        # Half of Open3D's load time is plotting code for a web server.
-        plots = ModuleType(_PLOTS[0])
-        vars(plots).update(dict.fromkeys(_PLOTS[1:]))
-        sys.modules.setdefault(plots.__name__, plots)
-        o3d = load_optional("open3d", RECONSTRUCTION, "a rendered scene", hint="use scene=bars")
         counts = np.cumsum([0, *(len(m.vertices) for m in meshes)])
         triangles = np.concatenate([m.triangles + start for m, start in zip(meshes, counts, strict=False)])
         vertices = np.concatenate([m.vertices for m in meshes])
@@ -98,9 +110,7 @@ class Body:
         self.centre: Floats = (vertices.min(0) + vertices.max(0)) / 2
         self.radius = float(np.linalg.norm(vertices - self.centre, axis=1).max())
         """Radius in m of the sphere about `centre` that contains the body."""
-        self._tensor = o3d.core.Tensor
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles.astype(np.uint32)))
+        self._scene = _embree_scene(vertices, triangles)
 
     def _density(self, corners: Floats) -> Floats:
         sizes = np.array([t.levels[0].shape[1::-1] for t in self._textures], np.float32)[self._texture]
@@ -112,18 +122,20 @@ class Body:
 
     def cast(self, rays: Floats) -> Hits:
         """Return the first triangle hit by each ray (N, 6): origin and direction in the body's frame, m."""
-        # One thread, because the nodes of a simulated rig are processes that already use all cores.
-        found = self._scene.cast_rays(self._tensor(rays), nthreads=1)
+        found = self._scene.run(*_parts(rays), query="INTERSECT", output=True)
+        missed = found["primID"] < 0
         return Hits(
-            distance=found["t_hit"].numpy(),
-            triangle=found["primitive_ids"].numpy().astype(np.int64),
-            barycentric=found["primitive_uvs"].numpy(),
+            distance=np.where(missed, np.inf, found["tfar"]).astype(np.float32),
+            triangle=found["primID"].astype(np.int64),
+            barycentric=np.stack([found["u"], found["v"]], axis=1),
         )
 
     def occludes(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
         """Return whether each ray (N, 6) hits the body between `near` and `far` ray lengths."""
-        found = self._scene.test_occlusions(self._tensor(rays), tnear=near, tfar=far, nthreads=1)
-        return np.asarray(found.numpy(), np.bool_)
+        origins, directions = _parts(rays)
+        reach = np.full(len(rays), far - near, np.float32)
+        found = self._scene.run(origins + near * directions, directions, dists=reach, query="OCCLUDED")
+        return np.asarray(found >= 0)
 
     def surface_at(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:
         """Return linear BGR (N, 3) and the unit normal (N, 3) that faces the ray, for rays that hit the body.

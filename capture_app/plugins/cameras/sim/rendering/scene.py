@@ -7,6 +7,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.cameras.frames import lower_priority
 from capture_app.common.errors import BadInputError
 from capture_app.plugins.cameras.sim.rendering.layers import (
     SUBPIXELS,
@@ -55,7 +56,8 @@ class Scene:
         self._thing_of = {name: self.things.index(part.thing) for name, part in stage.parts.items()}
         self._still: dict[str, tuple[list[StillLayer], Floats]] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
-        self._lock = threading.Lock()
+        self._lock, self._drafting = threading.Lock(), threading.Lock()
+        self._preparing: set[str] = set()
         self._samples = samples
         """Number of samples per pixel, repeated for long exposures."""
 
@@ -64,8 +66,14 @@ class Scene:
 
         It shares the static parts, and is cached for each scale, rounded to a percent.
         """
-        with self._lock:  # the cache alone would make two, and lose the layers of one
+        with self._drafting:  # the cache alone would make two, and lose the layers of one
             return _draft(self, max(0.05, round(scale, 2)))
+
+    def prepare(self, view: str) -> None:
+        """Render the static parts of a view in the background, once, so that its first image comes sooner."""
+        if view not in self._preparing:
+            self._preparing.add(view)
+            threading.Thread(target=self._prepare, args=(self._view(view),), daemon=True).start()
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
@@ -137,6 +145,10 @@ class Scene:
             )
         return self.views[name]
 
+    def _prepare(self, view: View) -> None:
+        lower_priority()
+        self._layers(view)
+
     def _layers(self, view: View) -> tuple[list[StillLayer], Floats]:
         """Return the layers of a view, and their light together."""
         with self._lock:
@@ -156,7 +168,7 @@ def load(name: str, *, scale: float = 1.0, samples: int = len(SUBPIXELS)) -> Sce
 
     `samples` is the number of samples per pixel, repeated for long exposures.
 
-    Raises BadInputError for a scene that does not exist, NotAvailableError without Open3D.
+    Raises BadInputError for a scene that does not exist, NotAvailableError without Embree.
     """
     if name not in SCENES:
         raise BadInputError(f"there is no scene named {name!r}", hint=f"one of {', '.join(SCENES)}")

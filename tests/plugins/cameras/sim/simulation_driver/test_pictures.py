@@ -39,12 +39,12 @@ async def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
     assert kinds == {"depth_m": "float32", "objects": "uint8", "movers": "bool"}
 
 
-def test_a_scene_without_open3d_is_refused_in_plain_words(
+def test_a_scene_without_embree_is_refused_in_plain_words(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    (tmp_path / "open3d.py").write_text('raise OSError("libGL.so.1: cannot open shared object file")')
+    (tmp_path / "embreex.py").write_text('raise OSError("libGL.so.1: cannot open shared object file")')
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "open3d", raising=False)
+    monkeypatch.delitem(sys.modules, "embreex", raising=False)
     with pytest.raises(NotAvailableError, match=r"libGL\.so\.1.*scene=bars") as error:
         sim("sim:pi,scene=pinwheel,scale=0.11")
     assert isinstance(error.value, SimulshotError)
@@ -80,7 +80,7 @@ def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
     scene = StripedScene()
     module: Any = types.ModuleType("scene")
     module.load = lambda name, *, scale, samples: scene
-    for name in ("open3d", "capture_app.plugins.cameras.sim.rendering.scene"):
+    for name in ("embreex", "capture_app.plugins.cameras.sim.rendering.scene"):
         monkeypatch.setitem(sys.modules, name, module)
     return scene
 
@@ -110,7 +110,7 @@ async def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(str
 
 @in_stepped_time
 async def test_the_rendered_scene() -> None:
-    pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
+    pytest.importorskip("embreex", reason="scenes are rendered by Embree")
     camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
     frame = (await frames_of(camera, 1.0))[0]
     assert frame.encode_truth is not None
@@ -125,7 +125,7 @@ async def test_the_rendered_scene() -> None:
 
 
 def test_a_scene_that_does_not_exist() -> None:
-    pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
+    pytest.importorskip("embreex", reason="scenes are rendered by Embree")
     with pytest.raises(BadInputError, match="studio"):
         sim("sim:pi,scene=moon")
 

@@ -29,6 +29,7 @@
 # make bench NAME=two-steps   depth and views of a rendered rig whose cameras are staggered in pairs (5 min)
 # make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
+# make bench NAME=views   views and splats from places without a camera, beside the truth, of four scenes (5 min a scene; BENCH="jumper --seeds 5 --splats")
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
@@ -137,6 +138,7 @@ BENCH_trajectory := benchmarks.stagger.ball_session
 BENCH_two-steps := benchmarks.stagger.rendered_steps
 BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
+BENCH_views := benchmarks.reconstruction.novel_views
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence
 BENCH_pose-errors := benchmarks.reconstruction.pose_errors

@@ -1,127 +1,40 @@
 """Views of a moment from places without a camera, beside the true picture.
 
-    python -m benchmarks.reconstruction.novel_views            the sample session jumper, six held-out views
-    python -m benchmarks.reconstruction.novel_views pinwheel
+    python -m benchmarks.reconstruction.novel_views            six held-out views of four scenes
+    python -m benchmarks.reconstruction.novel_views jumper --seeds 5 --splats
 
-A scene is rendered once more from places between its cameras, beyond and above them, with little noise.
-Methods: the nearest camera's picture, turned and zoomed as a whole about the subject; the same warped by its
-depth map; all pictures blended through their maps; with --splats, Gaussian splats. PSNR and SSIM are of the
-whole picture, the last PSNR of what moves with a margin of 4 px. Simulated pictures.
+A scene is rendered from its five cameras, with the noise of each seed, and from places between them, beyond
+and above them, with little noise. Methods: the nearest camera's picture, turned and zoomed as a whole about
+the subject; the same warped by its depth map; the mesh; all pictures blended through their maps; with
+--splats, Gaussian splats. PSNR and SSIM are of the whole picture, the last PSNR of what moves with a margin
+of 4 px. Simulated pictures.
 """
 
+import tempfile
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
-from unittest.mock import patch
+from typing import Any
 
 import cv2
 import numpy as np
 
+from benchmarks.reconstruction.novel_view_scenes import SHOTS, Held, take, true_views
 from benchmarks.report import new_parser, print_report, print_rows, talk
-from capture_app.plugins.cameras.sim.rendering import scene as rendering
-from capture_app.plugins.cameras.sim.scenes.stages import DEFINITIONS
+from reconstruction import Multiview, open_session
 from reconstruction.common.geometry import Array, View
-from reconstruction.compare.moments import see_moments
+from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.camera_paths import find_subject
-from reconstruction.depth.seen_moment import Moment
+from reconstruction.depth.seen_moment import Moment, read_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.reconstructed_session import open_session
+from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.scores.picture_quality import psnr, ssim
-from reconstruction.session.dataset import Dataset
 
-SAMPLES = Path(__file__).parents[2] / "sample_sessions"
-NOISE_MEANS = 12
-"""Number of exposures whose mean is the true picture."""
 MARGIN_PX = 9
-Place = tuple[tuple[float, float, float], tuple[float, float, float]]
-"""Position of a camera and the point that it looks at, m."""
-JUMPER: Mapping[str, Place] = {
-    "between": ((0.0, -0.02, 0.0), (0.0, 0.13, 2.9)),
-    "between right": ((0.17, -0.02, 0.01), (0.017, 0.13, 2.85)),
-    "above": ((0.0, -0.16, 0.01), (0.0, 0.135, 2.85)),
-    "above left": ((-0.15, -0.17, 0.015), (-0.01, 0.13, 2.8)),
-    "beyond right": ((0.38, -0.05, 0.03), (0.03, 0.13, 2.8)),
-    "beyond left": ((-0.38, -0.05, 0.03), (-0.03, 0.13, 2.8)),
-}
-
-
-class Held(NamedTuple):
-    """A held-out view, its true picture, and where something moves (bool)."""
-
-    view: View
-    picture: Array
-    moving: Array
-
-
-def places(session: str) -> Mapping[str, Place]:
-    """Return held-out places: two between cameras, two beyond and two above them."""
-    if session == "jumper":
-        return JUMPER
-    return dict(_around(list(DEFINITIONS[_scene_of(session)].cameras.values())))
-
-
-def _scene_of(session: str) -> str:
-    """Return the name of the scene that a sample session shows."""
-    calibration = open_session(SAMPLES / session).calibration()
-    assert calibration is not None
-    return calibration.source.rsplit(" ", 1)[1]
-
-
-def _around(cameras: list[Place]) -> Iterator[tuple[str, Place]]:
-    places = np.array(cameras)
-    order = np.argsort(places[:, 0, 0])
-    left, right, middle = places[order[0]], places[order[-1]], places.mean(axis=0)
-    up = np.array([[0.0, -0.12, 0.0], [0.0, 0.0, 0.0]])
-    found = {
-        "between left": (left + middle) / 2,
-        "between right": (right + middle) / 2,
-        "beyond left": left + 0.2 * (left - right),
-        "beyond right": right + 0.2 * (right - left),
-        "above": middle + up,
-        "above left": (left + middle) / 2 + up,
-    }
-    for name, (place, target) in found.items():
-        yield name, (tuple(place.tolist()), tuple(target.tolist()))
-
-
-def true_views(session: str, instant: int, names: Collection[str] = ()) -> dict[str, Held]:
-    """Render the held-out views of an instant of a sample session: all, or those named."""
-    opened = open_session(SAMPLES / session)
-    record = opened.frame(next(iter(opened.cameras)), instant).record
-    scene_name = _scene_of(session)
-    facts = opened.camera(record.camera).facts
-    assert record.exposure_start_ns is not None
-    assert record.exposure_ns is not None
-    shutter = record.exposure_start_ns, record.exposure_ns, facts.row_time_ns or 0
-    held = {name: place for name, place in places(session).items() if not names or name in names}
-    return render_places(scene_name, held, shutter)
-
-
-def render_places(
-    scene_name: str, held: Mapping[str, Place], shutter: tuple[int, int, int]
-) -> dict[str, Held]:
-    """Render a scene from places: start of the exposure, exposure and row time in ns."""
-    scene = rendering.Scene(scene_name, replace(DEFINITIONS[scene_name], cameras=held))
-    develop = rendering.develop
-
-    def mean(light: Any, exposure_ns: int, rng: Any) -> Any:
-        noisy = (develop(light, exposure_ns, np.random.default_rng(k)) for k in range(NOISE_MEANS))
-        return np.rint(np.mean([one.astype(np.float32) for one in noisy], axis=0)).astype(np.uint8)
-
-    found = {}
-    for name in held:
-        talk(f"rendering {name}")
-        with patch.object(rendering, "develop", mean):
-            picture = scene.render(name, *shutter, seed=1)
-        _, _, moving = scene.ground_truth(name, *shutter)
-        camera = scene.views[name].calibration()
-        found[name] = Held(View.from_calibration(camera, camera.width, camera.height), picture, moving)
-    return found
+ITERATIONS = 10, 25, 50
 
 
 def nearest_camera(view: View, moment: Moment) -> str:
@@ -148,72 +61,140 @@ def turned(view: View, moment: Moment, subject: Array) -> Array:
     )
 
 
-def measure(session: str, instant: int, pictures: Path | None, splats: Sequence[int]) -> list[dict[str, Any]]:
+def mesh_picture(file: Path, view: View) -> Array:
+    """Return what a view sees of a mesh with colours, uint8 BGR; holes are filled from around."""
+    o3d = load_open3d()
+    mesh = o3d.t.io.read_triangle_mesh(str(file))
+    scene = o3d.t.geometry.RaycastingScene(nthreads=2)
+    scene.add_triangles(mesh)
+    rays = np.column_stack([view.grid(), np.ones(view.width * view.height)]) @ np.linalg.inv(view.matrix).T
+    rays = rays @ view.rotation
+    origin = np.broadcast_to(view.centre, rays.shape)
+    hits = scene.cast_rays(o3d.core.Tensor(np.hstack([origin, rays]).astype(np.float32)))
+    hit = np.isfinite(hits["t_hit"].numpy())
+    corners = mesh.triangle.indices.numpy()[hits["primitive_ids"].numpy()[hit]]
+    second, third = hits["primitive_uvs"].numpy()[hit].T
+    weights = np.column_stack([1 - second - third, second, third])[..., None]
+    colours = mesh.vertex.colors.numpy()
+    scale = 1 if colours.dtype == np.uint8 else 255
+    picture = np.zeros((view.width * view.height, 3), np.uint8)
+    picture[hit] = np.rint(scale * (colours[corners] * weights).sum(axis=1))[:, ::-1]
+    holes = (~hit).astype(np.uint8).reshape(view.height, view.width)
+    return np.asarray(cv2.inpaint(picture.reshape(view.height, view.width, 3), holes, 3, cv2.INPAINT_TELEA))
+
+
+def _moment(session: ReconstructedSession, folder: Path) -> Moment:
+    """Read the maps of a session's only instant."""
+    calibration = session.calibration()
+    assert calibration is not None
+    lenses = calibration.cameras
+    return read_moment(
+        {name: folder / "depth" / f"{name}.npz" for name in lenses},
+        {name: View.from_calibration(lens, lens.width, lens.height) for name, lens in lenses.items()},
+        {name: session.frame(name, 0).bgr() for name in lenses},
+    )
+
+
+def measure(
+    shot: str, seed: int, held: dict[str, Held], scratch: Path, pictures: Path | None, splats: Sequence[int]
+) -> list[dict[str, Any]]:
     """Return a row of figures for each held-out view and method; write the pictures if a folder is given."""
-    held = true_views(session, instant)
+    session = open_session(take(shot, seed, scratch))
     begun = time.process_time()
-    (seen_instant,) = see_moments(Dataset.open(SAMPLES / session), [instant])
-    moment = seen_instant.moment
-    talk(f"maps: {time.process_time() - begun:.1f} CPU-s")
+    made = session.multiview(Multiview(instant=0, mesh=True, workspace=False))
+    talk(f"{shot}, seed {seed}: maps and mesh {time.process_time() - begun:.1f} CPU-s")
+    moment = _moment(session, made.folder)
     subject = find_subject(moment)
-    optimized = {}
+    optimized, seconds = {}, {}
     for iterations in splats:
         begun = time.process_time()
         optimized[iterations], _ = optimize(make_gaussians(moment), moment, iterations)
-        size = len(optimized[iterations])
-        talk(f"{size:,} Gaussians, {iterations} iterations: {time.process_time() - begun:.1f} CPU-s")
-    rows = []
+        seconds[f"splat, {iterations}"] = time.process_time() - begun
+        talk(f"{len(optimized[iterations]):,} Gaussians, {iterations} iterations: {seconds}")
+    rows = list[dict[str, Any]]()
     for name, one in held.items():
         nearest = nearest_camera(one.view, moment)
         methods: dict[str, Callable[[], Array]] = {
             "turned": partial(turned, one.view, moment, subject),
             "one warped": partial(_blended, one.view, {nearest: moment[nearest]}),
+            "mesh": partial(mesh_picture, made.folder / "mesh.ply", one.view),
             "blended": partial(_blended, one.view, moment),
             **{f"splat, {n}": partial(render_gaussians, of, one.view) for n, of in optimized.items()},
         }
         moving = cv2.dilate(one.moving.astype(np.uint8), np.ones((MARGIN_PX, MARGIN_PX), np.uint8)) > 0
         if pictures:
-            cv2.imwrite(str(pictures / f"{session}_{name}_true.png".replace(" ", "_")), one.picture)
+            _save(pictures, f"{shot}_{name}_true", one.picture)
         for method, draw in methods.items():
             begun = time.process_time()
             drawn = draw()
-            seconds = time.process_time() - begun
+            own_s = seconds.get(method, time.process_time() - begun)
             if pictures:
-                cv2.imwrite(str(pictures / f"{session}_{name}_{method}.png".replace(" ", "_")), drawn)
+                _save(pictures, f"{shot}_{name}_{method}", drawn)
             quality = {"psnr": psnr(drawn, one.picture), "ssim": ssim(drawn, one.picture)}
             moves = psnr(drawn, one.picture, moving) if moving.any() else None
-            rows.append({"view": name, "method": method, **quality, "moving_psnr": moves, "seconds": seconds})
+            about = {"shot": shot, "seed": seed, "view": name, "method": method}
+            rows.append({**about, **quality, "moving_psnr": moves, "seconds": own_s})
     return rows
 
 
+def _save(folder: Path, name: str, picture: Array) -> None:
+    cv2.imwrite(str(folder / f"{name}.png".replace(" ", "_")), picture)
+
+
+KINDS = ("psnr", "ssim", "moving_psnr", "seconds")
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the means of each scene and method over the seeds, of each view and of all."""
+    found = []
+    keys = dict.fromkeys((row["shot"], row["method"]) for row in rows)
+    views = dict.fromkeys((row["shot"], row["view"]) for row in rows)
+    for shot, method in keys:
+        for view in [*(name for of, name in views if of == shot), "mean"]:
+            own = [row for row in rows if (row["shot"], row["method"]) == (shot, method)]
+            own = [row for row in own if view in (row["view"], "mean")]
+            values = {kind: [row[kind] for row in own if row[kind] is not None] for kind in KINDS}
+            means = {kind: float(np.mean(known)) if known else None for kind, known in values.items()}
+            by_seed = [
+                float(np.mean([row["psnr"] for row in own if row["seed"] == seed]))
+                for seed in dict.fromkeys(row["seed"] for row in own)
+            ]
+            found.append(
+                {"shot": shot, "view": view, "method": method, **means, "psnr_range": float(np.ptp(by_seed))}
+            )
+    return found
+
+
 def main() -> None:
-    """Print the table of one sample session."""
+    """Print the table of the scenes."""
     parser = new_parser(__doc__)
-    parser.add_argument("session", nargs="?", default="jumper", help="a sample session (jumper)")
-    parser.add_argument("--instant", type=int, default=3, help="its instant (3)")
-    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write the pictures here")
+    parser.add_argument("scenes", nargs="*", default=[*SHOTS], help=f"of {', '.join(SHOTS)} (all)")
+    parser.add_argument("--seeds", type=int, default=1, help="seeds of the noise (1)")
+    parser.add_argument("--pictures", type=Path, metavar="DIR", help="write the first seed's pictures here")
     parser.add_argument("--splats", action="store_true", help="also splats of 10, 25 and 50 iterations")
     options = parser.parse_args()
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
-    splats = (10, 25, 50) if options.splats else ()
-    rows = measure(options.session, options.instant, options.pictures, splats)
-    names = dict.fromkeys(str(row["method"]) for row in rows)
-    for method in names:
-        own = [row for row in rows if row["method"] == method]
-        kinds = ("psnr", "ssim", "moving_psnr", "seconds")
-        known = {kind: [row[kind] for row in own if row[kind] is not None] for kind in kinds}
-        means = {kind: float(np.mean(values)) if values else None for kind, values in known.items()}
-        rows.append({"view": "mean", "method": method, **means})
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for shot in options.scenes:
+            held = true_views(shot)
+            for seed in range(options.seeds):
+                pictures = None if seed else options.pictures
+                splats = ITERATIONS if options.splats else ()
+                rows += measure(shot, seed, held, Path(scratch), pictures, splats)
     columns = {
+        "shot": ("scene", ""),
         "view": ("view", ""),
         "method": ("method", ""),
         "psnr": ("PSNR, dB", ".2f"),
+        "psnr_range": ("range of the seeds", ".2f"),
         "ssim": ("SSIM", ".3f"),
         "moving_psnr": ("PSNR of what moves", ".2f"),
         "seconds": ("CPU-s", ".2f"),
     }
-    print_report({"rows": rows}, lambda report: print_rows(report["rows"], columns), as_json=options.json)
+    report = {"rows": rows, "means": summary(rows)}
+    print_report(report, lambda report: print_rows(report["means"], columns), as_json=options.json)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from unittest.mock import PropertyMock, patch
 import numpy as np
 from msgspec.structs import replace
 
-from benchmarks.reconstruction.novel_views import JUMPER, Held, render_places
+from benchmarks.reconstruction.novel_view_scenes import JUMPER, Held, render_places
 from benchmarks.report import Columns, Report, new_parser, print_report, print_rows, talk
 from benchmarks.samples.recipe import CameraRecipe, Recipe
 from benchmarks.samples.render import open_sources, render

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.common.errors import BadInputError, NotApplicableError
+from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.summary import UnitRow, unit_row
@@ -25,6 +25,7 @@ from reconstruction.session.picture_checksums import checked_pictures
 DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
 DEPTH_METHOD = "multiview"
 """The method that computes a unit."""
+SPLAT_METHOD, SPLAT = "splat", "splat.ply"
 TIMES = ("seconds", "seconds_of")
 """Fields that differ from run to run; they are not part of a unit's result."""
 
@@ -51,6 +52,8 @@ class BatchPlan:
     matcher: Matcher = Matcher.AUTO
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
     """Corrections added to the times of the named cameras."""
+    splats: bool = False
+    """Whether to make a Gaussian splat of each unit, too."""
     program: str = field(default_factory=program_checksum)
     """Checksum of the program; results of another program are computed again."""
 
@@ -81,6 +84,7 @@ class BatchPlan:
                     offsets_ms=condition.offsets_ms(dataset.cameras, instant),
                     matcher=matcher,
                     time_shifts_ms=shifts,
+                    splats=self.splats,
                 )
                 try:
                     condition.check(dataset)
@@ -98,6 +102,7 @@ class BatchPlan:
                         str(matcher),
                         unit.offsets_ms,
                         sorted(shifts.items()),
+                        self.splats,
                         self.program,
                     )
                     made.append(replace(unit, key=hashlib.sha256(repr(inputs).encode()).hexdigest()))
@@ -109,7 +114,7 @@ class BatchPlan:
 
 
 def compute_depth(unit: Unit, folder: Path) -> None:
-    """Compute depth maps, the fused cloud and unit.json into `folder`.
+    """Compute depth maps, the fused cloud, the splat if requested, and unit.json into `folder`.
 
     If a valid session does not permit depth, unit.json says so; that is a result too.
 
@@ -145,7 +150,26 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     (folder / method.result_file).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
+    if unit.splats:
+        result["splat"] = _make_splat(unit, folder, condition)
     write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
+
+
+def _make_splat(unit: Unit, folder: Path, condition: Condition) -> dict[str, object]:
+    """Write splat.ply of a unit, and return its facts, or why there is none."""
+    method = find_method(SPLAT_METHOD, instant=unit.instant, time_shifts_ms=unit.time_shifts_ms)
+    part = folder / SPLAT_METHOD
+    try:
+        with checked_pictures(required=False):
+            made = method.make([Path(unit.session)], part, condition)
+    except (NotApplicableError, IncompleteError) as error:
+        return {"not_applicable": str(error)}
+    finally:
+        for file in part.rglob("*.ply"):
+            file.replace(folder / SPLAT)
+        shutil.rmtree(part, ignore_errors=True)
+    (splat,) = made.instants
+    return {"file": SPLAT, "iterations": made.iterations, "gaussians": splat.gaussians, "psnr": splat.psnr}
 
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:

@@ -37,6 +37,8 @@ class Unit:
     matcher: str = "sweep"
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
     """Corrections added to the times of the named cameras."""
+    splats: bool = False
+    """Whether to make a Gaussian splat, too."""
 
     @property
     def folder(self) -> str:

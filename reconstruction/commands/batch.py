@@ -26,6 +26,7 @@ from reconstruction.session.conditions import SYNCED
         "reconstruct batch sessions/burst-001 --condition synced --condition 66 --instants 0-4 --out depth",
         "reconstruct batch sessions/* --shard $SLURM_ARRAY_TASK_ID/8 --out depth",
         "reconstruct batch sessions/* --summary --out depth",
+        "reconstruct batch sessions/* --splats --out depth",
     )
 )
 @click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
@@ -79,6 +80,11 @@ from reconstruction.session.conditions import SYNCED
     "--summary",
     is_flag=True,
     help="Process nothing, and write the summary of what is there. Use it when all shards have ended.",
+)
+@click.option(
+    "--splats",
+    is_flag=True,
+    help="Also make a Gaussian splat of each instant. Takes three times as long. Needs a calibration.",
 )
 @out_option
 @memory_option

@@ -102,9 +102,9 @@ def test_a_session_is_shown_from_a_camera_of_its_own(boards: Session) -> None:
 @pytest.mark.slow
 def test_a_held_out_view_of_jumper() -> None:
     """Simulated pictures, a sixth camera 8 cm from the nearest: 26.5 dB and 0.950 when it was written."""
-    from benchmarks.reconstruction.novel_views import true_views
+    from benchmarks.reconstruction.novel_view_scenes import true_views
 
-    held = true_views("jumper", 3, ["between"])["between"]
+    held = true_views("jumper", ["between"])["between"]
     made = open_session(JUMPER).view(instant=3, path=(held.view.to_calibration(),)).frame(0)
     assert psnr(made, held.picture) > 26
     assert ssim(made, held.picture) > 0.945

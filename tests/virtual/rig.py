@@ -336,15 +336,20 @@ class VirtualRig:
             quiet = quiet + 1 if over and not waiting and not self._open_bursts() else 0
 
     def spooled(self, but_for: Collection[str] = ()) -> list[str]:
-        """Return the images in the spools of honest cameras, but those of bursts of these machines."""
+        """Return the images in the spools of honest cameras, but those of bursts of these machines.
+
+        Nor those of an order that nobody was answered: on a slow disk a leader can be killed before the
+        burst's plan is on it, but after cameras learned of the burst, which say where its images are.
+        """
         honest = [name for name in self.plan.cameras if name not in self.plan.liars]
         root = self.world.disks.root
         runs = {f"{of.key[0]:08x}" for of in self.evidence.bursts if of.machine in but_for}
+        answered = {"{:08x}-{:06}".format(*of.key) for of in self.evidence.bursts}
         return [
             str(path.relative_to(root))
             for name in honest
             for path in (self.world.disks.of(name).folder / "spool").rglob("*.jpg")
-            if path.parent.name.split("-")[0] not in runs
+            if path.parent.name in answered and path.parent.name.split("-")[0] not in runs
         ]
 
     def _open_bursts(self) -> list[str]:

@@ -1,1 +1,0 @@
-"""One instant from camera to camera."""

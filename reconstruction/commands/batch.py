@@ -84,7 +84,7 @@ from reconstruction.session.conditions import SYNCED
 @click.option(
     "--splats",
     is_flag=True,
-    help="Also make a Gaussian splat of each instant. Takes three times as long. Needs a calibration.",
+    help="Also make a Gaussian splat of each instant. Needs a calibration.",
 )
 @out_option
 @memory_option

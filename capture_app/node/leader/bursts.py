@@ -248,7 +248,7 @@ class ActiveBursts:
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         self._background.start(self._follow(session))
-        # So that every captured frame can be fetched after a crash. Cameras are not kept waiting for a slow disk.
+        # So that each captured frame can be fetched after a crash. Cameras do not wait for a slow disk.
         try:
             await session.write_plan(
                 self._engine.config.instance,

@@ -349,7 +349,7 @@ def test_foreign_files_are_left_alone(run: Callable[..., Any], tmp_path: Path) -
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.txt"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_shards_make_the_same_splats_as_one_command(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -27,9 +27,9 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.camera_paths import find_subject
 from reconstruction.depth.seen_moment import Moment, read_moment
+from reconstruction.depth.view_blending import render
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.view.view_blending import render
 from reconstruction.reconstructed_session import ReconstructedSession
 from reconstruction.scores.picture_quality import psnr, ssim
 

@@ -1,1 +1,1 @@
-"""Views of a moment from places without a camera; the study goes from camera to camera."""
+"""Views of a moment from places without a camera."""

@@ -19,7 +19,7 @@ from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.depth.camera_paths import find_subject, orbit, read_path, stand_still, swing
 from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
-from reconstruction.methods.view.view_blending import render
+from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewMethod
 from reconstruction.methods.view.walk_page import write_moments
 from reconstruction.report.walk_page import PAGE

@@ -9,7 +9,7 @@ import numpy as np
 from reconstruction.common.geometry import View
 from reconstruction.depth.camera_paths import find_subject, frame_of
 from reconstruction.depth.seen_moment import Moment, SeenView
-from reconstruction.methods.view.view_blending import TOLERANCE, render
+from reconstruction.depth.view_blending import TOLERANCE, render
 from reconstruction.report.walk_page import Drawing, image_address, write_walk_page
 
 PICTURE_PX, GRID_PX = 960, 480

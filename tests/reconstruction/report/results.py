@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.methods.bullet_time.bullet_time_study import BulletTime
 from reconstruction.methods.multiview.multiview_study import MultiviewFacts
 from reconstruction.methods.poses.pose_study import PoseFacts
-from reconstruction.methods.view.bullet_time_study import BulletTime
 from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import (
     CompareResult,

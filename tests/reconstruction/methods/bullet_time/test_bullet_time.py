@@ -13,8 +13,8 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import View
 from reconstruction.depth.camera_paths import order_by_place
-from reconstruction.methods.view.between_cameras import views_between
-from reconstruction.methods.view.bullet_time_study import (
+from reconstruction.methods.bullet_time.between_cameras import views_between
+from reconstruction.methods.bullet_time.bullet_time_study import (
     LONG_SIDE_PX,
     MANY_CAMERAS,
     SMALLER_PX,

@@ -20,8 +20,8 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
 from reconstruction.depth.camera_paths import order_by_place
-from reconstruction.methods.view.between_cameras import film_between
-from reconstruction.methods.view.bullet_time_method import BulletTimeSweep
+from reconstruction.methods.bullet_time.between_cameras import film_between
+from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.comparison_results import CompareResult

@@ -7,7 +7,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.compare.moments import see_moments
-from reconstruction.methods.view.view_blending import render
+from reconstruction.depth.view_blending import render
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 

@@ -1,0 +1,1 @@
+"""One instant from camera to camera."""

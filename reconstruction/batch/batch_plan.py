@@ -162,13 +162,12 @@ def _make_splat(unit: Unit, folder: Path, condition: Condition) -> dict[str, obj
     try:
         with checked_pictures(required=False):
             made = method.make([Path(unit.session)], part, condition)
+        (splat,) = made.instants
+        (part / splat.file).replace(folder / SPLAT)
     except (NotApplicableError, IncompleteError) as error:
         return {"not_applicable": str(error)}
     finally:
-        for file in part.rglob("*.ply"):
-            file.replace(folder / SPLAT)
         shutil.rmtree(part, ignore_errors=True)
-    (splat,) = made.instants
     return {"file": SPLAT, "iterations": made.iterations, "gaussians": splat.gaussians, "psnr": splat.psnr}
 
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from capture_app.commands.camera_measurements import calibrate_time, characterize
+from capture_app.commands.camera_measurements import calibrate_time
 from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
 from capture_app.common.errors import BadInputError, reading
+from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
 from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples, write_plugins
@@ -183,7 +184,7 @@ class CamerasGroup(click.Group):
 def cameras(ctx: click.Context, as_json: bool) -> None:
     """List the cameras of this machine and the simulated camera models.
 
-    With a command: measure one, or start, show, calibrate or remove cameras of a running rig.
+    With a command: start, show, measure, calibrate or remove cameras.
     """
     from capture_app.machine.cameras import list_cameras
 
@@ -206,7 +207,13 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
     ctx.parent.invoke(cameras, as_json=as_json)
 
 
-for _command in (characterize, calibrate_time, controls, set_command, match):
+for _command in (
+    calibrate_time,
+    controls,
+    set_command,
+    match,
+    *load_plugins(CAMERA_COMMANDS, "params").values(),
+):
     cameras.add_command(_command)
 
 

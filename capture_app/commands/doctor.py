@@ -13,7 +13,7 @@ import msgspec
 from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
-from capture_app.common.plugins import COMMANDS, plugin_names
+from capture_app.common.plugins import CAMERA_COMMANDS, COMMANDS, plugin_names
 from capture_app.common.text import UNREADABLE, count, pretty_json
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     epilog=examples(
         "capture-app doctor",
         "capture-app doctor --leader 192.168.1.20",
-        "capture-app doctor --report report.json --camera v4l2:/dev/video0",
+        "capture-app doctor --report report.json",
     )
 )
 @click.option(
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     "specs",
     multiple=True,
     metavar="SPEC",
+    hidden="characterize" not in plugin_names(CAMERA_COMMANDS),
     help="With --report: add the measurements of `cameras characterize` of SPEC. Repeatable.",
 )
 @click.option(

@@ -16,6 +16,8 @@ from capture_app.common.timeouts import NAMED_PLUGIN_TIMEOUT_S, PLUGIN_TIMEOUT_S
 
 COMMANDS = f"{DISTRIBUTION}.commands"
 """Group of the commands of `capture-app` that are plugins."""
+CAMERA_COMMANDS = f"{DISTRIBUTION}.camera_commands"
+"""Group of the commands of `capture-app cameras` that are plugins."""
 _GROUPS = f"{DISTRIBUTION}."
 """Prefix of the names of all groups."""
 _log = logging.getLogger(__name__)

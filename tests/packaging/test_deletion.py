@@ -45,6 +45,7 @@ session = open_session(written.folder)
 print(json.dumps({"session": str(written.folder), "images": len(session.manifest.images), "quick": QUICK}))
 """
 UNSAID = {
+    "capture_app/companions/characterize": ("characterize",),
     "capture_app/companions/interop": ("--android-app", "--rpicam"),
     "capture_app/companions/link": ("\n  link  ",),
     "capture_app/companions/monitor": ("capture-app monitor", "\n  monitor  "),

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from capture_app.cli import run
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import CameraError
-from capture_app.machine.characterize import Character, characterize, common_step, save
+from capture_app.companions.characterize.camera_character import Character, characterize, common_step, save
 from capture_app.node.camera.device_profiles import DeviceProfiles, mode_key
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from tests.plugins.cameras.sim.simulation_driver.stepped import LoopClock, in_stepped_time

@@ -1,0 +1,1 @@
+"""Character of a camera: its frame rate, timestamps, starts and phase moves, measured."""

@@ -131,6 +131,7 @@ def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp
     assert kills >= 15
 
 
+@pytest.mark.slow
 def test_shards_at_the_same_time_one_killed_give_the_same_bytes(boards: Session, tmp_path: Path) -> None:
     whole, out = tmp_path / "whole", tmp_path / "out"
     assert start(whole, boards.folder, tmp_path / "other").wait(120) == 0

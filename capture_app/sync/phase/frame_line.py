@@ -32,7 +32,7 @@ SURE_FRACTION = 0.9
 OTHER_INTERVALS = 8
 """Minimum number of lattice intervals besides the most common one: a few late frames may form a lattice.
 
-The long and the short interval on either side of one late frame are redundant, and count once.
+Neighbours as far from the most common one are redundant, and count once.
 """
 EXACT_NS = 2.0
 """Tolerance for timestamps rounded to whole ns."""
@@ -173,9 +173,13 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
 
 
 def _others(counts: Sequence[int]) -> int:
-    """Return the number of other intervals than the most common one; the two of a late frame count once."""
-    returns = sum(a != 0 and a == -b for a, b in pairwise(counts))
-    return len(counts) - counts.count(0) - returns
+    """Return the number of other intervals than the most common one; equal neighbours count once.
+
+    These are the two intervals of a late frame, or those of a camera that ran at another rate for a while.
+    Rounding a steady stream's timestamps isolates its rarer interval.
+    """
+    again = sum(a != 0 and abs(a) == abs(b) for a, b in pairwise(counts))
+    return len(counts) - counts.count(0) - again
 
 
 def _skewed_step(interval_ns: float) -> float:

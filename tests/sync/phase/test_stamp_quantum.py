@@ -52,6 +52,13 @@ def test_fine_timestamps_have_no_step(noise_ns: float) -> None:
     assert not any(find_quantum(intervals(0.0, noise_ns=noise_ns, seed=seed)) for seed in range(60))
 
 
+def test_a_while_at_another_rate_is_no_step() -> None:
+    """As of a GigE camera whose answer is lost: a frame's duration then lasts for half a second."""
+    seen = intervals(0.0, noise_ns=3_000.0, seed=1)
+    seen[30:45] = [interval + 225_000 for interval in seen[30:45]]
+    assert find_quantum(seen) == 0.0
+
+
 def test_a_period_of_whole_steps_hides_nothing() -> None:
     assert find_quantum([40_000_000] * 60) == 1e6
 

@@ -25,8 +25,7 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction import Multiview, open_session
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.depth.camera_paths import find_subject
-from reconstruction.depth.seen_moment import Moment, read_moment
+from reconstruction.depth.seen_moment import Moment, find_subject, read_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize

@@ -15,6 +15,9 @@ from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import read_image, write_image
 
+MIDDLE = 0.5
+"""Fraction of each side of the pictures, around their middle, that is taken for the subject."""
+
 
 @dataclass(frozen=True, eq=False)
 class SeenView:
@@ -83,3 +86,18 @@ def load_moment(folder: Path) -> Moment:
 
 def _seen(view: View, colours: Array, maps: Mapping[str, Array]) -> SeenView:
     return SeenView(view, colours, *(np.asarray(maps[name], np.float32) for name in ("depth", "normals")))
+
+
+def find_subject(moment: Moment) -> Array:
+    """Return the point (3,) around which paths turn: the median of what the pictures' middles show."""
+    points = []
+    for seen in moment.values():
+        height, width = seen.depth.shape
+        rows, columns = (
+            slice(round(n * (1 - MIDDLE) / 2), round(n * (1 + MIDDLE) / 2)) for n in (height, width)
+        )
+        inside = np.zeros(seen.depth.shape, bool)
+        inside[rows, columns] = seen.depth[rows, columns] > 0
+        y, x = np.nonzero(inside)
+        points.append(seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float)))
+    return np.asarray(np.median(np.concatenate(points), axis=0))

@@ -11,8 +11,8 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from capture_app.common.text import count
+from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.camera_paths import Frame
 
 PAGE = "walk.html"
 TEMPLATES = Path(__file__).with_name("template")

@@ -15,11 +15,11 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
+from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
-from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.methods.bullet_time.between_cameras import film_between
 from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.report import wording

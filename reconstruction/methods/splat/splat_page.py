@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.camera_paths import Frame
 from reconstruction.methods.splat.gaussians import Gaussians, quaternions, read_splats, render_gaussians
 from reconstruction.report.walk_page import Drawing, write_walk_page
 

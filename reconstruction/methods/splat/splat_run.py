@@ -10,10 +10,11 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.calibration import CameraCalibration
+from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import require_calibration, see_moments
-from reconstruction.depth.camera_paths import find_subject, frame_of
+from reconstruction.depth.seen_moment import find_subject
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,

@@ -13,12 +13,12 @@ from capture_app.session.files.durable import PART, write_atomic
 from capture_app.session.files.output_folder import output_errors
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.take_sheet import encode_animation
+from reconstruction.common.camera_paths import orbit, read_path, stand_still, swing
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
 from reconstruction.compare.moments import require_calibration, see_moments
-from reconstruction.depth.camera_paths import find_subject, orbit, read_path, stand_still, swing
-from reconstruction.depth.seen_moment import Moment, load_moment, save_moment
+from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewMethod
 from reconstruction.methods.view.walk_page import write_moments

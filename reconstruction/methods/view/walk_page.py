@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import View
-from reconstruction.depth.camera_paths import find_subject, frame_of
-from reconstruction.depth.seen_moment import Moment, SeenView
+from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
 from reconstruction.depth.view_blending import TOLERANCE, render
 from reconstruction.report.walk_page import Drawing, image_address, write_walk_page
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
-from reconstruction.depth.camera_paths import find_subject, orbit, read_path, swing
-from reconstruction.depth.seen_moment import load_moment, save_moment
+from reconstruction.common.camera_paths import orbit, read_path, swing
+from reconstruction.depth.seen_moment import find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import fill, render, surface_seen
 from reconstruction.scores.picture_quality import psnr, ssim
 from tests.reconstruction.depth.moments import BOARD_M, WALL_M, moment, seen, view_at

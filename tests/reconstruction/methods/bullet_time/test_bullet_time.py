@@ -11,8 +11,8 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import calibrated_views
+from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.geometry import View
-from reconstruction.depth.camera_paths import order_by_place
 from reconstruction.methods.bullet_time.between_cameras import views_between
 from reconstruction.methods.bullet_time.bullet_time_study import (
     LONG_SIDE_PX,

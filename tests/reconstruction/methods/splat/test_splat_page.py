@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reconstruction.depth.camera_paths import find_subject, frame_of
+from reconstruction.common.camera_paths import frame_of
+from reconstruction.depth.seen_moment import find_subject
 from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, quaternions, write_splats
 from reconstruction.methods.splat.splat_page import pack, write_splat_page
 from tests.browser import Browser

@@ -13,7 +13,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.seen_moment import Moment
 
 RING_DEG = 100.0
 """Angle around the subject from which on cameras stand around it, and a path follows them."""
@@ -21,23 +20,6 @@ MARGIN = 0.95
 """Fraction of the rig's extent that a path uses; beyond, too little was seen."""
 ZOOM = 1.06
 """How much narrower a path's view is than the cameras', to hide the borders."""
-MIDDLE = 0.5
-"""Fraction of each side of the pictures, around their middle, that is taken for the subject."""
-
-
-def find_subject(moment: Moment) -> Array:
-    """Return the point (3,) around which paths turn: the median of what the pictures' middles show."""
-    points = []
-    for seen in moment.values():
-        height, width = seen.depth.shape
-        rows, columns = (
-            slice(round(n * (1 - MIDDLE) / 2), round(n * (1 + MIDDLE) / 2)) for n in (height, width)
-        )
-        inside = np.zeros(seen.depth.shape, bool)
-        inside[rows, columns] = seen.depth[rows, columns] > 0
-        y, x = np.nonzero(inside)
-        points.append(seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float)))
-    return np.asarray(np.median(np.concatenate(points), axis=0))
 
 
 class Frame(NamedTuple):

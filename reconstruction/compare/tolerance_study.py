@@ -24,7 +24,13 @@ from reconstruction.report.tolerance_report import tolerance_sentence, write_tol
 from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
-from reconstruction.scores.timing import Timing, measure_pair_timing, with_curve_peak, with_depth
+from reconstruction.scores.timing import (
+    Timing,
+    measure_pair_timing,
+    with_curve_peak,
+    with_depth,
+    with_depth_runs,
+)
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     FrameOffset,
@@ -252,8 +258,9 @@ def measure_curve(
     ]
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
-    peaks = [one.peak_ms for one in instants if one.peak_ms is not None]
-    judged = with_curve_peak(timing, peaks, min(abs(step.actual_ms) for step in steps))
+    of_instants = {one.instant: one.peak_ms for one in instants if one.peak_ms is not None}
+    peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
+    judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()

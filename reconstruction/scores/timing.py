@@ -1,7 +1,7 @@
 """Judgement of whether nominally simultaneous images show one instant, measured by motion in them."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -266,6 +266,28 @@ def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
         return timing
     reason = timing.reason or f"{timing.other} is staggered by {planned_ms:.2f} ms on purpose"
     return structs.replace(_denied(timing, reason), planned_ms=planned_ms, shift_ms=None)
+
+
+def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: float) -> Timing:
+    """Return the judgement without one common frame if successive instants find most depth at another offset.
+
+    `peaks_ms` holds the offset of each instant, in order, whose own depth curve has a clear maximum. A single
+    one may be a wrong match. A measured offset, a change of it and a certificate by motion remain.
+    """
+    instants, found = [*peaks_ms], [*peaks_ms.values()]
+    most_ms = max(sorted(set(found)), key=found.count, default=0.0)
+    runs = [[*run] for _, run in groupby(range(len(found)), key=found.__getitem__)]
+    odd = [run for run in runs if len(run) > 1 and abs(found[run[0]] - most_ms) > spacing_ms / 2]
+    if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
+        return timing
+    where = [f"{_paired(found[run[0]])} at instants {instants[run[0]]} to {instants[run[-1]]}" for run in odd]
+    reason = f"depth is found best {', '.join(where)}, and {_paired(most_ms)} at most others"
+    disagreeing = {*timing.disagreeing, *(instants[k] for run in odd for k in run)}
+    return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(disagreeing)))
+
+
+def _paired(later_ms: float) -> str:
+    return f"with the second picture {later_ms:+.0f} ms later" if later_ms else "as recorded"
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:

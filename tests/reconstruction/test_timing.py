@@ -8,6 +8,7 @@ from reconstruction.scores.timing import (
     Timing,
     judge_timing,
     with_curve_peak,
+    with_depth_runs,
     with_planned_delay,
     without_common_times,
 )
@@ -192,6 +193,23 @@ def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
 def test_curves_that_are_highest_here_and_there_say_nothing() -> None:
     unknown = judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
     assert with_curve_peak(unknown, [0.0, -FRAME_MS, -FRAME_MS, 0.0, FRAME_MS], FRAME_MS) == unknown
+
+
+@pytest.mark.parametrize("known", [OffsetFit(reason="why"), OffsetFit(2.4, 1.0)])
+def test_a_frame_that_only_depth_saw_dropped_takes_the_common_frame_away(known: OffsetFit) -> None:
+    """Twelve of sixteen instants find most depth as recorded, and the last four a frame later."""
+    peaks = {2 * k: 0.0 if k < 12 else FRAME_MS for k in range(16)}
+    motion = judge_timing(PAIR, known, 0.0, FRAME_MS)
+    assert with_curve_peak(motion, [*peaks.values()], FRAME_MS).same_frame_ms is not None
+    found = with_curve_peak(with_depth_runs(motion, peaks, FRAME_MS), [*peaks.values()], FRAME_MS)
+    assert found.same_frame_ms is None
+    assert not found.synchronized
+    assert found.disagreeing == (24, 26, 28, 30)
+    text = timing_sentences(found)
+    assert "do not show whether the cameras were synchronized" in text
+    assert "the second picture +33 ms later at instants 24 to 30, and as recorded at most others" in text
+    # One instant alone may be a wrong match.
+    assert with_depth_runs(motion, {**dict.fromkeys(range(7), 0.0), 7: FRAME_MS}, FRAME_MS) == motion
 
 
 def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
-from reconstruction.depth.geometric_consistency import MIN_ISLAND_PX, remove_speckles
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
@@ -20,8 +20,12 @@ SAME_SURFACE = 0.015
 """Maximum relative difference of depths that two views measured of one surface."""
 CONFIRMED = 2
 """Number of other maps of its surface from which a point is kept, whatever further views measured."""
-MAX_JUMP = 0.01
-"""Maximum relative difference of depths in a triangle; it is larger at edges, and at grazing angles."""
+MAX_JUMP = 0.006
+"""Maximum relative difference of depths in a triangle, unless its corners are in one plane.
+
+The same fraction of their depth is the maximum distance of the corners from each other's tangent planes. It
+is larger across an edge of depth, but not on a surface that is seen at a grazing angle.
+"""
 MAX_WIDTH_PX = 960
 """Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
@@ -79,9 +83,10 @@ def join_maps(
 ) -> tuple[Array, Array, Array]:
     """Return a mesh of all maps: points (n, 3), colours (n, 3) uint8 RGB, and triangles (m, 3) of indices.
 
-    Each map is triangulated on its pixels, without triangles across a jump of depth. What an earlier map
-    contains is left out, except for a seam of one pixel. Points that other views deny (`find_denied`) and
-    few confirm are left out. Each other point is the mean of the maps that measured it to within `SLACK`.
+    Each map is triangulated on its pixels, without triangles across an edge of depth. What an earlier map's
+    triangles contain is left out, except for a seam of one pixel. Points that other views deny
+    (`find_denied`) and few confirm are left out. Each other point is the mean of the maps that measured it
+    to within `SLACK`.
     """
     small = {name: _reduce(views[name], depth_views[name], pictures[name]) for name in depth_views}
     views = {name: view for name, (view, _, _) in small.items()}
@@ -95,13 +100,12 @@ def join_maps(
             pixels = np.nonzero(mine)
             at, ratio = _compare(surface[pixels], views[other], depth_views[other])
             mine[pixels] = (ratio == 0) | ~theirs.take(at)
-        mine = remove_speckles(mine, 1 / np.maximum(depth, 1e-12), MIN_ISLAND_PX)
-        taken[name] = mine
         seam = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8))
         pixels = np.nonzero((depth > 0) & (seam > 0))
         points = surface[pixels]
         ratios = [_compare(points, views[other], depth_views[other])[1] for other in small if other != name]
-        denied = find_denied(points, found.normals[pixels] @ view.rotation, views, depth_views)
+        normals = found.normals[pixels] @ view.rotation
+        denied = find_denied(points, normals, views, depth_views)
         # Maps that measured this surface with a larger error would deny it.
         denied &= np.count_nonzero(ratios, axis=0) < CONFIRMED
         # A point moved by more than SLACK would contradict its own map.
@@ -114,13 +118,34 @@ def join_maps(
         triangles = corners[..., [0, 1, 2, 2, 1, 3]].reshape(-1, 3)
         triangles = triangles[(triangles >= 0).all(1)]
         z = depth[pixels][triangles.T]
-        triangles = triangles[np.ptp(z, axis=0) < MAX_JUMP * z.min(0)]
+        whole = np.ptp(z, axis=0) < MAX_JUMP * z.min(0)
+        steep = triangles[~whole]
+        off_plane = _farthest_off_plane(points[steep], normals[steep])
+        whole[~whole] = off_plane < MAX_JUMP * z[:, ~whole].min(0)
+        triangles = triangles[whole]
+        # What this map shows but no triangle of it contains is left to the others.
+        used = np.zeros(len(points), bool)
+        used[triangles] = True
+        taken[name] = np.zeros_like(mine)
+        taken[name][pixels] = used & mine[pixels]
         parts.append((points, picture[pixels][:, ::-1], triangles + count))
         count += len(points)
     points, colours, triangles = (np.concatenate(part) for part in zip(*parts, strict=True))
     used = np.zeros(count, bool)
     used[triangles] = True
     return points[used], colours[used], (np.cumsum(used) - 1)[triangles]
+
+
+def _farthest_off_plane(corners: Array, normals: Array) -> Array:
+    """Return the largest distance (m,) of triangles' corners from each other's tangent planes.
+
+    `corners` and unit `normals` are (m, 3, 3).
+    """
+    off = (
+        np.einsum("ij,ij->i", corners[:, other] - corners[:, one], normals[:, one])
+        for one, other in permutations(range(3), 2)
+    )
+    return np.asarray(np.max(np.abs([*off]), axis=0))
 
 
 def _reduce(view: View, found: ViewDepth, picture: Array) -> tuple[View, ViewDepth, Array]:

@@ -88,6 +88,40 @@ def test_what_one_map_has_a_percent_nearer_is_not_torn_away() -> None:
     assert np.abs(points[middle, 2] - 2).max() < 1e-3
 
 
+def wall_map(view: View, normal: Array, distance: float) -> ViewDepth:
+    """The true depth of an endless wall."""
+    rays = view.rays(view.grid())
+    depth = (distance - view.centre @ normal) / (rays @ view.rotation @ normal)
+    there = np.where((depth > 0) & (depth < 20), depth, 0).reshape(240, 320).astype(np.float32)
+    return ViewDepth(there, np.broadcast_to(-view.rotation @ normal, (240, 320, 3)).astype(np.float32))
+
+
+def test_a_wall_at_a_grazing_angle_is_whole() -> None:
+    """From pixel to pixel, its depth changes by up to 10 %."""
+    views = {name: make_view((0, y, 0)) for name, y in (("cam0", 0.0), ("cam1", 0.02))}
+    maps = {name: wall_map(view, np.array([1.0, 0, 0]), 0.5) for name, view in views.items()}
+    seen = int((maps["cam0"].depth > 0).sum())
+    picture = {name: np.zeros((240, 320, 3), np.uint8) for name in views}
+    points, _, triangles = join_maps(views, maps, picture)
+    assert len(points) > 0.95 * seen
+    assert len(triangles) > 1.9 * seen
+
+
+def test_what_the_first_map_tears_is_taken_from_the_next() -> None:
+    views = {name: make_view((x, 0, 0)) for name, x in (("cam0", 0.0), ("cam1", 0.1))}
+    maps = {name: wall_map(view, np.array([0, 0, 1.0]), 2.0) for name, view in views.items()}
+    # Every second pixel of some rows is so far behind the others that no triangle joins them.
+    maps["cam0"].depth[100:140, ::2] *= 1.012
+    picture = {name: np.zeros((240, 320, 3), np.uint8) for name in views}
+    points, _, triangles = join_maps(views, maps, picture)
+    low, high = (
+        views["cam0"].unproject(np.array([[160.0, row]]), np.array([2.0]))[0, 1] for row in (104, 136)
+    )
+    x, y, _ = points[triangles].mean(1).T
+    inside = (np.abs(x) < 0.5) & (y > low) & (y < high)
+    assert corner_areas(points, triangles[inside]).sum() == pytest.approx(high - low, rel=0.1)
+
+
 def test_wide_maps_give_fewer_triangles_of_the_same_place(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -257,8 +257,8 @@ class SessionsView(ModeView):
         entry, (what,) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
-        if entry.card.state == "being saved":
-            # The action will be available soon: its key explains that, while a hidden key explains nothing.
+        if entry.card.state == "being saved" or (what == "compare" and not entry.card.images):
+            # The key explains why not, while a hidden key explains nothing.
             return True
         whole = entry.card.state == "complete" or what in ("analyse", "trash")
         may_change = not entry.is_sample or what not in ("rename", "note", "trash")
@@ -271,6 +271,8 @@ class SessionsView(ModeView):
         if entry is not None and entry.card.state == "being saved":
             words = f"{printable(entry.card.name)} is being saved: try again when that is done"
             self.app.notify(words, markup=False)
+        elif entry is not None and what == "compare" and not entry.card.images:
+            self.app.notify(f"{printable(entry.card.name)} has no images: nothing to compare", markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:

@@ -203,7 +203,10 @@ async def test_a_session_without_images_is_not_compared(sessions: Path) -> None:
     writer.finish(cameras, BurstRecord(instants_ns=(5,), period_ns=33_000_000), gone, origin="simulated")
     async with library(sessions) as pilot:
         await choose(pilot, "empty")
-        assert view(pilot.app).check_action("on_session", ("compare",)) is False
+        assert "not taken" in text(pilot.app)
+        await pilot.press("c")
+        await until(pilot, lambda: toasts(pilot.app))
+        assert toasts(pilot.app) == ["empty has no images: nothing to compare"]
         assert view(pilot.app).check_action("on_session", ("look",)) is True
 
 

@@ -23,9 +23,9 @@ PX_PER_S = 1000.0
 Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 """Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
-Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: no image, no instant has two images, or the uncertainty of
-their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing, and at best fair if a
-camera of the rig is absent.
+Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: there is no image, no instant has two images,
+or the uncertainty of their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing,
+and at best fair if a camera of the rig is absent.
 """
 
 

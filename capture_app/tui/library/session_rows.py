@@ -232,7 +232,7 @@ class TakePane(Vertical):
     """Pane of a session; the caller loads the sheet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="alternate two cameras"),
+        Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
         Binding(
             "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
         ),

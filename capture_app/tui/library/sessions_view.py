@@ -164,7 +164,7 @@ class SessionsView(ModeView):
 
     def _name_frame(self, title: str) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
-        subtitle = " · ".join([*importing, self._order, "s sorts · / finds · m imports"])
+        subtitle = " · ".join([*importing, self._order, "< sorts · / finds · I imports"])
         if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
 

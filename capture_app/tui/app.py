@@ -210,7 +210,7 @@ class SimulshotApp(App[None]):
         if run.state is RunState.FAILED:
             self.notify(f"{what} failed: {run.message}", severity="error", markup=False, timeout=10)
         elif run.result is not None:
-            self.notify(f"{what} is done: press o in Sessions for the result", markup=False)
+            self.notify(f"{what} is done: press R in Sessions for the result", markup=False)
         else:
             self.notify(f"{what}: {run.message}", markup=False)
 

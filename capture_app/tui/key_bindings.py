@@ -73,8 +73,8 @@ class HelpScreen(BoxDialog[bool]):
     """Help over the current screen. Returns whether to write a keys.toml."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("q,question_mark", "dismiss", "Back", id="help.back"),
-        Binding("w", "dismiss(True)", "Write keys.toml", id="help.write"),
+        Binding("question_mark", "dismiss", "Back", id="help.back"),
+        Binding("W", "dismiss(True)", "Write keys.toml", id="help.write"),
     ]
 
     def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str) -> None:
@@ -86,7 +86,7 @@ class HelpScreen(BoxDialog[bool]):
         rows.show(_rows(actions, key_names))
         words = ["esc closes; tab moves the focus; ctrl+p finds an action by a few letters."]
         if folder:
-            words.append(f"w writes {KEYS_FILE} to {folder}; change keys there.")
+            words.append(f"W writes {KEYS_FILE} to {folder}; change keys there.")
         super().__init__("keys", VerticalScroll(rows), Static(Content("\n".join(words)), id="help-foot"))
 
 

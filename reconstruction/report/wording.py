@@ -111,7 +111,7 @@ def keep_units(text: str) -> str:
     return re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, text)
 
 
-def headline(verdict: str) -> tuple[str, str]:
-    """Return the first sentence of a verdict, and the rest."""
-    first, stop, rest = keep_units(verdict).partition(". ")
-    return first + stop.strip(), rest.strip()
+def headline(verdict: str) -> tuple[str, list[str]]:
+    """Return the first sentence of a verdict, and the others."""
+    first, *others = re.split(r"(?<=\.) ", keep_units(verdict).strip())
+    return first, others

@@ -87,6 +87,18 @@ def test_what_is_missing_is_said() -> None:
     assert "all 4 images there" in whole.headline
 
 
+def test_a_take_without_an_image_was_not_taken_and_has_no_grade() -> None:
+    reasons = tuple(
+        MissingImage(camera=name, instant=instant, reason="the node is not ready")
+        for name in ("left", "right")
+        for instant in (0, 1)
+    )
+    verdict = judge(take(missing=reasons))
+    assert (verdict.grade, verdict.headline) == ("unknown", "not taken: left, right: the node is not ready")
+    assert judge(take()).headline == "not taken: 4 of 4 images missing"
+    assert judge(take(), arriving=True).headline.endswith("0 of 4 images, 4 arriving")
+
+
 def test_a_take_that_lacks_a_third_of_its_images_is_poor_however_well_synchronized() -> None:
     reasons = tuple(
         MissingImage(camera=camera, instant=instant, reason="?")

@@ -38,6 +38,7 @@ from capture_app.session.importing.importer import (
     split_name,
 )
 from capture_app.session.importing.recording_sources import Layout, Source
+from capture_app.session.importing.views import Views
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
@@ -183,17 +184,10 @@ def import_recording(
         SessionWriter(output.folder, name, taken.created if taken else "") as writer,
     ):
         own_times = common is not None and common.unknown
+        calibration = None
+        if record or views is not None or options.beside is not None:
+            calibration = _fitting(record, views, _first_sizes(sources, instants), options, talk)
         sizes = _write_images(writer, sources, instants, options, progress, own_times=own_times)
-        calibration = _calibration_of(record, sizes) if record and not views else None
-        if views is not None:
-            calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
-        elif options.beside is not None:
-            try:
-                views = read_views([("", options.beside)], names)
-                calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
-                talk(f"calibration: {options.beside}")
-            except BadInputError as error:
-                talk(f"calibration: {options.beside} is not taken: {error}")
         if calibration is not None:
             writer.set_calibration(calibration)
         writer.finish(
@@ -204,6 +198,39 @@ def import_recording(
             options.note or (taken.note if taken else ""),
         )
     return Session.open(root / name)
+
+
+def _first_sizes(sources: Sequence[Source], instants: Sequence[Instant]) -> dict[str, tuple[int, int]]:
+    """Return width and height in px of each camera's first frame of these instants that can be decoded."""
+    sizes: dict[str, tuple[int, int]] = {}
+    for source in sources:
+        indices = sorted({of.frames[source.name].index for of in instants if source.name in of.frames})
+        for _, _, size in source.frames(indices):
+            sizes[source.name] = size
+            break
+    return sizes
+
+
+def _fitting(
+    record: ExportRecord | None,
+    views: Views | None,
+    sizes: Mapping[str, tuple[int, int]],
+    options: ImportOptions,
+    talk: Talk,
+) -> Calibration | None:
+    """Return the calibration for images of these sizes: the given one, the export's, or the one beside."""
+    if views is not None:
+        return fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+    if options.beside is None:
+        return _calibration_of(record, sizes) if record else None
+    try:
+        beside = read_views([("", options.beside)], list(sizes))
+        calibration = fit_calibration(beside, sizes, unit=options.unit, fit=options.fit)
+    except BadInputError as error:
+        talk(f"calibration: {options.beside} is not taken: {error}")
+        return _calibration_of(record, sizes) if record else None
+    talk(f"calibration: {options.beside}")
+    return calibration
 
 
 def trim(timeline: Timeline, talk: Talk) -> Timeline:

@@ -23,9 +23,9 @@ PX_PER_S = 1000.0
 Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 """Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
-Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: no instant has two images, or the uncertainty of
-their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing, and at best fair if a
-camera of the rig is absent.
+Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: there is no image, no instant has two images,
+or the uncertainty of their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing,
+and at best fair if a camera of the rig is absent.
 """
 
 
@@ -106,7 +106,11 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     if arriving:
         completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
     headline = f"{purpose}; {completeness}"
-    if not arriving and (absence or is_incomplete(missing, expected)):
+    if not manifest.images and not arriving:
+        # Nothing was taken whose times could be good or poor.
+        grade, headline = "unknown", f"not taken: {_why_nothing(manifest) or completeness}"
+        sentence = "there is no image"
+    elif not arriving and (absence or is_incomplete(missing, expected)):
         grade = grade_of_part(grade, missing, expected)
         headline = f"{grade}: {completeness}; the rest is {purpose}"
     return Verdict(
@@ -174,6 +178,16 @@ def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float 
     sure_ns = max(1, spread_ns + error_ns)
     fitting: Iterator[Grade] = (grade for limit, grade in _LIMITS_PX if PX_PER_S * sure_ns * 1e-9 < limit)
     return next(fitting, "poor"), 1e9 / sure_ns
+
+
+def _why_nothing(manifest: Manifest) -> str:
+    """Return the reasons for which a take has no image, each with its cameras; empty if none is recorded."""
+    reasons: dict[str, list[str]] = {}
+    for gap in manifest.missing:
+        reasons.setdefault(gap.reason, []).append(gap.camera)
+    absent = [f"{one.name}: {one.reason}" for one in manifest.burst.absent]
+    found = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
+    return "; ".join([*found, *absent])
 
 
 def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:

@@ -58,7 +58,7 @@ class JobsView(ModeView):
         Binding("enter", "open", "Results", id="jobs.open"),
         Binding("o", "report", "Report", id="jobs.report"),
         Binding("x", "cancel", "Cancel", id="jobs.cancel"),
-        Binding("r", "retry", "Run again", id="jobs.retry"),
+        Binding("r", "retry", "Again", id="jobs.retry", tooltip="run the job again"),
         Binding("delete,backspace", "forget", "Remove", id="jobs.forget", key_display="del"),
     ]
 

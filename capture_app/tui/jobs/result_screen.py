@@ -136,11 +136,11 @@ class ResultScreen(WholeScreen[None]):
     """Screen of one result; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space,s", "switch", "Synced/offset", id="result.switch", key_display="space"),
-        Binding("right,n", "move(1)", "Next picture", id="result.next", key_display="→"),
-        Binding("left,p", "move(-1)", "Previous picture", id="result.previous", show=False, key_display="←"),
+        Binding("space", "switch", "Synced/offset", id="result.switch", key_display="space"),
+        Binding("right", "move(1)", "Next picture", id="result.next", key_display="→"),
+        Binding("left", "move(-1)", "Previous picture", id="result.previous", show=False, key_display="←"),
         Binding("b", "blink", "Blink", id="result.blink", tooltip="alternate both conditions"),
-        Binding("f,tab", "figures", "Figures", id="result.figures", key_display="f"),
+        Binding("tab", "figures", "Figures", id="result.figures"),
         Binding("o", "report", "Report", id="result.report"),
         Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]

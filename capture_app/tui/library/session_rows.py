@@ -199,6 +199,8 @@ def scatter_of(card: SessionCard) -> Content:
     """
     if card.unsynchronized:
         return Content.styled(f"{GRADES['unknown'].glyph} not synchronized", "$foreground-muted")
+    if not card.images and not card.arriving:
+        return Content.styled(f"{GRADES['unknown'].glyph} not taken", "$foreground-muted")
     if card.spread_ns is None:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
@@ -230,7 +232,7 @@ class TakePane(Vertical):
     """Pane of a session; the caller loads the sheet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="alternate two cameras"),
+        Binding("b", "look('cameras')", "Blink", id="take.blink", tooltip="alternate two cameras"),
         Binding(
             "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
         ),

@@ -60,30 +60,30 @@ class SessionsView(ModeView):
             tooltip="synchronized against offset",
         ),
         Binding(
-            "o", "on_session('results')", "Results", id="sessions.results", tooltip="result of the last job"
+            "R", "on_session('results')", "Results", id="sessions.results", tooltip="result of the last job"
         ),
         Binding("e", "on_session('export')", "Export", id="sessions.export"),
         Binding(
-            "a",
+            "A",
             "on_session('analyse')",
             "Analyse",
             id="sessions.analyse",
             tooltip="depth, panorama, point clouds",
         ),
         Binding("delete,backspace", "on_session('trash')", "Trash", id="sessions.trash", key_display="del"),
-        Binding("r", "on_session('rename')", "Rename", id="sessions.rename"),
-        Binding("n", "on_session('note')", "Note", id="sessions.note"),
+        Binding("n", "on_session('rename')", "Name", id="sessions.rename"),
+        Binding("t", "on_session('note')", "Note", id="sessions.note"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
-        Binding("s", "sort", "Sort", id="sessions.sort"),
+        Binding("less_than_sign", "sort", "Sort", id="sessions.sort", key_display="<"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
         Binding(
-            "v",
+            "V",
             "on_session('verify')",
             "Verify",
             id="sessions.verify",
             tooltip="check that all files are intact",
         ),
-        Binding("m", "import", "Import", id="sessions.import", tooltip="import a folder of videos"),
+        Binding("I", "import", "Import", id="sessions.import", tooltip="import a folder of videos"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
 
@@ -164,7 +164,7 @@ class SessionsView(ModeView):
 
     def _name_frame(self, title: str) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
-        subtitle = " · ".join([*importing, self._order, "s sorts · / finds · m imports"])
+        subtitle = " · ".join([*importing, self._order, "< sorts · / finds · I imports"])
         if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
 
@@ -202,7 +202,7 @@ class SessionsView(ModeView):
         self._empty.display = not entries and self._cards is not None
         text = (
             f"No session in {printable(str(self._listing.root))} yet: "
-            "in Shoot (key 2), space takes one; m imports videos."
+            "in Shoot (key 2), space takes one; I imports videos."
         )
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
@@ -257,8 +257,8 @@ class SessionsView(ModeView):
         entry, (what,) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
-        if entry.card.state == "being saved":
-            # The action will be available soon: its key explains that, while a hidden key explains nothing.
+        if entry.card.state == "being saved" or (what == "compare" and not entry.card.images):
+            # The key explains why not, while a hidden key explains nothing.
             return True
         whole = entry.card.state == "complete" or what in ("analyse", "trash")
         may_change = not entry.is_sample or what not in ("rename", "note", "trash")
@@ -271,6 +271,8 @@ class SessionsView(ModeView):
         if entry is not None and entry.card.state == "being saved":
             words = f"{printable(entry.card.name)} is being saved: try again when that is done"
             self.app.notify(words, markup=False)
+        elif entry is not None and what == "compare" and not entry.card.images:
+            self.app.notify(f"{printable(entry.card.name)} has no images: nothing to compare", markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:

@@ -43,7 +43,7 @@ class CameraScreen(Dialog[None]):
         Binding("left,up,k", "move(-1)", "Previous", id="camera.previous"),
         Binding("right,down,j", "move(1)", "Next", id="camera.next"),
         Binding(
-            "m",
+            "C",
             "match",
             "Set all like this",
             id="camera.match",

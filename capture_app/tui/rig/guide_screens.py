@@ -102,7 +102,7 @@ class GuideScreen(BoxDialog[None]):
     """Dialog with instructions, a QR code beside them, and log lines received since it opened."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "begin", "Another code", id="invite.another"),
+        Binding("i", "begin", "Invite", id="invite.another", tooltip="another code"),
     ]
 
     def __init__(

@@ -61,14 +61,14 @@ class RigView(ModeView):
         ),
         Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more cameras"),
         Binding(
-            "s",
+            "T",
             "stagger",
             "Stagger",
             show=False,
             id="rig.stagger",
             tooltip="frames one after the other, or all at one instant",
         ),
-        Binding("n", "log", "Log", id="rig.log", tooltip="scroll through the log"),
+        Binding("L", "log", "Log", id="rig.log", tooltip="scroll through the log"),
         Binding(
             "p",
             "panel",

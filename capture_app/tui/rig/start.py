@@ -76,17 +76,17 @@ class StartPanel(Vertical):
         Binding("s", "simulate", "Simulate", id="start.simulate", tooltip="start cameras of a scene"),
         Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
         Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
-        Binding("t", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
-        Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes on disk"),
+        Binding("N", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
+        Binding("O", "sessions", "Sessions", id="start.sessions", tooltip="takes on disk"),
         Binding(
-            "b",
+            "S",
             "samples",
             "Samples",
             show=False,
             id="start.samples",
             tooltip="takes that come with simulshot",
         ),
-        Binding("r", "rescan", "Rescan", id="start.rescan", tooltip="search this machine for cameras"),
+        Binding("r", "rescan", "Again", id="start.rescan", tooltip="search this machine for cameras"),
     ]
 
     def __init__(
@@ -178,13 +178,13 @@ class StartPanel(Vertical):
             "s",
             f"Try {count(self._cameras, 'simulated camera')}",
             f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
-            "+ and - change their number, t the scene.",
+            "+ and - change their number, N the scene.",
             self.action_simulate,
         )
         if self._saved_count:
             yield _Choice(
                 "sessions",
-                "o",
+                "O",
                 f"Open {count(self._saved_count, 'session')}",
                 f"Takes in {self._sessions}: view, verify, compare and export them.",
                 self.action_sessions,
@@ -192,7 +192,7 @@ class StartPanel(Vertical):
         if self._samples:
             yield _Choice(
                 "samples",
-                "b",
+                "S",
                 "Browse the samples",
                 f"Takes of simulated cameras, in {self._samples}.",
                 self.action_samples,

@@ -67,10 +67,8 @@ class FullView(WholeScreen[str]):
         Binding("right,down", "move(1)", "Next camera", id="finder.after"),
         Binding("f", "aid('focus')", "Focus peaking", id="finder.focus", tooltip="marks sharp edges"),
         Binding("z", "aid('zebra')", "Zebra", id="finder.zebra", tooltip="marks clipped pixels"),
-        Binding("m", "meters", "Meters", id="finder.meters"),
-        Binding(
-            "b", "blink", "Blink with next", id="finder.blink", tooltip="alternate this camera and the next"
-        ),
+        Binding("M", "meters", "Meters", id="finder.meters"),
+        Binding("b", "blink", "Blink", id="finder.blink", tooltip="alternate this camera and the next"),
     ]
 
     def __init__(self, rig: RigLink, record: RigRecord, cameras: Sequence[str], camera: str) -> None:

@@ -65,7 +65,7 @@ class ShootView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="shoot.take"),
-        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="repeat the newest take"),
+        Binding("r", "retake", "Again", id="shoot.retake", tooltip="repeat the newest take"),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
         Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
@@ -79,7 +79,7 @@ class ShootView(ModeView):
         ),
         Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
-        Binding("t", "edit('notes')", "Notes", id="shoot.note"),
+        Binding("t", "edit('notes')", "Note", id="shoot.note"),
         Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
         Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
         Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
@@ -89,10 +89,10 @@ class ShootView(ModeView):
         Binding(
             "x",
             "cancel_burst",
-            "Cancel a burst",
+            "Cancel",
             id="shoot.cancel",
             show=False,
-            tooltip="scheduled, or being saved",
+            tooltip="a burst that is scheduled, or being saved",
         ),
     ]
 
@@ -303,7 +303,7 @@ class ShootView(ModeView):
             for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
         answer = await self.app.push_screen_wait(
-            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
+            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel")
         )
         if answer is not None:
             self._order(CancelBurst(burst=int(answer)))

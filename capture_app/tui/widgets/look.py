@@ -49,12 +49,12 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         Binding(
             "b",
             "motion('cameras')",
-            "Blink cameras",
+            "Blink",
             id="look.blink-cameras",
             tooltip="alternate two cameras",
         ),
         Binding(
-            "t",
+            "B",
             "motion('instants')",
             "Blink instants",
             id="look.blink-instants",
@@ -63,7 +63,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         Binding(
             "w", "motion('wiggle')", "Wiggle", id="look.wiggle", tooltip="back and forth through the cameras"
         ),
-        Binding("p", "motion('play')", "Play", id="look.play"),
+        Binding("P", "motion('play')", "Play", id="look.play"),
         Binding("plus,equals_sign", "speed(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
         Binding("minus", "speed(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
     ]

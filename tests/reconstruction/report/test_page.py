@@ -115,6 +115,14 @@ def test_a_long_verdict_is_set_smaller(read_report: ReadReport) -> None:
     assert [page.all("h1")[0]["class"] for page in pages] == ["short", "long"]
 
 
+def test_a_verdict_is_a_headline_three_lines_and_the_rest_on_demand(read_report: ReadReport) -> None:
+    page = read_report(verdict="It matters. One line. Two lines. Three lines. A fourth. A fifth.")
+    before, _, after = page.text.partition("2 more")
+    assert before.index("One line.") < before.index("Two lines.") < before.index("Three lines.")
+    assert "A fourth. A fifth." in after
+    assert "more" not in read_report(verdict="It matters. A lot.").text.partition("A lot.")[0]
+
+
 def test_how_it_was_made_names_what_decides_the_numbers(read_report: ReadReport) -> None:
     page = read_report()
     for words in (

@@ -1,6 +1,7 @@
 """Recordings become sessions: small ones made here, and real ones whose geometry must come out right."""
 
 import csv
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.importing import recording_sources
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import at_slowest_rate, import_recording
+from capture_app.session.reading.decoding import encode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -94,6 +97,33 @@ def test_bad_options_say_why_and_leave_nothing(
     with pytest.raises(BadInputError, match=reason):
         import_recording([str(video)], tmp_path / "out", "rec", options)
     assert not (tmp_path / "out" / "rec").exists()
+
+
+def test_a_calibration_of_another_size_is_refused_before_the_frames_are_decoded(
+    video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "stereo.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    camera, straight = np.diag([60.0, 60.0, 1.0]), np.zeros(5)
+    for key in ("M1", "M2", "D1", "D2", "R", "T"):
+        storage.write(key, {"M": camera, "D": straight, "R": np.eye(3), "T": np.ones(3)}[key[0]])
+    storage.write("image_width", 64)
+    storage.write("image_height", 64)
+    storage.release()
+    decoded: list[str] = []
+
+    def encode(image: NDArray[np.uint8], suffix: str) -> bytes:
+        decoded.append(suffix)
+        return encode_image(image, suffix)
+
+    monkeypatch.setattr(recording_sources, "encode_image", encode)
+    folder = tmp_path / "two"
+    folder.mkdir()
+    for number, name in enumerate(("left", "right")):
+        shutil.copy(sorted(video.glob("*.avi"))[number], folder / f"{name}.avi")
+    with pytest.raises(BadInputError, match="64x64 pixels, its images are 64x48"):
+        import_recording([str(folder)], tmp_path, "rec", ImportOptions(fps=30, calibration=(str(path),)))
+    assert len(decoded) == 2, "one frame of each camera"
 
 
 def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_path: Path) -> None:

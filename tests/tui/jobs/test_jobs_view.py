@@ -161,7 +161,7 @@ async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int
         await settle(pilot)
         assert not screen.shows_offset
         if size[0] < 150:
-            await pilot.press("f")
+            await pilot.press("tab")
             await settle(pilot)
         figures = "\n".join(
             strip.text
@@ -236,7 +236,7 @@ async def test_the_footer_offers_what_the_chosen_job_has_whatever_is_focused(
         view(pilot).query_one("#job-log").focus()
         await until(pilot, lambda: "Cancel" in footer.plain[0])
         (tmp_path / "go").touch()
-        await until(pilot, lambda: "Run again" in footer.plain[0])
+        await until(pilot, lambda: "Again" in footer.plain[0])
         assert "Cancel" not in footer.plain[0]
         assert "Results" in footer.plain[0]
 

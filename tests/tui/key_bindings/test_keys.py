@@ -65,6 +65,17 @@ def test_every_action_has_a_name_and_words() -> None:
     assert all(action.description and action.key for action in known_actions().values())
 
 
+def test_a_letter_means_the_same_on_every_screen() -> None:
+    meanings: dict[str, set[str]] = {}
+    for action in known_actions().values():
+        for key in action.key.split(","):
+            # Other keys move, open and close what is on the screen; lists also move by j and k.
+            if len(key) == 1 and key not in "jk" and key.isalpha():
+                meanings.setdefault(key, set()).add(action.description)
+    assert len(meanings) > 25
+    assert {key: labels for key, labels in meanings.items() if len(labels) > 1} == {}
+
+
 def test_every_key_has_an_action_that_exists() -> None:
     known_actions()  # imports all screens
     kinds, missing = [DOMNode], []
@@ -87,7 +98,7 @@ async def test_keys_are_changed_in_a_file_that_help_writes(tmp_path: Path) -> No
     async with app.run_test(size=(80, 24), notifications=True) as pilot:
         await settle(pilot)
         for _ in range(2):  # the second time it exists already, and stays
-            await pilot.press("question_mark", "w")
+            await pilot.press("question_mark", "W")
             for worker in [worker for worker in app.workers if worker.group == "settings"]:
                 await worker.wait()
             await settle(pilot)
@@ -96,7 +107,7 @@ async def test_keys_are_changed_in_a_file_that_help_writes(tmp_path: Path) -> No
         assert any("exists already" in toast for toast in toasts(app))
     lines = path.read_text().splitlines()
     (line,) = (line for line in lines if "rig.log" in line)
-    path.write_text(line.replace("# ", "", 1).replace('"n"', '"z"') + '\n"rig.dance" = "y"\n')
+    path.write_text(line.replace("# ", "", 1).replace('"L"', '"z"') + '\n"rig.dance" = "y"\n')
     app = make_app(FakeRig(5), settings=Settings.load(tmp_path))
     async with app.run_test(size=(80, 24), notifications=True) as pilot:
         await settle(pilot)

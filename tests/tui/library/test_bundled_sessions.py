@@ -40,13 +40,13 @@ async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
         key = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/crossing"))
         rows(pilot.app).choose(key)
         await settle(pilot)
-        await pilot.press("a", "down", "down", "enter", "enter")
+        await pilot.press("A", "down", "down", "enter", "enter")
         await until(pilot, lambda: pilot.app.runs.all and pilot.app.runs.all[0].state.is_over)
         (job,) = pilot.app.runs.all
         assert (job.state, job.kind) == (RunState.DONE, "panorama"), job.message
         # A sample's own folder may be read-only: results lie beside the user's sessions.
         assert job.out == sessions / "_results" / "_sample_sessions" / "crossing" / "panorama"
-        await pilot.press("o")
+        await pilot.press("R")
         await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
         picture = pilot.app.screen.query_one(Picture)
         await until(pilot, lambda: picture.cells is not None)

@@ -76,7 +76,7 @@ async def test_an_export_proposes_a_folder_that_is_free_and_says_when_one_is_not
 async def test_no_explanation_is_cut_at_80_columns(sessions: Path) -> None:
     async with library(sessions, (80, 24)) as pilot:
         await choose(pilot, "one")
-        for key in ("a", "e"):
+        for key in ("A", "e"):
             await pilot.press(key)
             await settle(pilot)
             options = pilot.app.screen.query_one(OptionList)
@@ -92,7 +92,7 @@ async def test_a_job_that_begins_says_that_it_ends_with_the_screen(
     monkeypatch.setitem(COMMANDS, VERIFY.name, replace(VERIFY, module="tests.tui.jobs.quick_command"))
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press("v")
+        await pilot.press("V")
         await until(pilot, lambda: any("ends when this screen is closed" in t for t in toasts(pilot.app)))
         await until(pilot, lambda: jobs(pilot)[0].state.is_over)
 
@@ -120,7 +120,7 @@ async def test_verify_tells_what_is_wrong(sessions: Path) -> None:
     image.write_bytes(image.read_bytes()[:-1])
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press("v")
+        await pilot.press("V")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
         assert jobs(pilot)[0].state is RunState.FAILED
         await until(pilot, lambda: "✖ verify" in text(pilot.app))
@@ -148,7 +148,7 @@ async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> No
     writer.abort()
     async with library(sessions) as pilot:
         await choose(pilot, "cut")
-        await pilot.press("a", "enter")
+        await pilot.press("A", "enter")
         await settle(pilot)
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
@@ -165,7 +165,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await until(pilot, lambda: "crossing" in names(pilot))
         rows(pilot.app).choose(str(sessions / "crossing"))
         await settle(pilot)
-        await pilot.press("a", "enter")
+        await pilot.press("A", "enter")
         await settle(pilot)
         await type_text(pilot, "--max-multiview-instants 0 --max-instants 1 --no-poses")
         await pilot.press("enter")
@@ -174,7 +174,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         assert (job.state, job.kind) == (RunState.DONE, "compare"), job.message
         assert job.out == sessions / "_results" / "crossing" / "compare"
         assert (job.out / "report.html").is_file()
-        await pilot.press("o")
+        await pilot.press("R")
         await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
         screen = pilot.app.screen
         picture = screen.query_one(Picture)
@@ -190,7 +190,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
 
 async def test_a_path_that_none_can_be_is_no_folder_and_no_error(sessions: Path) -> None:
     async with library(sessions) as pilot:
-        await pilot.press("m")
+        await pilot.press("I")
         await settle(pilot)
         line = pilot.app.screen.query_one(Input)
         line.focus()
@@ -208,7 +208,7 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
     films = tmp_path / "walk"
     export_session(Session.open(sessions / "one"), "mp4", films)
     async with library(sessions) as pilot:
-        await pilot.press("m")
+        await pilot.press("I")
         await settle(pilot)
         await type_text(pilot, str(tmp_path / "nowhere"))
         await pilot.press("enter")
@@ -232,7 +232,7 @@ async def test_the_screen_may_end_while_an_imported_session_is_read(sessions: Pa
     export_session(Session.open(sessions / "one"), "mp4", tmp_path / "walk")
     async with library(sessions) as pilot:
         reading = view(pilot.app)._reading
-        await pilot.press("m")
+        await pilot.press("I")
         await settle(pilot)
         await type_text(pilot, str(tmp_path / "walk"))
         await pilot.press("enter")

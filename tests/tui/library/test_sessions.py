@@ -66,11 +66,11 @@ async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) 
         line = next(line for line in text(pilot.app).splitlines() if "★" in line)
         assert "two" in line
         assert "★ best synchronized " in line
-        await pilot.press("s")
+        await pilot.press("less_than_sign")
         await settle(pilot)
         assert names(pilot) == ["two", "one", "three"]
         assert view(pilot.app).entry.card.name == "two"
-        await pilot.press("s")
+        await pilot.press("less_than_sign")
         await settle(pilot)
         assert names(pilot) == ["one", "three", "two"]
     assert settings.choices["sessions.order"] == "by name"
@@ -94,7 +94,7 @@ async def test_find_by_words(sessions: Path) -> None:
 async def test_rename(sessions: Path) -> None:
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press("r")
+        await pilot.press("n")
         await settle(pilot)
         await type_text(pilot, "two")
         await pilot.press("enter")
@@ -113,7 +113,7 @@ async def test_rename(sessions: Path) -> None:
 async def test_note_trash_and_undo(sessions: Path) -> None:
     async with library(sessions) as pilot:
         await choose(pilot, "two")
-        await pilot.press("n")
+        await pilot.press("t")
         await settle(pilot)
         await type_text(pilot, "[red]best[/red] one")
         await pilot.press("enter")
@@ -203,7 +203,10 @@ async def test_a_session_without_images_is_not_compared(sessions: Path) -> None:
     writer.finish(cameras, BurstRecord(instants_ns=(5,), period_ns=33_000_000), gone, origin="simulated")
     async with library(sessions) as pilot:
         await choose(pilot, "empty")
-        assert view(pilot.app).check_action("on_session", ("compare",)) is False
+        assert "not taken" in text(pilot.app)
+        await pilot.press("c")
+        await until(pilot, lambda: toasts(pilot.app))
+        assert toasts(pilot.app) == ["empty has no images: nothing to compare"]
         assert view(pilot.app).check_action("on_session", ("look",)) is True
 
 
@@ -272,7 +275,7 @@ async def test_any_size_is_drawn(sessions: Path) -> None:
     async with library(sessions) as pilot:
         for size in ((20, 8), (3, 2), (300, 90)):
             await pilot.resize_terminal(*size)
-            await pilot.press("down", "a", "escape", "e", "escape", "slash", "escape")
+            await pilot.press("down", "A", "escape", "e", "escape", "slash", "escape")
             await settle(pilot)
         await pilot.press("enter")
         await until(pilot, lambda: looks(pilot.app))

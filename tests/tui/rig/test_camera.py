@@ -64,7 +64,7 @@ async def test_all_cameras_are_set_like_this_one() -> None:
         await pilot.press("enter")
         await settle(pilot)
         assert "exposure 4000 µs, auto" in text(app, "#camera-facts")
-        await pilot.press("m")
+        await pilot.press("C")
         await settle(pilot)
         assert ("match_cameras", "cam00") in rig.asked
         assert toasts(app) == ["2 cameras set like cam00, except:\ncam01: it has no [b]focus"]

@@ -136,11 +136,11 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         await pilot.press("1")
         await settle(pilot)
         assert lines(app, "#log Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
-        await pilot.press("n")
+        await pilot.press("L")
         assert app.focused is app.screen.query_one("#log")
-        await pilot.press("n")
+        await pilot.press("L")
         assert isinstance(app.focused, CameraRows)
-        await pilot.press("n", "escape")
+        await pilot.press("L", "escape")
         assert isinstance(app.focused, CameraRows)
 
 
@@ -159,7 +159,7 @@ async def test_the_newest_line_of_the_log_is_visible_after_another_mode() -> Non
         await settle(pilot)
         log = app.screen.query_one("#log")
         assert 0 < log.scroll_y == log.max_scroll_y
-        await pilot.press("n", "up", "up")
+        await pilot.press("L", "up", "up")
         await settle(pilot)
         rig.news("one more, while one reads an old one")
         await settle(pilot)
@@ -193,7 +193,7 @@ async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disk
         seen = app.export_screenshot().replace("&#160;", " ")
         assert "…" in seen, "a sentence that is cut says so"
         assert "Remove" in text(app, "#footer")
-        await pilot.press("n")
+        await pilot.press("L")
         await settle(pilot)
         assert "Remove" not in text(app, "#footer")
 
@@ -219,7 +219,7 @@ async def test_cameras_are_staggered_by_a_key_and_the_header_says_so() -> None:
     async with app.run_test(size=(100, 30)) as pilot:
         await settle(pilot)
         assert "stagger" not in text(app, "#header")
-        await pilot.press("s")
+        await pilot.press("T")
         await settle(pilot)
         await pilot.press("enter")
         await settle(pilot)
@@ -228,7 +228,7 @@ async def test_cameras_are_staggered_by_a_key_and_the_header_says_so() -> None:
         rig.tell()
         await settle(pilot)
         assert "stagger: even, steps of 16.7 ms" in text(app, "#header")
-        await pilot.press("s")
+        await pilot.press("T")
         await settle(pilot)
         await pilot.press(*["backspace"] * 4, *"odd", "enter")
         await settle(pilot)

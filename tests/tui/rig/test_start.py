@@ -53,8 +53,8 @@ async def test_what_is_there_is_offered_and_told(cameras: list[CameraListing], t
             "i  Invite other machines",
             "h  Phones by a QR code",
             "s  Try 5 simulated cameras",
-            "o  Open 1 session",
-            "b  Browse the samples",
+            "O  Open 1 session",
+            "S  Browse the samples",
         ]
         assert "MJPG 1280x720" in text(app, "#start-meaning")
         assert joining_line("192.168.1.5:47010") in text(app, "#start-line")
@@ -91,7 +91,7 @@ async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> No
     app = make_app(rig, settings=settings)
     async with app.run_test(size=(80, 24)) as pilot:
         await rest(app, pilot)
-        await pilot.press("+", "+", "+", "-", "t")
+        await pilot.press("+", "+", "+", "-", "N")
         assert "pinwheel" in text(app, "#start-meaning")
         assert "s  Try 5 simulated cameras" in offered(app)  # that scene has no more views
         await pilot.press("-", "s")
@@ -191,7 +191,7 @@ async def test_sessions_and_samples_open_in_their_mode() -> None:
     app = make_app(FakeRig(0))
     async with app.run_test(size=(80, 24)) as pilot:
         await rest(app, pilot)
-        await pilot.press("b")
+        await pilot.press("S")
         await settle(pilot)
         assert app.current_mode == "sessions"
 
@@ -230,7 +230,7 @@ async def test_what_was_started_stays_said_until_it_is_there() -> None:
     app = make_app(rig)
     async with app.run_test(size=(100, 30)) as pilot:
         await rest(app, pilot)
-        for press in ("s", "t"):
+        for press in ("s", "N"):
             await pilot.press(press)
             rig.tell()
             await settle(pilot)

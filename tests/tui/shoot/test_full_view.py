@@ -103,7 +103,7 @@ async def test_focus_and_light_are_numbers_and_marks(tmp_path: Path) -> None:
         assert (255, 60, 60) in colours
         assert any(red > 200 and 150 < green < 230 and blue < 60 for red, green, blue in colours)
         assert text(finder, ".title").endswith("focus on · zebra on")
-        await pilot.press("m")
+        await pilot.press("M")
         assert not finder.query_one("#finder-meters").display
 
 

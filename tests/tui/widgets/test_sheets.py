@@ -213,7 +213,7 @@ async def test_one_picture_is_looked_at_and_left_where_the_user_went(tmp_path: P
     ("key", "places"),
     [
         ("b", [("cam01", 1), ("cam02", 1), ("cam01", 1)]),
-        ("t", [("cam01", 1), ("cam01", 2), ("cam01", 1)]),
+        ("B", [("cam01", 1), ("cam01", 2), ("cam01", 1)]),
         (
             "w",
             [
@@ -226,7 +226,7 @@ async def test_one_picture_is_looked_at_and_left_where_the_user_went(tmp_path: P
                 ("cam00", 1),
             ],
         ),
-        ("p", [("cam01", 0), ("cam01", 1), ("cam01", 2), ("cam01", 0)]),
+        ("P", [("cam01", 0), ("cam01", 1), ("cam01", 2), ("cam01", 0)]),
     ],
 )
 async def test_what_moves_by_itself(tmp_path: Path, key: str, places: list[tuple[str, int]]) -> None:

@@ -1,0 +1,175 @@
+"""Sound of an imported recording on the rig's time: its clock is fitted to the times of its own frames."""
+
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.alignment.clock_line import fit_clock_line
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.importing.embedded_times import video_times_ns
+from capture_app.session.importing.video_tracks import open_container
+
+RATE_HZ = 48_000
+BLOCK = 1024
+"""Samples of one AAC frame."""
+FRAME_SD_S = 1e-3
+MAX_MISS_S = 5e-3
+"""Distance of frames from the fitted clock above which the user is warned."""
+TAPS, PHASES = 32, 512
+_PLACES = np.arange(TAPS) - TAPS // 2 + 1
+_AWAY = _PLACES - np.arange(PHASES + 1)[:, None] / PHASES
+_SINC = np.sinc(_AWAY) * np.cos(np.pi * _AWAY / (TAPS + 2)) ** 2
+KERNEL = (_SINC / _SINC.sum(1, keepdims=True)).astype(np.float32)
+"""Windowed sinc (PHASES + 1, TAPS): linear interpolation would dull the treble."""
+
+Samples = NDArray[np.int16]
+
+
+def find_recording(folder: Path, camera: str) -> Path | None:
+    """Return the file in `folder` that has a camera's name, whatever its suffix; None if there is none.
+
+    Raises BadInputError if there are several.
+    """
+    if not folder.is_dir():
+        raise BadInputError(f"{folder} is not a folder", hint="give the folder with the imported recordings")
+    found = sorted(path for path in folder.iterdir() if path.stem == camera and path.is_file())
+    if len(found) > 1:
+        names = ", ".join(path.name for path in found)
+        raise BadInputError(f"{folder} has several files for {camera}: {names}", hint="leave one there")
+    return found[0] if found else None
+
+
+def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -> None:
+    """Add a recording's sound to the camera's exported video, whose times count from `burst.origin_ns`.
+
+    Raises BadInputError if the session was not imported from this recording, or the recording has no sound.
+    """
+    clock = fit_sound_clock(burst, camera, recording)
+    try:
+        samples, start_s = _read(recording)
+    except BadInputError as error:
+        raise BadInputError(f"{recording} gives no sound: {error}", hint="export without --sound") from None
+    end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
+    mixed = video.with_name(f"{video.stem}.sound.mp4")
+    _mux(video, mixed, _on_rig_time(samples, start_s, clock, end_s), len(samples))
+    mixed.replace(video)
+
+
+def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> CameraTimes:
+    """Return the line from a recording's own times, which its sound shares, to the burst's.
+
+    Raises BadInputError if the camera's images are not frames of this recording.
+    """
+    times_ns, images = video_times_ns(recording), burst.images_of(camera)
+    kind = burst.session.camera(camera).facts.kind
+    numbers = [len(times_ns) if image.sequence is None else image.sequence for image in images]
+    if kind != "imported" or max(numbers) >= len(times_ns):
+        raise BadInputError(
+            f"{camera} was not imported from {recording}, which has {len(times_ns)} frames",
+            hint="--sound takes the recordings from which sessions import made the session",
+        )
+    own_s = np.array([times_ns[number] for number in numbers]) / 1e9
+    rig_s = np.array([image.leader_ns - burst.origin_ns for image in images]) / 1e9
+    clock = fit_clock_line(own_s, rig_s, np.full(len(own_s), FRAME_SD_S), "frames")
+    miss_s = float(np.percentile(np.abs(_to_rig(clock, own_s) - rig_s), 95))
+    if miss_s > MAX_MISS_S:
+        burst.warn(f"{camera}: frames are up to {1000 * miss_s:.0f} ms from the sound's clock")
+    return clock
+
+
+def _to_rig(clock: CameraTimes, own_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    offset_s, rate = _line(clock)
+    return own_s * (1 + rate) + offset_s
+
+
+def _line(clock: CameraTimes) -> tuple[float, float]:
+    """Return what to add (s) to own time 0, and to each own second."""
+    rate = clock.rate_ppm * 1e-6
+    return (clock.offset_ns or 0) / 1e9 - rate * (clock.epoch_local_ns or 0) / 1e9, rate
+
+
+def _read(recording: Path) -> tuple[Samples, float]:
+    """Return the samples (channels, n) at RATE_HZ, one or two channels, and their first time, s."""
+    parts: list[Samples] = []
+    start_s, length = 0.0, 0
+    with open_container(recording) as (av, container):
+        if not container.streams.audio:
+            raise BadInputError("it has no sound")
+        track = container.streams.audio[0]
+        layout = "mono" if track.codec_context.channels == 1 else "stereo"
+        resampler = av.AudioResampler(format="s16p", layout=layout, rate=RATE_HZ)
+        for frame in chain(container.decode(track), [None]):
+            timed = frame is not None and frame.pts is not None
+            at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
+            if not parts:
+                start_s = at_s
+            # A gap in the track is filled with silence, so that later sound keeps its time.
+            if (gap := round((at_s - start_s) * RATE_HZ) - length) > 0.02 * RATE_HZ:
+                parts.append(np.zeros((1 if layout == "mono" else 2, gap), np.int16))
+                length += gap
+            for made in resampler.resample(frame):
+                parts.append(made.to_ndarray())
+                length += parts[-1].shape[1]
+    if not parts:
+        raise BadInputError("it has no sound")
+    return np.concatenate(parts, axis=1), start_s
+
+
+def _on_rig_time(samples: Samples, start_s: float, clock: CameraTimes, end_s: float) -> Iterator[Samples]:
+    """Yield blocks (channels, BLOCK) from the burst's time 0 to `end_s`; silence where there is no sound."""
+    ahead, behind = TAPS // 2, TAPS
+    offset_s, rate = _line(clock)
+    for first in range(0, round(end_s * RATE_HZ), BLOCK):
+        rig_s = (first + np.arange(BLOCK)) / RATE_HZ
+        # The inverse of `_to_rig`.
+        at = ((rig_s - offset_s) / (1 + rate) - start_s) * RATE_HZ
+        whole = np.floor(at).astype(np.int64)
+        low, high = int(whole[0]) - ahead, int(whole[-1]) + behind
+        there = samples[:, max(0, low) : max(0, high)]
+        left = min(max(0, -low), high - low)
+        near = np.zeros((len(samples), high - low), np.float32)
+        near[:, left : left + there.shape[1]] = there
+        taps = near[:, (whole - low)[:, None] + _PLACES]
+        made = np.einsum("cnt,nt->cn", taps, KERNEL[np.rint((at - whole) * PHASES).astype(int)])
+        yield np.clip(np.rint(made), -32768, 32767).astype(np.int16)
+
+
+def _mux(video: Path, out: Path, blocks: Iterator[Samples], channels: int) -> None:
+    """Copy the video's packets to `out` unchanged, with the sound as AAC between them."""
+    import av
+
+    options = {"movie_timescale": "1000000"}
+    with av.open(str(video)) as given, av.open(str(out), "w", format="mp4", options=options) as container:
+        pictures = given.streams.video[0]
+        stream = container.add_stream_from_template(pictures)
+        stream.time_base = pictures.time_base
+        layout = "mono" if channels == 1 else "stereo"
+        track = container.add_stream("aac", rate=RATE_HZ, layout=layout)
+        written = 0
+        for packet in given.demux(pictures):
+            if packet.dts is None:
+                continue
+            until = float(packet.dts * packet.time_base) * RATE_HZ
+            while written <= until and (block := next(blocks, None)) is not None:
+                container.mux(track.encode(_frame(block, layout, written)))
+                written += BLOCK
+            packet.stream = stream
+            container.mux(packet)
+        for block in blocks:
+            container.mux(track.encode(_frame(block, layout, written)))
+            written += BLOCK
+        container.mux(track.encode(None))
+
+
+def _frame(block: Samples, layout: str, first: int) -> Any:
+    import av
+
+    frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(block), format="s16p", layout=layout)
+    frame.sample_rate, frame.pts = RATE_HZ, first
+    return frame

@@ -1,0 +1,97 @@
+"""Sound in exported MP4s: on the rig's time at both ends of ten minutes, from a clock 100 ppm off."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.export_session import export_session
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
+from capture_app.session.reading.reader import Session
+from tests.plugins.programs.test_videos import frames
+
+LENGTH_S, LATE_S, PPM = 600, 1.25, 100
+CLICKS_S = (3.0, 150.5, 300.5, 450.5, 597.5)
+"""Times of the clicks since the burst's earliest image, which is `early`'s."""
+RATE_HZ = 44_100
+
+
+def record(path: Path, times_s: np.ndarray, clicks_s: np.ndarray) -> None:
+    """A video of grey frames with a sound track that clicks, both at the recording's own times."""
+    samples = np.zeros((1, round((times_s[-1] + 1) * RATE_HZ)), np.int16)
+    for click_s in clicks_s:
+        first = round(click_s * RATE_HZ)
+        samples[:, first : first + 20] = 20_000
+    with av.open(str(path), "w", options={"movie_timescale": "1000000"}) as container:
+        video = container.add_stream("libx264", rate=1, width=64, height=48, pix_fmt="yuv420p")
+        video.time_base = video.codec_context.time_base = Fraction(1, 1_000_000)
+        audio = container.add_stream("pcm_s16le", rate=RATE_HZ, layout="mono")
+        for at_s in times_s:
+            frame = av.VideoFrame.from_ndarray(np.full((48, 64, 3), 90, np.uint8), format="bgr24")
+            frame.pts, frame.time_base = round(at_s * 1e6), video.time_base
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+        sound = av.AudioFrame.from_ndarray(samples, format="s16", layout="mono")
+        sound.sample_rate, sound.pts = RATE_HZ, 0
+        container.mux(audio.encode(sound))
+        container.mux(audio.encode(None))
+
+
+def clicks_of(path: Path) -> list[float]:
+    """The times in s of the clicks in a video's sound."""
+    with av.open(str(path)) as container:
+        parts = [
+            (float(frame.pts * frame.time_base), frame.rate, np.abs(frame.to_ndarray()[0]))
+            for frame in container.decode(container.streams.audio[0])
+        ]
+    loud_s = np.concatenate([at_s + np.flatnonzero(part > 0.3) / rate for at_s, rate, part in parts])
+    return [float(run.mean()) for run in np.split(loud_s, np.flatnonzero(np.diff(loud_s) > 0.1) + 1)]
+
+
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Path]:
+    """Two recordings of ten minutes, and a folder with one of them, `late`. Times jitter by 1 ms.
+
+    `late` starts later, and its clock is fast.
+    """
+    folder = tmp_path_factory.mktemp("takes")
+    (given := folder / "given").mkdir()
+    rng = np.random.default_rng(4)
+    rows = ["camera,frame,time"]
+    paths = {"early": folder / "early.mov", "late": given / "late.mov"}
+    for name, begin_s, ppm in (("early", 0.0, 0), ("late", LATE_S, PPM)):
+        since_s = np.arange(0, LENGTH_S - begin_s, 4)
+        since_s[1:] += rng.uniform(-1e-3, 1e-3, len(since_s) - 1)
+        fast = 1 + ppm * 1e-6
+        record(paths[name], since_s * fast, (np.array(CLICKS_S) - begin_s) * fast)
+        rows += [f"{name},{n},{begin_s + at_s:.6f}" for n, at_s in enumerate(since_s)]
+    (table := folder / "times.csv").write_text("\n".join(rows))
+    sources = [f"{name}={path}" for name, path in paths.items()]
+    return import_recording(sources, folder, "take", ImportOptions(timestamps=table)), given
+
+
+def test_sound_is_in_step_at_both_ends_of_ten_minutes(takes: tuple[Session, Path], tmp_path: Path) -> None:
+    session, given = takes
+    said: list[str] = []
+    burst = export_session(session, "mp4", tmp_path / "out", on_warning=said.append, sound=given)
+    export_session(session, "mp4", tmp_path / "silent")
+    # Uncorrected, the last click would be 60 ms off.
+    first_s = (min(one.leader_ns for one in session.manifest.images) - burst.origin_ns) / 1e9
+    expected_s = [first_s + at_s for at_s in CLICKS_S]
+    assert clicks_of(tmp_path / "out" / "late.mp4") == pytest.approx(expected_s, abs=0.005)
+    # The pictures stay where they are without sound.
+    with_sound, without = (frames(tmp_path / of / "late.mp4") for of in ("out", "silent"))
+    assert with_sound == without
+    assert any("early" in line and "no sound" in line for line in said)
+
+
+def test_a_recording_of_another_take_is_refused(takes: tuple[Session, Path], tmp_path: Path) -> None:
+    session, _ = takes
+    record(tmp_path / "late.mov", np.arange(4) / 2, np.array([1.0]))
+    with pytest.raises(BadInputError, match="was not imported from"):
+        export_session(session, "mp4", tmp_path / "out", sound=tmp_path)
+    assert not (tmp_path / "out").exists()

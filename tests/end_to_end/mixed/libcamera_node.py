@@ -5,6 +5,7 @@ The first argument is a file that gets the true start of each frame's exposure, 
 
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from capture_app.cli import run
 from capture_app.common.host_clock import host_from_monotonic
@@ -27,5 +28,7 @@ class TrueStarts(list[Frame]):
 if __name__ == "__main__":
     library = libcamera_double(Sensor(ppm=30.0))
     library.CameraManager.singleton().cameras[0].frames = TrueStarts(Path(sys.argv[1]))
-    sys.modules["libcamera"] = library
+    module = ModuleType("libcamera")
+    vars(module).update(vars(library))
+    sys.modules["libcamera"] = module
     sys.exit(run(sys.argv[2:]))

@@ -303,7 +303,7 @@ class ShootView(ModeView):
             for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
         answer = await self.app.push_screen_wait(
-            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel")
+            Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
         )
         if answer is not None:
             self._order(CancelBurst(burst=int(answer)))

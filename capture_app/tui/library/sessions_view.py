@@ -257,10 +257,11 @@ class SessionsView(ModeView):
         entry, (what,) = self.entry, parameters
         if entry is None or what == "results":
             return entry is not None and self._latest_result(entry) is not None
-        if entry.card.state == "being saved" or (what == "compare" and not entry.card.images):
+        is_complete = entry.card.state == "complete"
+        if entry.card.state == "being saved" or (what == "compare" and is_complete and not entry.card.images):
             # The key explains why not, while a hidden key explains nothing.
             return True
-        whole = entry.card.state == "complete" or what in ("analyse", "trash")
+        whole = is_complete or what in ("analyse", "trash")
         may_change = not entry.is_sample or what not in ("rename", "note", "trash")
         can_compare = len(entry.card.cameras) > 1 and entry.card.images > 1
         return whole and may_change and (what != "compare" or can_compare)

@@ -66,7 +66,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
 
         terminal.press("3")
         await terminal.shows("2 cameras × 4 instants")
-        terminal.press("o")
+        terminal.press("R")
         await terminal.shows("● synchronized", "○ 67 ms late")
         terminal.press("Space")
         await terminal.shows("○ synchronized", "● 67 ms late")

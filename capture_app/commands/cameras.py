@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from capture_app.commands.camera_measurements import calibrate_time
+from capture_app.commands.calibrate_time import calibrate_time
 from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
@@ -212,7 +212,7 @@ for _command in (
     controls,
     set_command,
     match,
-    *load_plugins(CAMERA_COMMANDS, "params").values(),
+    *load_plugins(CAMERA_COMMANDS, "get_short_help_str").values(),
 ):
     cameras.add_command(_command)
 

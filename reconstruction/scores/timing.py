@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby, pairwise
+from statistics import multimode
 from typing import Any
 
 import numpy as np
@@ -275,7 +276,7 @@ def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: f
     one may be a wrong match. A measured offset, a change of it and a certificate by motion remain.
     """
     instants, found = [*peaks_ms], [*peaks_ms.values()]
-    most_ms = max(sorted(set(found)), key=found.count, default=0.0)
+    most_ms = min(multimode(found), default=0.0)
     runs = [[*run] for _, run in groupby(range(len(found)), key=found.__getitem__)]
     odd = [run for run in runs if len(run) > 1 and abs(found[run[0]] - most_ms) > spacing_ms / 2]
     if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
@@ -297,7 +298,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     offset is known to a frame. That overrides a contrary certificate, and it is the result if motion is
     inconclusive.
     """
-    peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
+    peak_ms = min(multimode(peaks_ms), default=0.0)
     agreed = len(peaks_ms) >= MIN_INSTANTS and peaks_ms.count(peak_ms) >= AGREED_FRACTION * len(peaks_ms)
     if timing.misfit_px is not None or not agreed or timing.disagreeing:
         return timing
@@ -306,7 +307,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     if is_same_instant(peak_ms, spacing_ms):
         return structs.replace(timing, same_frame_ms=None if timing.offset else min(max_ms, spacing_ms / 2))
     if timing.synchronized or timing.same_frame_ms is not None:
-        return _denied(timing, f"depth is found best with the second picture {peak_ms:+.0f} ms later")
+        return _denied(timing, f"depth is found best {_paired(peak_ms)}")
     if timing.offset or max_ms < abs(peak_ms) - spacing_ms / 2:
         return timing
     return structs.replace(

@@ -77,21 +77,11 @@ def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> Camer
     own_s = np.array([times_ns[number] for number in numbers]) / 1e9
     rig_s = np.array([image.leader_ns - burst.origin_ns for image in images]) / 1e9
     clock = fit_clock_line(own_s, rig_s, np.full(len(own_s), FRAME_SD_S), "frames")
-    miss_s = float(np.percentile(np.abs(_to_rig(clock, own_s) - rig_s), 95))
+    fitted_s = np.array([clock.leader_from_local(times_ns[number]) for number in numbers]) / 1e9
+    miss_s = float(np.percentile(np.abs(fitted_s - rig_s), 95))
     if miss_s > MAX_MISS_S:
         burst.warn(f"{camera}: frames are up to {1000 * miss_s:.0f} ms from the sound's clock")
     return clock
-
-
-def _to_rig(clock: CameraTimes, own_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    offset_s, rate = _line(clock)
-    return own_s * (1 + rate) + offset_s
-
-
-def _line(clock: CameraTimes) -> tuple[float, float]:
-    """Return what to add (s) to own time 0, and to each own second."""
-    rate = clock.rate_ppm * 1e-6
-    return (clock.offset_ns or 0) / 1e9 - rate * (clock.epoch_local_ns or 0) / 1e9, rate
 
 
 def _read(recording: Path) -> tuple[Samples, float]:
@@ -124,11 +114,11 @@ def _read(recording: Path) -> tuple[Samples, float]:
 def _on_rig_time(samples: Samples, start_s: float, clock: CameraTimes, end_s: float) -> Iterator[Samples]:
     """Yield blocks (channels, BLOCK) from the burst's time 0 to `end_s`; silence where there is no sound."""
     ahead, behind = TAPS // 2, TAPS
-    offset_s, rate = _line(clock)
+    # The inverse of `leader_from_local`.
+    zero_s, rate = clock.leader_from_local(0) / 1e9, clock.rate_ppm * 1e-6
     for first in range(0, round(end_s * RATE_HZ), BLOCK):
         rig_s = (first + np.arange(BLOCK)) / RATE_HZ
-        # The inverse of `_to_rig`.
-        at = ((rig_s - offset_s) / (1 + rate) - start_s) * RATE_HZ
+        at = ((rig_s - zero_s) / (1 + rate) - start_s) * RATE_HZ
         whole = np.floor(at).astype(np.int64)
         low, high = int(whole[0]) - ahead, int(whole[-1]) + behind
         there = samples[:, max(0, low) : max(0, high)]

@@ -5,7 +5,6 @@ windows of the waveforms then refine the offset (generalized cross-correlation w
 Carter 1976).
 """
 
-from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.embedded_times import video_times_ns
 from capture_app.session.importing.recording_sources import chapter_shifts_ns, later_chapters
-from capture_app.session.importing.video_tracks import open_container
+from capture_app.session.importing.video_tracks import read_track
 
 RATE_HZ = 16_000
 BIN_S = 0.004
@@ -77,28 +76,10 @@ def read_sound(path: Path) -> Sound:
 
 
 def _read_file(path: Path) -> Sound:
-    parts: list[Samples] = []
-    start_s, length = 0.0, 0
-    with open_container(path) as (av, container):
-        if not container.streams.audio:
-            raise BadInputError("it has no sound")
-        resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
-        for frame in chain(container.decode(container.streams.audio[0]), [None]):
-            timed = frame is not None and frame.pts is not None
-            at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
-            if not parts:
-                start_s = at_s
-            # A gap in the track is filled with silence, so that later sound keeps its time.
-            gap = round((at_s - start_s) * RATE_HZ) - length
-            if gap > 0.02 * RATE_HZ:
-                parts.append(np.zeros(gap, np.float32))
-                length += gap
-            for made in resampler.resample(frame):
-                parts.append(made.to_ndarray().ravel().astype(np.float32))
-                length += len(parts[-1])
-    if not any(map(np.any, parts)):
+    samples, start_s = read_track(path, RATE_HZ, "fltp", 1)
+    if not samples.any():
         raise BadInputError("it has no sound")
-    return np.concatenate(parts), start_s
+    return samples[0], start_s
 
 
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:

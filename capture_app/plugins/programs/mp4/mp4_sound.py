@@ -1,7 +1,6 @@
 """Sound of an imported recording on the rig's time: its clock is fitted to the times of its own frames."""
 
 from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.importing.embedded_times import video_times_ns
-from capture_app.session.importing.video_tracks import open_container
+from capture_app.session.importing.video_tracks import read_track
 
 RATE_HZ = 48_000
 BLOCK = 1024
@@ -52,7 +51,7 @@ def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -
     """
     clock = fit_sound_clock(burst, camera, recording)
     try:
-        samples, start_s = _read(recording)
+        samples, start_s = read_track(recording, RATE_HZ, "s16p", 2)
     except BadInputError as error:
         raise BadInputError(f"{recording} gives no sound: {error}", hint="export without --sound") from None
     end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
@@ -82,33 +81,6 @@ def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> Camer
     if miss_s > MAX_MISS_S:
         burst.warn(f"{camera}: frames are up to {1000 * miss_s:.0f} ms from the sound's clock")
     return clock
-
-
-def _read(recording: Path) -> tuple[Samples, float]:
-    """Return the samples (channels, n) at RATE_HZ, one or two channels, and their first time, s."""
-    parts: list[Samples] = []
-    start_s, length = 0.0, 0
-    with open_container(recording) as (av, container):
-        if not container.streams.audio:
-            raise BadInputError("it has no sound")
-        track = container.streams.audio[0]
-        layout = "mono" if track.codec_context.channels == 1 else "stereo"
-        resampler = av.AudioResampler(format="s16p", layout=layout, rate=RATE_HZ)
-        for frame in chain(container.decode(track), [None]):
-            timed = frame is not None and frame.pts is not None
-            at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
-            if not parts:
-                start_s = at_s
-            # A gap in the track is filled with silence, so that later sound keeps its time.
-            if (gap := round((at_s - start_s) * RATE_HZ) - length) > 0.02 * RATE_HZ:
-                parts.append(np.zeros((1 if layout == "mono" else 2, gap), np.int16))
-                length += gap
-            for made in resampler.resample(frame):
-                parts.append(made.to_ndarray())
-                length += parts[-1].shape[1]
-    if not parts:
-        raise BadInputError("it has no sound")
-    return np.concatenate(parts, axis=1), start_s
 
 
 def _on_rig_time(samples: Samples, start_s: float, clock: CameraTimes, end_s: float) -> Iterator[Samples]:

@@ -274,6 +274,9 @@ class SessionsView(ModeView):
             self.app.notify(words, markup=False)
         elif entry is not None and what == "compare" and not entry.card.images:
             self.app.notify(f"{printable(entry.card.name)} has no images: nothing to compare", markup=False)
+        elif entry is not None and what == "compare" and entry.card.instants == 1:
+            words = f"{printable(entry.card.name)} has one instant: no frame can be offset. Take 5 or more"
+            self.app.notify(words, markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:

@@ -391,10 +391,11 @@ class SessionsView(ModeView):
         self, command: Command, entry: Entry, options: str | None = None, out: Path | None = None
     ) -> None:
         with showing_errors(self):
+            waits = self._runs.are_held or bool(self._runs.unfinished)
             self._runs.add(command, entry.card.folder, options, out)
             self.app.notify(
-                f"{command.title} of {printable(entry.card.name)} has started: key 4 shows its progress. "
-                "It ends when this screen is closed.",
+                f"{command.title} of {printable(entry.card.name)} {'is waiting' if waits else 'has started'}: "
+                "key 4 shows its progress. It ends when simulshot quits.",
                 markup=False,
             )
 

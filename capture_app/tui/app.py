@@ -60,7 +60,7 @@ def quit_question(
         own_cameras = f" with {count(len(own), 'camera')}" if own else ""
         lines.append(
             f"The rig at {status.leader}{own_cameras} can keep running without the screen. "
-            "capture-app finds it at its next start."
+            "The next start of the screen finds it."
         )
         if status.burst is not None and not status.burst.done:
             lines.append(

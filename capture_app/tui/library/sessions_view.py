@@ -391,11 +391,11 @@ class SessionsView(ModeView):
         self, command: Command, entry: Entry, options: str | None = None, out: Path | None = None
     ) -> None:
         with showing_errors(self):
-            waits = self._runs.are_held or bool(self._runs.unfinished)
+            state = "is waiting" if self._runs.are_held or self._runs.unfinished else "has started"
             self._runs.add(command, entry.card.folder, options, out)
             self.app.notify(
-                f"{command.title} of {printable(entry.card.name)} {'is waiting' if waits else 'has started'}: "
-                "key 4 shows its progress. It ends when simulshot quits.",
+                f"{command.title} of {printable(entry.card.name)} {state}: key 4 shows its progress. "
+                "It ends when simulshot quits.",
                 markup=False,
             )
 

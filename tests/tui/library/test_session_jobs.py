@@ -93,7 +93,8 @@ async def test_a_job_says_whether_it_begins_or_waits_and_that_it_ends_with_the_s
     async with library(sessions) as pilot:
         await choose(pilot, "one")
         await pilot.press("V")
-        await until(pilot, lambda: any("has started: key 4 shows its progress. It ends when simulshot quits" in t for t in toasts(pilot.app)))
+        await until(pilot, lambda: any("It ends when simulshot quits" in t for t in toasts(pilot.app)))
+        assert "Verify of one has started: " in toasts(pilot.app)[0]
         await until(pilot, lambda: jobs(pilot)[0].state.is_over)
         pilot.app.runs.hold(True)
         await pilot.press("V")

@@ -2,9 +2,10 @@
 
 import asyncio
 from contextlib import aclosing
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import ClassVar
 
+from msgspec.structs import replace
 from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -160,6 +161,7 @@ class ShootView(ModeView):
                 self.stage.grid.show_status(status)
                 if status.burst is not None and status.burst.name:
                     self._note(status.burst)
+                self._note_saved(status)
                 self._show_course()
                 self.call_after_refresh(self._want_previews)
 
@@ -373,6 +375,15 @@ class ShootView(ModeView):
             take.status, take.problem = status, ""
             if status.done:
                 self._judge(take)
+
+    def _note_saved(self, status: RigStatus) -> None:
+        """Store the end of takes that a newer one replaced in the rig's status before they were done."""
+        sessions = {PurePath(path).name: path for path in status.sessions}
+        newest = "" if status.burst is None else status.burst.name
+        for take in self.takes:
+            session = sessions.get(take.status.name)
+            if session is not None and not take.status.done and take.status.name != newest:
+                self._note(replace(take.status, done=True, session=session, message=""))
 
     @work(group="judging")
     async def _judge(self, take: Take) -> None:

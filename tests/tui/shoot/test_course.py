@@ -22,6 +22,7 @@ from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import toasts, until
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
+from tests.tui.takes import make_take
 
 
 def line_of(studio: Studio) -> str:
@@ -364,3 +365,22 @@ async def test_a_saved_take_whose_images_arrive_at_last_is_shown_as_it_is_now(tm
         rig.tell()
         await pilot.pause()
         assert "4 of 4 images" in studio.view.take_panel.plain
+
+
+async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_saved(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    saving = BurstStatus(burst=1, name="burst-001", cameras=2, instants=3, received=0, expected=6)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        rig.burst_status = saving
+        rig.tell()
+        await until(pilot, lambda: "burst-001\n◔ taken; cameras are saving" in studio.view.take_panel.plain)
+        rig.burst_status = replace_fields(saving, burst=2, name="burst-002")
+        rig.tell()
+        await until(pilot, lambda: "burst-001  taken; cameras are saving" in studio.view.take_panel.plain)
+        session = make_take(tmp_path, cameras=2, name="burst-001")
+        rig.different["sessions"] = (str(session.folder),)
+        rig.tell()
+        await until(pilot, lambda: "burst-001  ● excellent" in studio.view.take_panel.plain)
+        assert "burst-002\n◔ taken" in studio.view.take_panel.plain

@@ -180,7 +180,7 @@ class ShootView(ModeView):
             self._taking.take_now()
         elif self._taking.is_open:
             self.action_stop()
-        elif newest is not None and newest.recording and not newest.done:
+        elif newest is not None and newest.recording and not newest.done and not self._has_ended(newest):
             self._order(EndBurst(burst=newest.burst))
             for take in self.takes:
                 if take.status.burst == newest.burst and take.ended_s is None:
@@ -188,6 +188,11 @@ class ShootView(ModeView):
             self._show_course()
         else:
             self._shoot(self.plan_panel.settings.plan())
+
+    def _has_ended(self, recording: BurstStatus) -> bool:
+        """Return whether a recording that is not saved yet has ended, and Space takes again."""
+        now_s = self._record.clock()
+        return any(take.status.burst == recording.burst and take.has_ended(now_s) for take in self.takes)
 
     def action_stop(self) -> None:
         """Stop a countdown, a series or a wait; images already taken are saved."""

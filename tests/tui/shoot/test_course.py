@@ -17,7 +17,9 @@ from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, CameraTransfer
+from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
+from capture_app.tui.shoot.takes import Take, progress_words
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import toasts, until
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
@@ -289,10 +291,25 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert "80 frames, 2 in transit; Space stops" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert line_of(studio).endswith("; 80 of 82 frames")
+        assert line_of(studio).endswith("; 80 of 82 frames saved")
         assert "Space stops" not in line_of(studio)
         assert ("order", EndBurst(burst=4)) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert sum(asked[0] == "burst" for asked in rig.asked) == 2, "it takes again while the last is saved"
+
+
+def test_a_recording_of_a_planned_length_ends_by_itself() -> None:
+    status = BurstStatus(
+        burst=1, name="walk", recording=True, cameras=2, instants=90, received=0, expected=180
+    )
+    take = Take(status, TakePlan(video=True, seconds=5.0), begun_s=100.0)
+    said = "recording 0:03 of 0:05: 0 frames, 180 in transit; Space stops"
+    assert progress_words(take, 103.5) == said
+    assert not take.has_ended(103.5)
+    assert progress_words(take, 109.0) == "recorded 0:05; 0 of 180 frames saved"
+    assert take.has_ended(109.0)
 
 
 async def test_a_series_on_motion_says_what_it_waits_for_and_is_stopped_by_the_key(tmp_path: Path) -> None:

@@ -140,7 +140,9 @@ async def test_a_burst_is_taken_before_it_is_saved_and_its_depth_has_a_legend(tm
             await browser.shows("document.body.classList.contains('good')")
             assert await browser.ask(f"SHOW.burst({burst}), courseWords()[1]") == "Taking …"
             await browser.shows("document.getElementById('course').textContent.startsWith('Taken')")
-            await browser.ask("take = {name: 'burst-001'}, kind = 'depth', drawTake(takeKey(), new Uint8Array())")
+            await browser.ask(
+                "take = {name: 'burst-001'}, kind = 'depth', drawTake(takeKey(), new Uint8Array())"
+            )
             await browser.shows("document.getElementById('absent').textContent.startsWith('Bright is near')")
         finally:
             browser.kill()

@@ -32,7 +32,7 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
-from capture_app.tui.rig_record import RecordChanged, showing_errors
+from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -406,7 +406,9 @@ class SessionsView(ModeView):
         """Ask for a new name and rename the session."""
         if name := await self.app.push_screen_wait(name_question(entry.card)):
             with showing_errors(self):
-                self._look_for(await asyncio.to_thread(rename_session, entry.card.folder, name))
+                renamed = await asyncio.to_thread(rename_session, entry.card.folder, name)
+                self.post_message(SessionMoved(entry.card.folder, renamed))
+                self._look_for(renamed)
             await self._runs.read()
 
     @work
@@ -433,6 +435,7 @@ class SessionsView(ModeView):
                     "a job is working on this session", hint="cancel it first: key 4, then x"
                 )
             await asyncio.to_thread(trash_session, entry.card.folder)
+            self.post_message(SessionMoved(entry.card.folder, None))
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u restores it", markup=False)
         self.look_at_disk()
         await self._runs.read()
@@ -441,7 +444,9 @@ class SessionsView(ModeView):
     async def action_undo(self) -> None:
         """Restore the session trashed last."""
         with showing_errors(self):
-            self._look_for(await asyncio.to_thread(restore_session, self._listing.root))
+            restored = await asyncio.to_thread(restore_session, self._listing.root)
+            self.post_message(SessionMoved(restored, restored))
+            self._look_for(restored)
         await self._runs.read()
 
 

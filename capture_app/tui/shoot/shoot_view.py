@@ -218,7 +218,7 @@ class ShootView(ModeView):
         if answer == "trash":
             self._trash(last, last.sheet)
         if answer is not None:
-            self._shoot(plan, retake_of=last.status.name)
+            self._shoot(plan, retake_of=last.name)
 
     @work(group="marking")
     async def action_mark(self) -> None:
@@ -425,6 +425,22 @@ class ShootView(ModeView):
             take.trashed = True
             self.stage.forget_sheet(sheet)
             self._show_course()
+
+    @work(group="judging")
+    async def follow_session(self, before: Path, after: Path | None) -> None:
+        """Show a take as its session is now: renamed, in the trash (None), or restored; absolute paths."""
+        for take in self.takes:
+            if (old := take.sheet) is None or old.session.folder != before:
+                continue
+            take.trashed = after is None
+            if after is None:
+                self.stage.forget_sheet(old)
+            elif after != before:
+                with showing_errors(self):
+                    take.sheet = await asyncio.to_thread(TakeSheet.open, after)
+                    if self.stage.sheet.sheet is old:
+                        self.stage.load_sheet(take.sheet, 0)
+        self._show_course()
 
     def _show_course(self) -> None:
         """Show the current activity in the takes pane and in the line below."""

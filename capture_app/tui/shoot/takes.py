@@ -42,6 +42,11 @@ class Take:
     """Name of the take that this one repeats."""
 
     @property
+    def name(self) -> str:
+        """Name of its session, which may have been renamed since it was taken."""
+        return self.status.name if self.sheet is None else self.sheet.session.name
+
+    @property
     def planned_s(self) -> float | None:
         """Length of this recording as ordered here; None if it lasts until it is stopped."""
         return self.plan.seconds if self.plan is not None and self.status.recording else None
@@ -149,7 +154,7 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
-    yield Content.styled(printable(takes[-1].status.name) or "the take", "bold")
+    yield Content.styled(printable(takes[-1].name) or "the take", "bold")
     if takes[-1].retake_of:
         yield Content.styled(f"retake of {printable(takes[-1].retake_of)}", "$foreground-muted")
     if takes[-1].trashed:
@@ -185,7 +190,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
 
 
 def _in_short(take: Take, now_s: float) -> Content:
-    name = f"{printable(take.status.name):<10} "
+    name = f"{printable(take.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.sheet is None or not take.status.done:

@@ -33,7 +33,7 @@ from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import MODES, ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.rig_view import RigView
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionsRequested
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionMoved, SessionsRequested
 from capture_app.tui.screen_settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.signs import DARK, PLAIN, THEMES
@@ -60,7 +60,7 @@ def quit_question(
         own_cameras = f" with {count(len(own), 'camera')}" if own else ""
         lines.append(
             f"The rig at {status.leader}{own_cameras} can keep running without the screen. "
-            "capture-app finds it at its next start."
+            "The next start of the screen finds it."
         )
         if status.burst is not None and not status.burst.done:
             lines.append(
@@ -129,6 +129,7 @@ class SimulshotApp(App[None]):
         self._record = record or RigRecord()
         self.runs = Runs(sessions, self._notify_run)
         self._depth = depth
+        self._views: dict[str, ModeView] = {}
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES:
@@ -171,7 +172,8 @@ class SimulshotApp(App[None]):
             "sessions": lambda: SessionsView(self._sessions, self.runs, samples, self._settings),
             "jobs": lambda: JobsView(self.runs),
         }
-        return ModeScreen(mode, views[mode](), self._record)
+        self._views[mode] = views[mode]()
+        return ModeScreen(mode, self._views[mode], self._record)
 
     # Updates for screens; a hidden screen reads the record when it is shown
 
@@ -220,6 +222,12 @@ class SimulshotApp(App[None]):
         """Show the sessions of a folder."""
         await self.switch_mode("sessions")
         self.screen.query_one(SessionsView).open_folder(message.folder)
+
+    def on_session_moved(self, message: SessionMoved) -> None:
+        """Let the takes of the mode Shoot follow their sessions."""
+        if isinstance(view := self._views.get("shoot"), ShootView):
+            after = None if message.after is None else message.after.absolute()
+            view.follow_session(message.before.absolute(), after)
 
     def on_action_failed(self, message: ActionFailed) -> None:
         """Show an error and add it to the log."""

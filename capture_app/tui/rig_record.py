@@ -84,6 +84,14 @@ class SessionsRequested(Message):
 
 
 @dataclass
+class SessionMoved(Message):
+    """A session was renamed, trashed or restored; `after` is its folder now, None in the trash."""
+
+    before: Path
+    after: Path | None
+
+
+@dataclass
 class ActionFailed(Message):
     """Failed action; the app shows the reason and the remedy, and adds them to the log."""
 

@@ -3,6 +3,8 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import pytest
+
 from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
@@ -52,6 +54,15 @@ async def test_a_lost_leader_is_said_where_takes_are_made_and_restarted_from_the
         await pilot.pause()
         assert "● cam00 ready" in app.screen.query(PreviewTile).first().title
         assert "Restart leader" not in text(app, "#footer")
+
+
+@pytest.mark.parametrize("width", [79, 80, 90])
+async def test_keys_for_which_there_is_no_room_are_hinted_at(width: int) -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(width, 24)) as pilot:
+        await settle(pilot)
+        shown = text(app, "#footer")
+        assert ("g Monitor" in shown) != ("…" in shown)
 
 
 async def test_modes_are_a_key_and_a_click_away_and_hear_of_the_rig() -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEPS = (
     "1  Scan the code with a phone or tablet, and open the page.",
     BROWSER_STEP,
-    "3  It shows all cameras, and takes. It works until this screen ends.",
+    "3  See all cameras and take pictures there. The page works until simulshot quits.",
 )
 
 

@@ -61,6 +61,8 @@ class MonitorFeed:
         self._background = Background()
         self._rig: RigStatus | None = None
         self._taking: Taking | None = None
+        self._ended = ""
+        """Name of the last recording that a monitor has ended; its frames may arrive for minutes."""
         self._course = ""
         """State of the take ordered here that has not begun: ordered, countdown, waiting, idle or failed."""
         self._sheet: TakeSheet | None = None
@@ -122,8 +124,9 @@ class MonitorFeed:
         if self._taking is not None and self._taking.is_open:
             self._taking.stop()
             self._say_course("idle")
-        elif burst is not None and burst.recording and not burst.done:
+        elif burst is not None and burst.recording and not burst.done and burst.name != self._ended:
             await self._link.order(EndBurst(burst=burst.burst))
+            self._ended = burst.name
 
     async def mark(self, text: str) -> PlacedMark:
         """Note an event now, in the take under way. Raises SimulshotError."""
@@ -179,7 +182,7 @@ class MonitorFeed:
                 name=burst.name,
                 received=burst.received,
                 expected=burst.expected,
-                is_recording=burst.recording and not burst.done,
+                is_recording=burst.recording and not burst.done and burst.name != self._ended,
                 seconds=round(burst.instants * (rig.period_ns or 0) / 1e9),
                 is_done=burst.done,
             )

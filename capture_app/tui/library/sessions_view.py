@@ -32,7 +32,7 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
-from capture_app.tui.rig_record import RecordChanged, showing_errors
+from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -274,6 +274,9 @@ class SessionsView(ModeView):
             self.app.notify(words, markup=False)
         elif entry is not None and what == "compare" and not entry.card.images:
             self.app.notify(f"{printable(entry.card.name)} has no images: nothing to compare", markup=False)
+        elif entry is not None and what == "compare" and entry.card.instants == 1:
+            words = f"{printable(entry.card.name)} has one instant: no frame can be offset. Take 5 or more"
+            self.app.notify(words, markup=False)
         elif entry is not None and what in COMMANDS:
             self._start(COMMANDS[what], entry)
         elif entry is not None:
@@ -388,10 +391,11 @@ class SessionsView(ModeView):
         self, command: Command, entry: Entry, options: str | None = None, out: Path | None = None
     ) -> None:
         with showing_errors(self):
+            state = "is waiting" if self._runs.are_held or self._runs.unfinished else "has started"
             self._runs.add(command, entry.card.folder, options, out)
             self.app.notify(
-                f"{command.title} of {printable(entry.card.name)} has started: key 4 shows its progress. "
-                "It ends when this screen is closed.",
+                f"{command.title} of {printable(entry.card.name)} {state}: key 4 shows its progress. "
+                "It ends when simulshot quits.",
                 markup=False,
             )
 
@@ -402,7 +406,9 @@ class SessionsView(ModeView):
         """Ask for a new name and rename the session."""
         if name := await self.app.push_screen_wait(name_question(entry.card)):
             with showing_errors(self):
-                self._look_for(await asyncio.to_thread(rename_session, entry.card.folder, name))
+                renamed = await asyncio.to_thread(rename_session, entry.card.folder, name)
+                self.post_message(SessionMoved(entry.card.folder, renamed))
+                self._look_for(renamed)
             await self._runs.read()
 
     @work
@@ -429,6 +435,7 @@ class SessionsView(ModeView):
                     "a job is working on this session", hint="cancel it first: key 4, then x"
                 )
             await asyncio.to_thread(trash_session, entry.card.folder)
+            self.post_message(SessionMoved(entry.card.folder, None))
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u restores it", markup=False)
         self.look_at_disk()
         await self._runs.read()
@@ -437,7 +444,9 @@ class SessionsView(ModeView):
     async def action_undo(self) -> None:
         """Restore the session trashed last."""
         with showing_errors(self):
-            self._look_for(await asyncio.to_thread(restore_session, self._listing.root))
+            restored = await asyncio.to_thread(restore_session, self._listing.root)
+            self.post_message(SessionMoved(restored, restored))
+            self._look_for(restored)
         await self._runs.read()
 
 

@@ -2,9 +2,10 @@
 
 import asyncio
 from contextlib import aclosing
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import ClassVar
 
+from msgspec.structs import replace
 from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -160,6 +161,7 @@ class ShootView(ModeView):
                 self.stage.grid.show_status(status)
                 if status.burst is not None and status.burst.name:
                     self._note(status.burst)
+                self._note_saved(status)
                 self._show_course()
                 self.call_after_refresh(self._want_previews)
 
@@ -178,7 +180,7 @@ class ShootView(ModeView):
             self._taking.take_now()
         elif self._taking.is_open:
             self.action_stop()
-        elif newest is not None and newest.recording and not newest.done:
+        elif newest is not None and newest.recording and not newest.done and not self._has_ended(newest):
             self._order(EndBurst(burst=newest.burst))
             for take in self.takes:
                 if take.status.burst == newest.burst and take.ended_s is None:
@@ -186,6 +188,11 @@ class ShootView(ModeView):
             self._show_course()
         else:
             self._shoot(self.plan_panel.settings.plan())
+
+    def _has_ended(self, recording: BurstStatus) -> bool:
+        """Return whether a recording that is not saved yet has ended, and Space takes again."""
+        now_s = self._record.clock()
+        return any(take.status.burst == recording.burst and take.has_ended(now_s) for take in self.takes)
 
     def action_stop(self) -> None:
         """Stop a countdown, a series or a wait; images already taken are saved."""
@@ -211,7 +218,7 @@ class ShootView(ModeView):
         if answer == "trash":
             self._trash(last, last.sheet)
         if answer is not None:
-            self._shoot(plan, retake_of=last.status.name)
+            self._shoot(plan, retake_of=last.name)
 
     @work(group="marking")
     async def action_mark(self) -> None:
@@ -374,6 +381,15 @@ class ShootView(ModeView):
             if status.done:
                 self._judge(take)
 
+    def _note_saved(self, status: RigStatus) -> None:
+        """Store the end of takes that a newer one replaced in the rig's status before they were done."""
+        sessions = {PurePath(path).name: path for path in status.sessions}
+        newest = "" if status.burst is None else status.burst.name
+        for take in self.takes:
+            session = sessions.get(take.status.name)
+            if session is not None and not take.status.done and take.status.name != newest:
+                self._note(replace(take.status, done=True, session=session, message=""))
+
     @work(group="judging")
     async def _judge(self, take: Take) -> None:
         try:
@@ -409,6 +425,22 @@ class ShootView(ModeView):
             take.trashed = True
             self.stage.forget_sheet(sheet)
             self._show_course()
+
+    @work(group="judging")
+    async def follow_session(self, before: Path, after: Path | None) -> None:
+        """Show a take as its session is now: renamed, in the trash (None), or restored; absolute paths."""
+        for take in self.takes:
+            if (old := take.sheet) is None or old.session.folder != before:
+                continue
+            take.trashed = after is None
+            if after is None:
+                self.stage.forget_sheet(old)
+            elif after != before:
+                with showing_errors(self):
+                    take.sheet = await asyncio.to_thread(TakeSheet.open, after)
+                    if self.stage.sheet.sheet is old:
+                        self.stage.load_sheet(take.sheet, 0)
+        self._show_course()
 
     def _show_course(self) -> None:
         """Show the current activity in the takes pane and in the line below."""

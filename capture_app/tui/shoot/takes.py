@@ -41,6 +41,25 @@ class Take:
     retake_of: str = ""
     """Name of the take that this one repeats."""
 
+    @property
+    def name(self) -> str:
+        """Name of its session, which may have been renamed since it was taken."""
+        return self.status.name if self.sheet is None else self.sheet.session.name
+
+    @property
+    def planned_s(self) -> float | None:
+        """Length of this recording as ordered here; None if it lasts until it is stopped."""
+        return self.plan.seconds if self.plan is not None and self.status.recording else None
+
+    def length_s(self, now_s: float) -> float:
+        """Return the length of this recording until now, at most until its end."""
+        length_s = (now_s if self.ended_s is None else self.ended_s) - self.begun_s
+        return length_s if self.planned_s is None else min(length_s, self.planned_s)
+
+    def has_ended(self, now_s: float) -> bool:
+        """Return whether this recording has ended, as far as the screen knows."""
+        return self.ended_s is not None or self.length_s(now_s) == self.planned_s
+
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a finished take; None if it is on another machine. Blocks on the disk.
@@ -53,19 +72,24 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
 
 def progress_words(take: Take, now_s: float) -> str:
     """Return the progress of a take that is not done, in words."""
-    status, seconds = take.status, (now_s if take.ended_s is None else take.ended_s) - take.begun_s
+    status, seconds = take.status, take.length_s(now_s)
     if status.recording and not status.done:
-        length = f"{int(seconds) // 60}:{int(seconds) % 60:02}"
-        if take.ended_s is not None:
-            return f"recorded {length}; {status.received} of {status.expected} frames"
+        length = _minutes(seconds)
+        if take.has_ended(now_s):
+            return f"recorded {length}; {status.received} of {status.expected} frames saved"
+        of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""
-        return f"recording {length}: {status.received} frames{lacking}; Space stops"
+        return f"recording {length}{of}: {status.received} frames{lacking}; Space stops"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images{after}"
     if status.message or not status.expected:
         return f"{printable(status.message) or 'ordered'}{after}"
     return f"taken; cameras are saving{after}"
+
+
+def _minutes(seconds: float) -> str:
+    return f"{int(seconds) // 60}:{int(seconds) % 60:02}"
 
 
 class TakePanel(VerticalScroll, can_focus=False):
@@ -130,7 +154,7 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
-    yield Content.styled(printable(takes[-1].status.name) or "the take", "bold")
+    yield Content.styled(printable(takes[-1].name) or "the take", "bold")
     if takes[-1].retake_of:
         yield Content.styled(f"retake of {printable(takes[-1].retake_of)}", "$foreground-muted")
     if takes[-1].trashed:
@@ -166,7 +190,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
 
 
 def _in_short(take: Take, now_s: float) -> Content:
-    name = f"{printable(take.status.name):<10} "
+    name = f"{printable(take.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.sheet is None or not take.status.done:

@@ -92,7 +92,8 @@ class Lines(Widget):
         if not self.is_attached:
             return
         self._strips = [strip_of_line(self, line) for line in self._lines]
-        if len(before) != len(self._strips):
+        widths = {max((one.cell_length for one in strips), default=0) for strips in (before, self._strips)}
+        if len(before) != len(self._strips) or (self.styles.is_auto_width and len(widths) > 1):
             self.refresh(layout=True)
             # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)

@@ -11,6 +11,7 @@ import io
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 import cv2
@@ -49,6 +50,9 @@ Without it, sensor noise would change nearly all cells each time; it reduces the
 """
 REST_S = 0.2
 """Delay before a picture is sent in pixels, in seconds; browsing through a take sends none."""
+
+ANSWER_S = 1.0
+"""Max delay of a terminal's answers at the start, in seconds; textual-image waits a tenth of it."""
 
 
 class SharpTerminal:
@@ -121,12 +125,26 @@ def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ
         return None
     try:
         found = importlib.import_module("textual_image.renderable")
+        _discard_late_answers()
         if found.Image is not found.TGPImage:
             return None
         cell = importlib.import_module("textual_image._terminal").get_cell_size()
     except Exception:  # noqa: BLE001 - any failure of an optional package falls back to glyphs
         return None
     return SharpTerminal(found.TGPImage, (cell.width, cell.height))
+
+
+def _discard_late_answers() -> None:
+    """Read and discard the answers for which textual-image did not wait: the app would take them as keys.
+
+    A terminal answers in order, so nothing is outstanding after the answer to this last query.
+    """
+    terminal = importlib.import_module("textual_image._terminal")
+    answers = ""
+    with suppress(TimeoutError), terminal.capture_mode():
+        os.write(1, b"\x1b[5n")
+        while not answers.endswith("\x1b[0n"):
+            answers += terminal.read(0, 1, ANSWER_S)
 
 
 def sharp_terminal_of(app: App[Any]) -> SharpTerminal | None:

@@ -41,8 +41,8 @@ class KeyFooter(Lines):
         for binding in sorted(shown.values(), key=lambda binding: binding.action not in FIRST):
             item = self._item(binding)
             if line.cell_length + item.cell_length > room:
-                # The remaining keys are listed in the help, whose key follows.
-                line += "…"[: room - line.cell_length]
+                # The remaining keys are listed in the help, whose key follows. A full line ends with a space.
+                line = line[: room - 1] + "…"
                 break
             line += item
         self.show([line.pad_right(room - line.cell_length) + right])

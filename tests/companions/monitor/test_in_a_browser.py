@@ -131,6 +131,23 @@ async def test_a_recording_is_seen_on_each_monitor_and_ended_on_another(
         other.kill()
 
 
+async def test_a_burst_is_taken_before_it_is_saved_and_its_depth_has_a_legend(tmp_path: Path) -> None:
+    burst = "{name: 'burst-001', received: 0, expected: 8, seconds: 0, is_done: false}"
+    async with monitored(tmp_path, 2) as served:
+        browser = MonitorBrowser(tmp_path / "profile", SIZES["phone"])
+        try:
+            await browser.open(await served.url())
+            await browser.shows("document.body.classList.contains('good')")
+            assert await browser.ask(f"SHOW.burst({burst}), courseWords()[1]") == "Taking …"
+            await browser.shows("document.getElementById('course').textContent.startsWith('Taken')")
+            await browser.ask(
+                "take = {name: 'burst-001'}, kind = 'depth', drawTake(takeKey(), new Uint8Array())"
+            )
+            await browser.shows("document.getElementById('absent').textContent.startsWith('Bright is near')")
+        finally:
+            browser.kill()
+
+
 async def test_a_stranger_is_told_to_scan_the_code(served: ServedMonitor, tmp_path: Path) -> None:
     browser = MonitorBrowser(tmp_path / "profile", SIZES["phone"])
     try:

@@ -11,6 +11,8 @@ import pytest
 
 from capture_app.common.tasks import end
 from capture_app.companions.monitor.monitor_page import MonitorFeed
+from capture_app.protocol.orders import EndBurst
+from capture_app.protocol.status import BurstStatus
 from capture_app.web.paired_page import MAX_LINKS_PER_DEVICE
 from tests.companions.monitor.served import ServedMonitor, StandInMonitor, monitored
 from tests.tui.fake_rig import FakeRig
@@ -155,6 +157,23 @@ async def test_depth_is_computed_when_a_monitor_asks(tmp_path: Path) -> None:
     await until(lambda: "Computing" in feed.texts.get("absent", ""))
     await until(lambda: "take/jumper/depth" in feed.pictures, seconds=SLOW_PATIENCE_S)
     assert feed.pictures["take/jumper/depth"].startswith(b"\x89PNG")
+    await end(following)
+
+
+async def test_a_recording_that_was_stopped_is_being_saved(tmp_path: Path) -> None:
+    rig = FakeRig(1)
+    rig.burst_status = BurstStatus(
+        burst=1, name="recording-001", cameras=1, instants=30, received=2, expected=30, recording=True
+    )
+    feed = MonitorFeed(rig, is_local=True)
+    following = asyncio.create_task(feed.run())
+    rig.tell()
+    await until(lambda: '"is_recording":true' in feed.texts.get("burst", ""))
+    await feed.stop()
+    rig.tell()
+    await until(lambda: '"is_recording":false' in feed.texts["burst"])
+    await feed.stop()
+    assert [asked for asked in rig.asked if asked[0] == "order"] == [("order", EndBurst(burst=1))]
     await end(following)
 
 

@@ -1,10 +1,12 @@
 """The mode Jobs: what is seen of jobs, and what its keys do."""
 
+import webbrowser
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from msgspec import structs
@@ -208,12 +210,17 @@ async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
     opened: list[str] = []
     async with jobs_mode(root) as pilot:
         monkeypatch.setattr(pilot.app, "open_url", opened.append)
+        monkeypatch.setattr("webbrowser.get", lambda: None)
         monkeypatch.delenv("SSH_CONNECTION", raising=False)
         monkeypatch.delenv("SSH_TTY", raising=False)
         await until(pilot, lambda: "✔ done" in text(pilot))
         await pilot.press("o")
         await until(pilot, lambda: opened)
         assert opened == [report.as_uri()]
+        monkeypatch.setattr("webbrowser.get", Mock(side_effect=webbrowser.Error("no runnable browser")))
+        await pilot.press("o")
+        await until(pilot, lambda: any("is on this machine" in toast for toast in toasts(pilot.app)))
+        assert len(opened) == 1
         monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
         await pilot.press("o")
         await until(pilot, lambda: any(str(report) in toast.replace("\n", "") for toast in toasts(pilot.app)))

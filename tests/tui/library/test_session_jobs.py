@@ -86,14 +86,20 @@ async def test_no_explanation_is_cut_at_80_columns(sessions: Path) -> None:
             await settle(pilot)
 
 
-async def test_a_job_that_begins_says_that_it_ends_with_the_screen(
+async def test_a_job_says_whether_it_begins_or_waits_and_that_it_ends_with_the_screen(
     sessions: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(COMMANDS, VERIFY.name, replace(VERIFY, module="tests.tui.jobs.quick_command"))
     async with library(sessions) as pilot:
         await choose(pilot, "one")
         await pilot.press("V")
-        await until(pilot, lambda: any("ends when this screen is closed" in t for t in toasts(pilot.app)))
+        await until(pilot, lambda: any("It ends when simulshot quits" in t for t in toasts(pilot.app)))
+        assert "Verify of one has started: " in toasts(pilot.app)[0]
+        await until(pilot, lambda: jobs(pilot)[0].state.is_over)
+        pilot.app.runs.hold(True)
+        await pilot.press("V")
+        await until(pilot, lambda: any("Verify of one is waiting: " in t for t in toasts(pilot.app)))
+        pilot.app.runs.hold(False)
         await until(pilot, lambda: jobs(pilot)[0].state.is_over)
 
 

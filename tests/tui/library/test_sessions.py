@@ -210,6 +210,16 @@ async def test_a_session_without_images_is_not_compared(sessions: Path) -> None:
         assert view(pilot.app).check_action("on_session", ("look",)) is True
 
 
+async def test_a_session_of_one_instant_is_not_compared(sessions: Path) -> None:
+    make_take(sessions, name="moment", instants=1)
+    async with library(sessions) as pilot:
+        await choose(pilot, "moment")
+        await pilot.press("c")
+        await until(pilot, lambda: toasts(pilot.app))
+        assert toasts(pilot.app) == ["moment has one instant: no frame can be offset. Take 5 or more"]
+        assert not pilot.app.runs.all
+
+
 async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:
     async with library(sessions) as pilot:
         sample = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/jumper"))

@@ -17,11 +17,14 @@ from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, CameraTransfer
+from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
+from capture_app.tui.shoot.takes import Take, progress_words
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import toasts, until
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
+from tests.tui.takes import make_take
 
 
 def line_of(studio: Studio) -> str:
@@ -288,10 +291,25 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert "80 frames, 2 in transit; Space stops" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert line_of(studio).endswith("; 80 of 82 frames")
+        assert line_of(studio).endswith("; 80 of 82 frames saved")
         assert "Space stops" not in line_of(studio)
         assert ("order", EndBurst(burst=4)) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert sum(asked[0] == "burst" for asked in rig.asked) == 2, "it takes again while the last is saved"
+
+
+def test_a_recording_of_a_planned_length_ends_by_itself() -> None:
+    status = BurstStatus(
+        burst=1, name="walk", recording=True, cameras=2, instants=90, received=0, expected=180
+    )
+    take = Take(status, TakePlan(video=True, seconds=5.0), begun_s=100.0)
+    said = "recording 0:03 of 0:05: 0 frames, 180 in transit; Space stops"
+    assert progress_words(take, 103.5) == said
+    assert not take.has_ended(103.5)
+    assert progress_words(take, 109.0) == "recorded 0:05; 0 of 180 frames saved"
+    assert take.has_ended(109.0)
 
 
 async def test_a_series_on_motion_says_what_it_waits_for_and_is_stopped_by_the_key(tmp_path: Path) -> None:
@@ -364,3 +382,22 @@ async def test_a_saved_take_whose_images_arrive_at_last_is_shown_as_it_is_now(tm
         rig.tell()
         await pilot.pause()
         assert "4 of 4 images" in studio.view.take_panel.plain
+
+
+async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_saved(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    saving = BurstStatus(burst=1, name="burst-001", cameras=2, instants=3, received=0, expected=6)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        rig.burst_status = saving
+        rig.tell()
+        await until(pilot, lambda: "burst-001\n◔ taken; cameras are saving" in studio.view.take_panel.plain)
+        rig.burst_status = replace_fields(saving, burst=2, name="burst-002")
+        rig.tell()
+        await until(pilot, lambda: "burst-001  taken; cameras are saving" in studio.view.take_panel.plain)
+        session = make_take(tmp_path, cameras=2, name="burst-001")
+        rig.different["sessions"] = (str(session.folder),)
+        rig.tell()
+        await until(pilot, lambda: "burst-001  ● excellent" in studio.view.take_panel.plain)
+        assert "burst-002\n◔ taken" in studio.view.take_panel.plain

@@ -11,10 +11,12 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import Preview
 from capture_app.session.library.changes import trashed_sessions
 from capture_app.session.library.listing import list_sessions
+from capture_app.tui.library.session_rows import SessionRows
 from capture_app.tui.question import Question
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.look import LookScreen
-from tests.tui.driving import screen_of, until
+from tests.tui.driving import screen_of, settle, until
+from tests.tui.library.screen import choose, rows, type_text, view
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
 
@@ -126,6 +128,36 @@ async def test_a_sequence_takes_one_after_the_other(tmp_path: Path) -> None:
         earlier = [line for line in text.splitlines() if line.startswith("burst-00")][1:]
         assert earlier == ["burst-002  ● excellent 40 µs ±18 µs", "burst-001  ● excellent 20 µs ±18 µs"]
         assert [one.name for one in list_sessions(tmp_path)] == ["burst-001", "burst-002", "burst-003"]
+
+
+async def test_a_take_follows_its_session(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        shoot = studio.view
+        await pilot.press("3")
+        await until(pilot, lambda: studio.app.screen.query(SessionRows) and rows(studio.app).keys)
+        await choose(pilot, "burst-001")
+        await pilot.press("n")
+        await settle(pilot)
+        await type_text(pilot, "walk")
+        await pilot.press("enter")
+        await until(pilot, lambda: shoot.take_panel.plain.startswith("walk\n● excellent"))
+        sheet = shoot.stage.sheet.sheet
+        assert sheet is not None
+        assert sheet.session.folder == tmp_path / "walk"
+        await until(pilot, lambda: view(studio.app).entry and view(studio.app).entry.card.name == "walk")
+        await pilot.press("delete")
+        await until(pilot, lambda: "in the trash" in shoot.take_panel.plain)
+        await pilot.press("u")
+        await until(pilot, lambda: "● excellent" in shoot.take_panel.plain)
+        rig.tell()
+        await studio.settle(pilot)
+        assert len(shoot.takes) == 1, "the rig's status still has the first name"
 
 
 @pytest.mark.slow

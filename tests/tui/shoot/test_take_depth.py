@@ -65,6 +65,7 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
     monkeypatch.delenv("SSH_CONNECTION", raising=False)
     monkeypatch.delenv("SSH_TTY", raising=False)
     monkeypatch.setattr(studio.app, "open_url", opened.append)
+    monkeypatch.setattr("webbrowser.get", lambda: None)
     async with studio.app.run_test(size=(120, 50)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")

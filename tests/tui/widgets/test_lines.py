@@ -6,7 +6,7 @@ from textual.app import App, ComposeResult
 from textual.content import Content
 from textual.strip import Strip
 
-from capture_app.tui.widgets.lines import changed_cells, justified
+from capture_app.tui.widgets.lines import Lines, changed_cells, justified
 from capture_app.tui.widgets.row_list import RowList
 from tests.tui.driving import settle
 
@@ -35,6 +35,22 @@ class ListApp(App[None]):
 
     def compose(self) -> ComposeResult:
         yield RowList[str](1, lambda name, width, _: [justified(Content(name), Content("end"), width)])
+
+
+class WordsApp(App[None]):
+    CSS = "Lines { width: auto; }"
+
+    def compose(self) -> ComposeResult:
+        yield Lines()
+
+
+async def test_a_line_that_grows_is_not_cut() -> None:
+    async with WordsApp().run_test(size=(40, 3)) as pilot:
+        words = pilot.app.query_one(Lines)
+        for text in ("in 3 s", "take 1 of 3 in 3 s"):
+            words.show([Content(text)])
+            await settle(pilot)
+            assert words.render_line(0).text == text
 
 
 async def test_the_rows_of_a_long_list_end_before_its_scrollbar() -> None:

@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import termios
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -105,6 +106,46 @@ def test_any_other_terminal_gets_glyphs(sent_to_each: list[str]) -> None:
         assert GLYPHS.search(sent)
         assert PLACEHOLDER not in sent
         assert not list(pictures_in(sent))
+
+
+LEFT_BY_THE_QUERIES = """
+import os, select, tty
+from capture_app.tui.widgets.picture import find_sharp_terminal
+tty.setcbreak(0)
+os.write(1, b"<READY>")
+found = find_sharp_terminal("local", {})
+left = os.read(0, 99) if select.select([0], [], [], 0.5)[0] else b""
+os.write(1, b"<%r %r>" % (found, left))
+"""
+
+
+def test_an_answer_that_comes_late_presses_no_key() -> None:
+    ours, theirs = pty.openpty()
+    child = subprocess.Popen(
+        [sys.executable, "-c", LEFT_BY_THE_QUERIES],
+        stdin=theirs,
+        stdout=theirs,
+        cwd=Path(__file__).parents[3],
+        start_new_session=True,
+    )
+    os.close(theirs)
+    sent, answered = b"", 0
+    try:
+        while select.select([ours], [], [], 60)[0]:
+            try:
+                sent += os.read(ours, 65536)
+            except OSError:  # Linux tells so that the other end is closed
+                break
+            for asked, answer in ((ASKED_ATTRIBUTES, XTERM[0]), (b"\x1b[5n", b"\x1b[0n")):
+                if asked in sent[answered:]:
+                    time.sleep(0.3)  # a busy machine, or a slow link
+                    os.write(ours, answer)
+                    answered = sent.index(asked, answered) + len(asked)
+    finally:
+        child.kill()
+        child.wait()
+        os.close(ours)
+    assert sent.endswith(b"<None b''>"), sent
 
 
 @pytest.mark.slow

@@ -10,6 +10,9 @@ const reasons = new Map();
 let aspect = 0.75;
 const settings = {mode: "burst", frames: "8", countdown: "0", motion: "", ...JSON.parse(memory.get("settings") || "{}")};
 let closeUp = "", kind = "sheet", take = null, course = {state: "idle"}, burst = null, rigLost = "", shownTake = null, refused = "";
+// A burst's images may arrive long after its last frame, when the people in front of the cameras may move again.
+const LEAD_S = 1;
+let isTaken = false, taking = 0;
 
 const link = new Link({
   onOpen() {
@@ -49,7 +52,15 @@ const SHOW = {
     fitTiles();
     showState();
   },
-  burst(message) { burst = message; showCourse(); },
+  burst(message) {
+    if (!burst || burst.name !== message.name) {
+      isTaken = false;
+      clearTimeout(taking);
+      taking = setTimeout(() => { isTaken = true; showCourse(); }, (message.seconds + LEAD_S) * 1000);
+    }
+    burst = message;
+    showCourse();
+  },
   course(message) { course = message; refused = ""; showCourse(); },
   refused({words}) { refused = words; showCourse(); },
   take(message) {
@@ -173,7 +184,7 @@ function courseWords() {
   if (course.state === "waiting") return ["wait", capital(course.words || "waiting …") + (course.can_hurry ? "; press to take at once" : "")];
   if (course.state === "ordered") return ["wait", capital(course.words || "ordered …")];
   if (isRecording()) return ["red", `Recording · ${burst.received} frames`];
-  if (burst && !burst.is_done) return ["wait", burst.received ? `Saving ${burst.received} of ${burst.expected} images` : "Taking …"];
+  if (burst && !burst.is_done) return ["wait", burst.received ? `Saving ${burst.received} of ${burst.expected} images` : isTaken ? "Taken; waiting for the images" : "Taking …"];
   if (take) return ["", `${take.name}${take.grade === "unknown" ? "" : `: ${take.grade}`}`];
   return ["", tiles.size ? "Ready to take" : ""];
 }
@@ -244,7 +255,7 @@ function drawTake(key, bytes) {
   picture.className = kind;
   picture.alt = `${kind} of ${take.name}`;
   picture.hidden = false;
-  showAbsent({words: ""});
+  showAbsent({words: kind === "depth" ? "Bright is near, blue is far; dark: no distance." : ""});
   if (kind === "sheet") {
     seen("thumbnail").src = picture.src;
     seen("thumbnail").hidden = false;

@@ -333,9 +333,10 @@ class FrameDurationActuator(PhaseActuator):
         return Setpoint(drift.latency_frames * drift.period_ns, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
-        """Return the grid as the setpoint if it is a few rows away at most: such a step is invisible."""
+        """Return the setpoint nearest to the grid that a step of a few rows reaches: it is invisible."""
         lead_ns = drift.latency_frames * drift.period_ns
-        return None if abs(drift.error_after(lead_ns)) > self._fine_ns else Setpoint(lead_ns, 0.0)
+        error_ns = drift.error_after(lead_ns)
+        return Setpoint(lead_ns, error_ns - min(max(error_ns, -self._fine_ns), self._fine_ns))
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """Return the duration of one frame; None while the error is within about half a row."""

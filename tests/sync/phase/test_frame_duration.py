@@ -9,7 +9,9 @@ from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
-from capture_app.sync.phase.injection import FrameDurationActuator
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.injection import FINE_ROWS, FrameDurationActuator
+from capture_app.sync.wire.camera_commands import SetFrameDuration
 from capture_app.sync.wire.datagrams import CLOCK
 
 ROW = 20_000
@@ -75,3 +77,24 @@ def test_a_fast_drift_is_held_by_a_row_for_nearly_every_frame(ppm: float, latenc
     assert sum(look.aligned for look in looks) > 0.9 * len(looks)
     assert sum(abs(look.error_ns) < 20_000 for look in looks) > 0.9 * len(looks)
     assert all(abs(look.error_ns) < 30_000 for look in looks if look.aligned)
+
+
+@pytest.mark.parametrize("off_ns", [600_000, -600_000])
+def test_in_a_burst_a_stream_comes_back_by_steps_that_no_image_shows(off_ns: int) -> None:
+    """Five lost frames of a camera with fine rows can take it further off than one such step."""
+    bench = Bench(PROFILES["pi"], 5, 20_000, ppm=40.0)
+    bench.run(5_000_000_000)
+    bench.grid = FrameGrid(bench.grid.anchor_leader_ns - off_ns, bench.grid.period_ns)
+    bench.commands.clear()
+    burst_ns = bench.now_ns, bench.now_ns + 3_000_000_000
+    errors_ns = []
+    while bench.now_ns < burst_ns[1]:
+        frame = bench.next_frame()
+        if not frame.dropped:
+            errors_ns.append(bench.step_aligner(frame, burst_ns=burst_ns).error_ns)
+    assert abs(errors_ns[0]) > 500_000
+    assert max(map(abs, errors_ns[30:])) < 20_000
+    row_ns, typical_ns = bench.profile.row_time_ns, bench.profile.period_ns
+    for command in bench.commands:
+        assert isinstance(command, SetFrameDuration)
+        assert abs(command.duration_ns - typical_ns) <= FINE_ROWS * row_ns + row_ns

@@ -336,7 +336,8 @@ class FrameDurationActuator(PhaseActuator):
         """Return the setpoint nearest to the grid that a step of a few rows reaches: it is invisible."""
         lead_ns = drift.latency_frames * drift.period_ns
         error_ns = drift.error_after(lead_ns)
-        return Setpoint(lead_ns, error_ns - min(max(error_ns, -self._fine_ns), self._fine_ns))
+        earliest_ns = max(-self._fine_ns, self._min_rows * self._row_ns)
+        return Setpoint(lead_ns, error_ns + min(max(-error_ns, earliest_ns), self._fine_ns))
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """Return the duration of one frame; None while the error is within about half a row."""

@@ -9,7 +9,7 @@ from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
-from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.frame_grid import Drift, FrameGrid
 from capture_app.sync.phase.injection import FINE_ROWS, FrameDurationActuator
 from capture_app.sync.wire.camera_commands import SetFrameDuration
 from capture_app.sync.wire.datagrams import CLOCK
@@ -98,3 +98,10 @@ def test_in_a_burst_a_stream_comes_back_by_steps_that_no_image_shows(off_ns: int
     for command in bench.commands:
         assert isinstance(command, SetFrameDuration)
         assert abs(command.duration_ns - typical_ns) <= FINE_ROWS * row_ns + row_ns
+
+
+def test_frames_that_cannot_be_shorter_are_not_made_long_in_a_burst() -> None:
+    late = Drift(error_ns=5 * ROW, rate=0.0, period_ns=PERIOD, tolerance_ns=50_000, grace_ns=0.0)
+    setpoint = controller(min_rows=1667).setpoint_on_hold(late)
+    assert setpoint is not None
+    assert setpoint.target_ns == late.error_ns, "it stays as it is"

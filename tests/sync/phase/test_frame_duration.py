@@ -79,10 +79,11 @@ def test_a_fast_drift_is_held_by_a_row_for_nearly_every_frame(ppm: float, latenc
     assert all(abs(look.error_ns) < 30_000 for look in looks if look.aligned)
 
 
-@pytest.mark.parametrize("off_ns", [600_000, -600_000])
-def test_in_a_burst_a_stream_comes_back_by_steps_that_no_image_shows(off_ns: int) -> None:
-    """Five lost frames of a camera with fine rows can take it further off than one such step."""
-    bench = Bench(PROFILES["pi"], 5, 20_000, ppm=40.0)
+@pytest.mark.parametrize("off_ns", [150_000, -150_000])
+def test_in_a_burst_a_stream_of_fine_rows_comes_back_by_small_steps(off_ns: int) -> None:
+    """Five lost frames in a row take such a stream further off than one small step."""
+    profile = replace(PROFILES["pi"], row_time_ns=1_000, frame_length_rows=33_333, min_frame_rows=15_000)
+    bench = Bench(profile, 5, 20_000, ppm=40.0)
     bench.run(5_000_000_000)
     bench.grid = FrameGrid(bench.grid.anchor_leader_ns - off_ns, bench.grid.period_ns)
     bench.commands.clear()
@@ -92,12 +93,11 @@ def test_in_a_burst_a_stream_comes_back_by_steps_that_no_image_shows(off_ns: int
         frame = bench.next_frame()
         if not frame.dropped:
             errors_ns.append(bench.step_aligner(frame, burst_ns=burst_ns).error_ns)
-    assert abs(errors_ns[0]) > 500_000
+    assert abs(errors_ns[0]) > 100_000
     assert max(map(abs, errors_ns[30:])) < 20_000
-    row_ns, typical_ns = bench.profile.row_time_ns, bench.profile.period_ns
     for command in bench.commands:
         assert isinstance(command, SetFrameDuration)
-        assert abs(command.duration_ns - typical_ns) <= FINE_ROWS * row_ns + row_ns
+        assert abs(command.duration_ns - profile.period_ns) <= (FINE_ROWS + 1) * profile.row_time_ns
 
 
 def test_frames_that_cannot_be_shorter_are_not_made_long_in_a_burst() -> None:

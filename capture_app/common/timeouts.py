@@ -50,6 +50,8 @@ AFTER_LAST_INSTANT_NS = 2_000_000_000
 after its last instant."""
 RETURN_NS = 60_000_000_000
 """Nodes do not come back with the images of an interrupted burst."""
+DISK_RETRY_S = 10.0
+"""The leader's disk refused a session: it is tried again, if there is room."""
 BUSY_TIMEOUT_S = 5.0
 """A burst is still under way, after which cameras may be staggered; they select frames for a second."""
 UNDECIDED_S = 0.1

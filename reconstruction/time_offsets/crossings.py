@@ -35,6 +35,10 @@ MIN_MATCH_PX = 0.1
 MIN_STILL_PX = 0.2
 MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
+MIN_ACROSS, MIN_AGREEING = 0.15, 0.25
+"""Minimum fraction of crossings of at least that speed, or of these that agree: where nearly all points move
+along their lines, the others are wrong matches, of which some agree by chance (measured: 0.06 and 0.09, with
+motion across the lines at least 0.48 and 0.33)."""
 NEAR_PX = 4.0
 """Matches farther than this from the offset with the most votes are outliers."""
 MAX_STILL_RESIDUAL_PX = 6.0
@@ -274,6 +278,9 @@ def fit_offset(
     peak, best, rival = _best_offset(votes, period_ms)
     if best < MIN_VOTES or best < DISTINCT * rival:
         return OffsetFit(reason="the moving points do not agree on one offset")
+    all_points, across = (float(one.counts.sum()) for one in (crossings, found))
+    if across < MIN_ACROSS * all_points and best < MIN_AGREEING * across:
+        return OffsetFit(reason="nearly all moving points move along their epipolar lines")
     late_ms = found.by(at_rest.geometry).offset_ms - peak
     near = (np.abs(late_ms * found.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
     at_rest.values[0] = peak

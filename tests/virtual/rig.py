@@ -325,10 +325,14 @@ class VirtualRig:
                     await node.bursts.end(session.burst.number)
 
     async def _rest(self) -> None:
-        """Wait until all takes are over and all spools are empty, at most MAX_WAIT_S."""
-        deadline_ns = self.world.now_ns + round(MAX_WAIT_S * 1e9)
+        """Wait until all takes are over and all spools are empty, at most MAX_WAIT_S after the last fault."""
+        begun_ns = self.world.now_ns
         quiet = 0
-        while self.world.now_ns < deadline_ns and quiet < 3:
+        while quiet < 3:
+            # A process may be killed at a step of its disk that it takes only now.
+            healed_ns = max([begun_ns, *(span.until_ns for span in self.evidence.spans)])
+            if self.world.now_ns >= healed_ns + MAX_WAIT_S * 1e9:
+                break
             await asyncio.sleep(2)
             over = all(take.result for take in self.evidence.takes)
             elsewhere = {"lead", "lead2"} - {*self.leaders}

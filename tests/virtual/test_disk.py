@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.node.camera.burst_upload import Spool
 from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.images import small_jpeg
+from tests.node.bursts import IMAGE, report, upload
 from tests.virtual.world import World
 
 
@@ -83,6 +85,17 @@ def test_folders_that_a_killed_writer_did_not_sync_are_synced_by_the_next() -> N
         writer.add_image(small_jpeg(), camera="a", instant=0, leader_ns=0)
 
     assert "000000.jpg" in left(begin, go_on)
+
+
+def test_images_in_the_folder_of_a_new_spool_survive() -> None:
+    def keep(folder: Path) -> None:
+        spool = Spool(folder / "state" / "spool", "a")
+        spool.open()
+        burst = spool.create_burst(report("a", 0))
+        burst.add_image(upload("a", 0), IMAGE)
+        burst.sync([upload("a", 0)])
+
+    assert left(keep)["000000.jpg"] == IMAGE
 
 
 @pytest.mark.parametrize("steps", range(1, 6))

@@ -20,6 +20,12 @@ FOUND = {
     3906: "a camera that offered an image it had not reported had its session opened for ever",
     3907: "a recording did not wait for an image that had been reported missing before",
     3913: "frames of beyond a recording's end were refused for ever",
+    40002: "a power cut took a node's whole spool: its folder was in no synced folder",
+    40596: "a session that the leader's failing disk had refused was left unfinished",
+    41139: "a recording that a leader lost waited for its ordered end, days later",
+    41192: "the virtual rig did not wait for what a late kill had interrupted",
+    42913: "a recording that the leader's full disk had refused was left unfinished",
+    43071: "a camera that lacked most instants cost another one its frame",
 }
 """Further seeds that have found a fault, and which; changing the virtual rig changes what befalls them."""
 

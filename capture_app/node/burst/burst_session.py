@@ -577,9 +577,14 @@ class BurstSession:
 
     @property
     def _ends_ns(self) -> int:
-        """Leader time of the last instant; a resumed burst lasts as long again, as its times may differ."""
+        """Leader time of the last instant; a resumed burst lasts as long again, as its times may differ.
+
+        Cameras end a recording themselves when they lose its leader.
+        """
         first_ns, last_ns = self.burst.instants_ns[0], self.burst.instants_ns[-1]
-        return last_ns if self._lost is None else min(last_ns, self._began_ns + last_ns - first_ns)
+        if self._lost is None:
+            return last_ns
+        return self._began_ns if self.burst.video else min(last_ns, self._began_ns + last_ns - first_ns)
 
     @property
     def _reported_plans(self) -> dict[str, CameraPlan | None]:

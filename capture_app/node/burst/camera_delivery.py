@@ -82,9 +82,8 @@ class CameraDelivery:
         if now_ns - self.heard_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
         # The next instant of a streamed burst may be hours away, but not after the last.
-        is_streamed = self.plan.picking or self.plan.picked is not None
-        is_here = self.streams and self.name not in lost
-        since_ns = max(self.since_ns, ends_ns) if is_here and is_streamed else self.since_ns
+        is_capturing = self.plan.picking and self.streams and self.name not in lost
+        since_ns = max(self.since_ns, ends_ns) if is_capturing else self.since_ns
         # Messages without images, or images that trickle, do not count: they could go on forever.
         return f"it sent nothing for {stalled_ns // 10**9} s" if now_ns - since_ns >= stalled_ns else ""
 

@@ -34,7 +34,8 @@ def choose_instants(
     """Choose `frames` of the ordered instants; return None while more reports are needed.
 
     `cameras` are the awaited cameras, None for one without a report. If fewer instants are complete than
-    requested, those with the most cameras are added, the earliest first among equals.
+    requested, those with the most cameras are added. Among equals, a camera that lacks more than half of the
+    ordered instants costs the others none; then the earliest come first.
     """
     reports = [camera for camera in cameras if camera is not None]
     if len(reports) < len(cameras):
@@ -48,8 +49,12 @@ def choose_instants(
         return None
     if len(complete) < frames:
         others = (instant for instant in range(ordered) if instant not in complete)
-        by_cameras = sorted(others, key=lambda n: sum(n in instants for instants in there), reverse=True)
-        complete += by_cameras[: frames - len(complete)]
+        steady = [instants for instants in there if 2 * len(instants) >= ordered]
+
+        def cameras_at(n: int) -> tuple[int, int]:
+            return sum(n in instants for instants in there), sum(n in instants for instants in steady)
+
+        complete += sorted(others, key=cameras_at, reverse=True)[: frames - len(complete)]
     return tuple(sorted(complete))
 
 

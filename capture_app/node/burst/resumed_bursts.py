@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
-from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, RETURN_NS
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, DISK_RETRY_S, RETURN_NS
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.plans import check_machine
 from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
@@ -55,6 +55,17 @@ class ResumedBursts:
                     session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
                     await session.finish_if_complete()
         self._all_resumed.set()
+
+    async def finish_later(self, folder: Path, now_ns: Callable[[], int]) -> None:
+        """Resume a session that could not be finished, once its disk has room again."""
+        has_room = False
+        while not has_room:
+            await asyncio.sleep(DISK_RETRY_S)
+            with suppress(DiskError):
+                has_room = await asyncio.to_thread(free_bytes, folder) >= SPARE_BYTES
+        # A camera that had more images for it may have caused that already.
+        if await asyncio.to_thread(_is_interrupted, folder):
+            await self.resume_all(now_ns(), folders=[folder])
 
     async def wait_until_finished(self) -> None:
         """Wait until all sessions that `resume_all` resumed are finished."""
@@ -149,6 +160,10 @@ class ResumedBursts:
 def interrupted_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of unfinished bursts that no process writes, oldest first."""
     for plan in sorted(root.glob(f"*/{PLAN}")):
-        is_finished = (plan.parent / MANIFEST).exists() and not (plan.parent / INCOMING).exists()
-        if not is_finished and not is_being_written(plan.parent):
+        if _is_interrupted(plan.parent):
             yield plan.parent
+
+
+def _is_interrupted(folder: Path) -> bool:
+    is_finished = (folder / MANIFEST).exists() and not (folder / INCOMING).exists()
+    return not is_finished and not is_being_written(folder)

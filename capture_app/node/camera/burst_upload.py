@@ -28,7 +28,7 @@ from capture_app.common.names import check_name
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
-from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic
+from capture_app.session.files.durable import PART, AppendOnlyFile, make_folders, sync_all, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
@@ -136,7 +136,7 @@ class Spool:
         Raises SimulshotError where it cannot be written, TryAgainError where another node uses it.
         """
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
             found = [folder for folder in self.folder.iterdir() if (folder / REPORT).is_file()]
         except TryAgainError:

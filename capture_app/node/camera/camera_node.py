@@ -62,7 +62,7 @@ class CameraNode:
         spool = None if options.spool is None else Spool(options.spool, options.name)
         self._uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
         with contextlib.nullcontext() if spool is None else contextlib.closing(spool):
-            self._uploader.load_spool()
+            await asyncio.to_thread(self._uploader.load_spool)
             options.trust.client_context()
             found = [await resolve(leader) for leader in options.leaders]
             family = found[0][0]

@@ -316,7 +316,10 @@ class Uploader:
         return *self._waiting, *self._refused
 
     def load_spool(self) -> None:
-        """Add the bursts that an earlier run of this node left in the spool. Raises SimulshotError."""
+        """Add the bursts that an earlier run of this node left in the spool. Blocks on the disk.
+
+        Raises SimulshotError.
+        """
         for spooled in self.spool.open() if self.spool is not None else ():
             try:
                 burst = Upload.of_spool(spooled)

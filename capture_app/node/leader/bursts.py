@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import (
     BadInputError,
+    DiskError,
     DiskFullError,
     IncompleteError,
     SimulshotError,
@@ -453,6 +454,8 @@ class ActiveBursts:
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
         self._event_log.note(status)
+        if isinstance(session.failure, DiskError) and status.burst not in self._cancelled:
+            self._background.start(self.resumed.finish_later(session.folder, self.now_ns))
 
     async def give_up_silent_cameras(self) -> None:
         """Stop waiting for cameras that are silent, in all bursts that are being saved."""

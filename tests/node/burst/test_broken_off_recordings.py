@@ -11,6 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import DiskFullError, TryAgainError
+from capture_app.common.timeouts import CAMERA_STALLED_NS
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.bursts import END_LEAD_NS
@@ -134,6 +135,54 @@ async def test_a_camera_that_has_more_of_a_recording_than_its_session_is_asked_f
     await deliver_late(tmp_path, "a", range(2, 5))
     await deliver_late(tmp_path, "b", range(2, 5))
     assert len(whole(session.folder).manifest.images) == 10
+
+
+@pytest.mark.parametrize("picking", [False, True])
+async def test_a_recording_of_an_earlier_run_does_not_wait_for_its_ordered_end(
+    tmp_path: Path, picking: bool
+) -> None:
+    """That may be days away, and its cameras ended it when they lost that run."""
+    session = recording_of(tmp_path, "a", "b")
+    await session.write_plan(LEADER)
+    await begin(session, "a", "b")
+    await bring(session, "a", 0, 1)
+    await session.suspend()
+    now_ns = session.burst.instants_ns[1]
+    session = await asyncio.to_thread(BurstSession.resume, session.folder, now_ns, DISK)
+    for camera in ("a", "b"):
+        session.stream_opened(camera)
+    await session.accept_report(report("a", 0, 1).with_plan(picked=2), now_ns)
+    # It has announced images, and sends none.
+    await session.accept_report(report("b", 0, 1).with_plan(picked=2, picking=picking), now_ns)
+    await session.give_up_silent_cameras({}, now_ns + CAMERA_STALLED_NS)
+    assert session.finished.is_set()
+    assert len(whole(session.folder).manifest.images) == 2
+
+
+async def test_a_session_that_a_full_disk_refused_is_finished_once_there_is_room(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.node.burst.resumed_bursts.DISK_RETRY_S", 0.01)
+    async with bursts_of(small_disk, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        await bring(session, "a", 0, 1)
+        monkeypatch.setattr(SessionWriter, "finish", _refuse)
+        await session.finish_now("the leader's disk is full")
+        assert isinstance(session.failure, DiskFullError)
+        assert not (session.folder / MANIFEST).exists()
+        filling = await asyncio.to_thread(fill, small_disk)
+        monkeypatch.undo()
+        monkeypatch.setattr("capture_app.node.burst.resumed_bursts.DISK_RETRY_S", 0.01)
+        filling.unlink()
+        await until(lambda: bursts.resumed.sessions() or (session.folder / MANIFEST).exists())
+        for resumed in bursts.resumed.sessions():
+            await resumed.finish_now("its camera has no more")
+        assert len(whole(session.folder).manifest.images) == 2
+
+
+def _refuse(*_: Any, **__: Any) -> Session:
+    raise DiskFullError("the disk is full")
 
 
 class SlowWriter(SessionWriter):

@@ -53,6 +53,19 @@ def test_the_error_bar_holds_the_error() -> None:
     assert np.max(np.abs(misses)) < 4
 
 
+def test_wrong_matches_tell_no_offset_where_all_else_moves_along_its_lines() -> None:
+    """A board that moves sideways before two cameras beside each other "was 66.6 ± 1.6 ms early"."""
+    alike = crossings(-66.0, right=60, wrong=560)
+    assert fit_offset(alike, NOTHING_STILL, PERIOD_MS).offset_ms is not None
+    along = crossings(0.0, right=0, wrong=9000, seed=1)
+    along = replace(along, across_px_per_ms=along.across_px_per_ms / 100)
+    found = fit_offset(Crossings.join([alike, along]), NOTHING_STILL, PERIOD_MS)
+    assert (found.offset_ms, found.reason) == (
+        None,
+        "nearly all moving points move along their epipolar lines",
+    )
+
+
 def test_a_calibration_that_is_off_is_no_lateness() -> None:
     found = fit_offset(crossings(5.0, shift_px=1.5), still(1.4), PERIOD_MS)
     assert found.offset_ms == pytest.approx(5.0, abs=1)

@@ -40,6 +40,11 @@ def test_with_too_few_complete_instants_those_of_the_most_cameras_are_added() ->
     assert choose_instants(5, 3, cameras) == (0, 2, 4)
 
 
+def test_a_camera_that_lacks_many_instants_costs_the_others_none() -> None:
+    poor = camera(7, 2, 3, 4, 5, 6)
+    assert choose_instants(7, 3, [camera(7, 0, 1), camera(7), poor]) == (2, 3, 4)
+
+
 def test_without_any_camera_the_burst_is_as_it_was_ordered() -> None:
     assert choose_instants(8, 3, []) == (0, 1, 2)
 

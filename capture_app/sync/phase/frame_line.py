@@ -9,7 +9,7 @@ that added jitter.
 from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from math import isfinite, sqrt
+from math import inf, isfinite, sqrt
 from operator import mul
 from statistics import median
 
@@ -172,6 +172,15 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
     return 0.0
 
 
+def scatter_of_neighbours(runs: Sequence[Sequence[tuple[float, float]]], slope: float) -> float:
+    """Return the standard deviation of the noise of y from neighbouring points (x, y) about a slope.
+
+    It is blind to what moves many points in a row. Without two points in a run it is infinity.
+    """
+    off = [abs(y2 - y1 - slope * (x2 - x1)) for run in runs for (x1, y1), (x2, y2) in pairwise(run)]
+    return SIGMA_FROM_MAD * median(off) / sqrt(2.0) if off else inf
+
+
 def _others(counts: Sequence[int]) -> int:
     """Return the number of other intervals than the most common one; equal neighbours count once.
 
@@ -236,7 +245,9 @@ class FrameLine:
         self.period_sigma_ns = float("inf")
         """One standard deviation of the period; infinite before the first fit."""
         self.noise_ns = 0.0
-        """Standard deviation of one timestamp."""
+        """Standard deviation of one timestamp about the line."""
+        self._scatter_ns = 0.0
+        """Standard deviation of one timestamp about its neighbours, which leave the line together."""
         self.intercept_ns = 0.0
         """Intercept of the current run."""
         self.quantum_ns = 0.0
@@ -260,7 +271,9 @@ class FrameLine:
         """Number of newest frames that determine the intercept."""
         if self.noise_ns < self.quantum_ns:
             return QUANTIZED_FRAMES
-        enough = round((MEDIAN_FACTOR * self.noise_ns / (FINEST_PHASE * self.period_ns)) ** 2)
+        # More frames average noise, but only delay what the phase has done.
+        noise_ns = min(self.noise_ns, self._scatter_ns)
+        enough = round((MEDIAN_FACTOR * noise_ns / (FINEST_PHASE * self.period_ns)) ** 2)
         return max(PHASE_FRAMES, min(WINDOW_FRAMES, enough))
 
     @property
@@ -346,6 +359,7 @@ class FrameLine:
     def _fit(self) -> None:
         self._since_fit = 0
         period_ns, period_sigma_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
+        self._scatter_ns = scatter_of_neighbours(self.runs, period_ns)
         min_ns = QUANTUM_NOISE * self.quantum_ns
         if self.noise_ns < min_ns:
             period_sigma_ns *= min_ns / max(self.noise_ns, 1.0)

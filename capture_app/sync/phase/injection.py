@@ -313,6 +313,8 @@ class FrameDurationActuator(PhaseActuator):
         self._min_rows = min(0, -((self._base_rows * self._row_ns - min_ns) // self._row_ns))
         self._max_rows = max(0, max_ns // self._row_ns - self._base_rows)
         self._fine_ns = FINE_ROWS * self._row_ns
+        self._near_ns = max(self._fine_ns, FINE_ROWS * TYPICAL_ROW_NS)
+        """Maximum error that is corrected in a burst, by one small step or by several."""
         self.shift_ns = 0
         """Effect of the last command on the phase, in ns."""
 
@@ -333,9 +335,13 @@ class FrameDurationActuator(PhaseActuator):
         return Setpoint(drift.latency_frames * drift.period_ns, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
-        """Return the grid as the setpoint if it is a few rows away at most: such a step is invisible."""
+        """Return the setpoint nearest to the grid that a small step reaches; None if the grid is far away."""
         lead_ns = drift.latency_frames * drift.period_ns
-        return None if abs(drift.error_after(lead_ns)) > self._fine_ns else Setpoint(lead_ns, 0.0)
+        error_ns = drift.error_after(lead_ns)
+        if abs(error_ns) > self._near_ns:
+            return None
+        earliest_ns = max(-self._fine_ns, self._min_rows * self._row_ns)
+        return Setpoint(lead_ns, error_ns + min(max(-error_ns, earliest_ns), self._fine_ns))
 
     def command(self, move: Move) -> SetFrameDuration | None:
         """Return the duration of one frame; None while the error is within about half a row."""

@@ -9,7 +9,9 @@ from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
-from capture_app.sync.phase.injection import FrameDurationActuator
+from capture_app.sync.phase.frame_grid import Drift, FrameGrid
+from capture_app.sync.phase.injection import FINE_ROWS, FrameDurationActuator
+from capture_app.sync.wire.camera_commands import SetFrameDuration
 from capture_app.sync.wire.datagrams import CLOCK
 
 ROW = 20_000
@@ -75,3 +77,31 @@ def test_a_fast_drift_is_held_by_a_row_for_nearly_every_frame(ppm: float, latenc
     assert sum(look.aligned for look in looks) > 0.9 * len(looks)
     assert sum(abs(look.error_ns) < 20_000 for look in looks) > 0.9 * len(looks)
     assert all(abs(look.error_ns) < 30_000 for look in looks if look.aligned)
+
+
+@pytest.mark.parametrize("off_ns", [150_000, -150_000])
+def test_in_a_burst_a_stream_of_fine_rows_comes_back_by_small_steps(off_ns: int) -> None:
+    """Five lost frames in a row take such a stream further off than one small step."""
+    profile = replace(PROFILES["pi"], row_time_ns=1_000, frame_length_rows=33_333, min_frame_rows=15_000)
+    bench = Bench(profile, 5, 20_000, ppm=40.0)
+    bench.run(5_000_000_000)
+    bench.grid = FrameGrid(bench.grid.anchor_leader_ns - off_ns, bench.grid.period_ns)
+    bench.commands.clear()
+    burst_ns = bench.now_ns, bench.now_ns + 3_000_000_000
+    errors_ns = []
+    while bench.now_ns < burst_ns[1]:
+        frame = bench.next_frame()
+        if not frame.dropped:
+            errors_ns.append(bench.step_aligner(frame, burst_ns=burst_ns).error_ns)
+    assert abs(errors_ns[0]) > 100_000
+    assert max(map(abs, errors_ns[30:])) < 20_000
+    for command in bench.commands:
+        assert isinstance(command, SetFrameDuration)
+        assert abs(command.duration_ns - profile.period_ns) <= (FINE_ROWS + 1) * profile.row_time_ns
+
+
+def test_frames_that_cannot_be_shorter_are_not_made_long_in_a_burst() -> None:
+    late = Drift(error_ns=5 * ROW, rate=0.0, period_ns=PERIOD, tolerance_ns=50_000, grace_ns=0.0)
+    setpoint = controller(min_rows=1667).setpoint_on_hold(late)
+    assert setpoint is not None
+    assert setpoint.target_ns == late.error_ns, "it stays as it is"

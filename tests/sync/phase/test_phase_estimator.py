@@ -241,3 +241,15 @@ def test_a_stamp_is_known_no_better_than_it_scatters(noise_ns: int) -> None:
     within = [abs(error) <= bar for error, bar in zip(errors_ns[200:], bars_ns, strict=True)]
     assert sum(within) >= 92
     assert max(bars_ns) < 2.6 * noise_ns
+
+
+def test_a_stream_that_ran_at_other_rates_for_a_while_is_followed_without_delay() -> None:
+    """A duration whose end is lost in the network lasts for half a second: no noise to be averaged."""
+    rng, phase, late_ns = random.Random(3), PhaseEstimator(period_ns=NOMINAL_NS), 0
+    for number in range(300):
+        if 60 <= number < 210 and number % 30 >= 15:
+            late_ns += (4_000, -6_000, 9_000)[number // 30 % 3]
+        true_ns = 10**9 + number * PERIOD_NS + late_ns
+        phase.add(FrameStamp(number, 0, true_ns + round(rng.gauss(0, 3_000))))
+        if number >= 240:
+            assert_frame_at(phase, true_ns, within_ns=15_000)

@@ -117,6 +117,8 @@ class AravisCamera(ThreadedCamera):
         """Clock of one that cannot; without either, frames are stamped by their arrival."""
         self._target_ns: deque[int] = deque()
         """Requested durations, each for one coming frame, that are not yet sent to the camera."""
+        self._wanted_ns: deque[int] = deque(maxlen=1)
+        """Newest duration for the worker to send: one that it has not begun to send is out of date."""
         self._restore_at_ns: int | None = None
         self._last_number: int | None = None
         self._sequence = 0
@@ -273,12 +275,21 @@ class AravisCamera(ThreadedCamera):
         if fresh and self._target_ns:
             target_ns = self._target_ns.popleft()
             self._restore_at_ns = now_ns + max(period_ns, target_ns) + LATE_NS
-            self._say(self._set_period, target_ns)
+            self._send_duration(target_ns)
         elif restore_at_ns is not None and (fresh or now_ns >= restore_at_ns):
             self._restore_at_ns = None
-            self._say(self._set_period, period_ns)
+            self._send_duration(period_ns)
 
-    def _set_period(self, period_ns: int) -> None:
+    def _send_duration(self, duration_ns: int) -> None:
+        """Let the worker send a duration; it waits for half a second where the camera's answer is lost."""
+        self._wanted_ns.append(duration_ns)
+        self._say(self._set_period)
+
+    def _set_period(self) -> None:
+        try:
+            period_ns = self._wanted_ns.pop()
+        except IndexError:
+            return  # a newer one was sent in its place
         for _ in range(3):
             try:
                 self._device.set_period(period_ns)

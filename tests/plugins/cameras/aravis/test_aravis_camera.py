@@ -2,9 +2,11 @@
 
 import asyncio
 import itertools
+import threading
 from collections.abc import AsyncIterator, Callable
 
 import pytest
+from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
@@ -15,6 +17,19 @@ from capture_app.plugins.cameras.aravis.aravis_driver import AravisCamera, frame
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
 from tests.plugins.cameras.aravis.fake_device import PIXELS, SETUP, FakeDevice
 from tests.waiting import until
+
+
+class DelayedDevice(FakeDevice):
+    """Answers nothing before `answers` is set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.facts = replace(SETUP, period_ns=100_000_000)
+        self.answers = threading.Event()
+
+    def set_period(self, period_ns: int) -> None:
+        self.answers.wait(20.0)
+        super().set_period(period_ns)
 
 
 class Streaming:
@@ -113,6 +128,22 @@ async def test_one_frame_is_changed_by_two_words(begin: Begin) -> None:
     await until(lambda: streaming.device.periods_ns[3:] == [1_050_000_000, SETUP.period_ns])
     with pytest.raises(CameraError, match="duration of its frames"):
         await streaming.camera.apply(RestartStream(0))
+
+
+async def test_durations_that_wait_for_a_lost_answer_are_out_of_date(begin: Begin) -> None:
+    """Sent in order, each would come later than the one before, and a frame's phase long after its time."""
+    device = DelayedDevice()
+    streaming = begin(device)
+    await streaming.start()
+    for number in range(5):
+        await streaming.camera.apply(SetFrameDuration(110_000_000 + number))
+    for number in range(10, 40):
+        device.put(number)
+        await asyncio.sleep(0.06)
+    device.answers.set()
+    await until(lambda: device.periods_ns[-1:] == [device.facts.period_ns])
+    assert device.periods_ns[0] == 110_000_000
+    assert len(device.periods_ns) <= 3
 
 
 async def test_an_exposure_that_is_set_holds_for_frames_and_facts(begin: Begin) -> None:

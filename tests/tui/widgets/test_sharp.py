@@ -33,6 +33,17 @@ MUTE = (b"", False)
 SAMPLE = Path(__file__).parents[3] / "sample_sessions" / "jumper"
 
 
+def received_from(ours: int) -> Iterator[bytes]:
+    """Yield all that a terminal has received, whenever there is more, until its other end is closed."""
+    received = b""
+    while select.select([ours], [], [], 60)[0]:
+        try:
+            received += os.read(ours, 65536)
+        except OSError:  # Linux tells so that the other end is closed
+            return
+        yield received
+
+
 def sent_to(*terminals: tuple[bytes, bool], choice: str = "local", **environment: str) -> list[str]:
     """All that a screen with one picture sends to each of these terminals, of 40x12 cells of 8x16 pixels."""
     ours, theirs = pty.openpty()
@@ -53,11 +64,7 @@ def sent_to(*terminals: tuple[bytes, bool], choice: str = "local", **environment
     os.close(theirs)
     sent, answered = b"", 0
     try:
-        while select.select([ours], [], [], 60)[0]:
-            try:
-                sent += os.read(ours, 65536)
-            except OSError:  # Linux tells so that the other end is closed
-                break
+        for sent in received_from(ours):
             if END in sent[answered:]:
                 answered = sent.index(END, answered) + len(END)
             attributes, knows_kitty = (*terminals, MUTE)[sent.count(END)]
@@ -131,11 +138,7 @@ def test_an_answer_that_comes_late_presses_no_key() -> None:
     os.close(theirs)
     sent, answered = b"", 0
     try:
-        while select.select([ours], [], [], 60)[0]:
-            try:
-                sent += os.read(ours, 65536)
-            except OSError:  # Linux tells so that the other end is closed
-                break
+        for sent in received_from(ours):
             for asked, answer in ((ASKED_ATTRIBUTES, XTERM[0]), (b"\x1b[5n", b"\x1b[0n")):
                 if asked in sent[answered:]:
                     time.sleep(0.3)  # a busy machine, or a slow link

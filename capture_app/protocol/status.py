@@ -102,6 +102,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     message: str = ""
     recording: bool = False
     """Whether it is a recording: `expected` counts the frames until now."""
+    ended: bool = False
+    """Whether a recording's last instant has passed, so that only images are still to come."""
     transfer: tuple[CameraTransfer, ...] = ()
     """Progress of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()

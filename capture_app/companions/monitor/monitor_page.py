@@ -21,7 +21,7 @@ from capture_app.common.names import natural_order
 from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import EndBurst
-from capture_app.protocol.status import Preview, RigStatus
+from capture_app.protocol.status import BurstStatus, Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.rig_time import PlacedMark
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
@@ -124,9 +124,13 @@ class MonitorFeed:
         if self._taking is not None and self._taking.is_open:
             self._taking.stop()
             self._say_course("idle")
-        elif burst is not None and burst.recording and not burst.done and burst.name != self._ended:
+        elif burst is not None and self._is_recording(burst):
             await self._link.order(EndBurst(burst=burst.burst))
             self._ended = burst.name
+
+    def _is_recording(self, burst: BurstStatus) -> bool:
+        """Return whether a burst is a recording whose end is neither ordered nor reported."""
+        return burst.recording and not (burst.done or burst.ended) and burst.name != self._ended
 
     async def mark(self, text: str) -> PlacedMark:
         """Note an event now, in the take under way. Raises SimulshotError."""
@@ -182,7 +186,7 @@ class MonitorFeed:
                 name=burst.name,
                 received=burst.received,
                 expected=burst.expected,
-                is_recording=burst.recording and not burst.done and burst.name != self._ended,
+                is_recording=self._is_recording(burst),
                 seconds=round(burst.instants * (rig.period_ns or 0) / 1e9),
                 is_done=burst.done,
             )

@@ -218,6 +218,7 @@ class BurstSession:
             message="; ".join(filter(None, (without, message))),
             transfer=transfer,
             recording=self.burst.video,
+            ended=self.burst.video and (done or self._now_ns > self._ends_ns),
             skipped=self._choice.skipped(self._reported_plans),
         )
 

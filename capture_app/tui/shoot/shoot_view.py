@@ -191,8 +191,7 @@ class ShootView(ModeView):
 
     def _has_ended(self, recording: BurstStatus) -> bool:
         """Return whether a recording that is not saved yet has ended, and Space takes again."""
-        now_s = self._record.clock()
-        return any(take.status.burst == recording.burst and take.has_ended(now_s) for take in self.takes)
+        return any(of.status.burst == recording.burst and of.ended_s is not None for of in self.takes)
 
     def action_stop(self) -> None:
         """Stop a countdown, a series or a wait; images already taken are saved."""
@@ -378,6 +377,8 @@ class ShootView(ModeView):
         # A saved take that is not done is open again: its missing images arrive.
         if not was_done or (status.session is not None and not status.done):
             take.status, take.problem = status, ""
+            if status.ended and take.ended_s is None:
+                take.ended_s = self._record.clock()
             if status.done:
                 self._judge(take)
 

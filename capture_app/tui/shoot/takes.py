@@ -37,7 +37,7 @@ class Take:
     begun_s: float = 0.0
     """Time at which the screen first received its status."""
     ended_s: float | None = None
-    """Time at which the end of this recording was ordered here."""
+    """Time at which the end of this recording was ordered here or reported by the leader."""
     retake_of: str = ""
     """Name of the take that this one repeats."""
 
@@ -56,10 +56,6 @@ class Take:
         length_s = (now_s if self.ended_s is None else self.ended_s) - self.begun_s
         return length_s if self.planned_s is None else min(length_s, self.planned_s)
 
-    def has_ended(self, now_s: float) -> bool:
-        """Return whether this recording has ended, as far as the screen knows."""
-        return self.ended_s is not None or self.length_s(now_s) == self.planned_s
-
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a finished take; None if it is on another machine. Blocks on the disk.
@@ -75,7 +71,7 @@ def progress_words(take: Take, now_s: float) -> str:
     status, seconds = take.status, take.length_s(now_s)
     if status.recording and not status.done:
         length = _minutes(seconds)
-        if take.has_ended(now_s):
+        if take.ended_s is not None:
             return f"recorded {length}; {status.received} of {status.expected} frames saved"
         of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""

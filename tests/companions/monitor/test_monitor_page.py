@@ -8,6 +8,7 @@ from pathlib import Path
 
 import aiohttp
 import pytest
+from msgspec.structs import replace
 
 from capture_app.common.tasks import end
 from capture_app.companions.monitor.monitor_page import MonitorFeed
@@ -174,6 +175,22 @@ async def test_a_recording_that_was_stopped_is_being_saved(tmp_path: Path) -> No
     await until(lambda: '"is_recording":false' in feed.texts["burst"])
     await feed.stop()
     assert [asked for asked in rig.asked if asked[0] == "order"] == [("order", EndBurst(burst=1))]
+    await end(following)
+
+
+async def test_a_recording_that_ended_by_itself_is_not_stopped() -> None:
+    rig = FakeRig(1)
+    recording = BurstStatus(
+        burst=1, name="recording-001", cameras=1, instants=30, received=2, expected=30, recording=True
+    )
+    feed = MonitorFeed(rig, is_local=True)
+    following = asyncio.create_task(feed.run())
+    for ended, shown in ((False, "true"), (True, "false")):
+        rig.burst_status = replace(recording, ended=ended)
+        rig.tell()
+        await until(lambda shown=shown: f'"is_recording":{shown}' in feed.texts.get("burst", ""))
+    await feed.stop()
+    assert not [asked for asked in rig.asked if asked[0] == "order"]
     await end(following)
 
 

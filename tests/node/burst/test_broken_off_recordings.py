@@ -82,6 +82,15 @@ def whole(folder: Path) -> Session:
     return session
 
 
+async def test_its_status_says_when_a_recording_has_ended(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        for after_ns, ended in ((0, False), (1, True)):
+            await session.give_up_silent_cameras({}, session.burst.instants_ns[-1] + after_ns)
+            assert (session.status.ended, session.status.done) == (ended, False)
+
+
 async def test_a_recording_that_a_full_disk_ends_is_whole_once_there_is_room(
     small_disk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

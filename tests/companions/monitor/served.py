@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+import pytest
 
 from capture_app.companions.monitor.monitor_page import serving_monitor
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.rig.rig_link import RigLink
+from capture_app.web import paired_page
 from capture_app.web.admission import Admission
 from capture_app.web.paired_page import ListeningPage
 from tests.cheap_rig import rig_of
@@ -38,7 +40,18 @@ class ServedMonitor:
 
 @contextlib.asynccontextmanager
 async def monitored(folder: Path, cameras: int) -> AsyncGenerator[ServedMonitor, None]:
-    """A rig and its monitor, until the block ends."""
+    """A rig and its monitor, until the block ends.
+
+    Without the server's heartbeat: browsers answer it by themselves, `StandInMonitor` only while it hears.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(paired_page, "HEARTBEAT_S", None)
+        async with _serving(folder, cameras) as served:
+            yield served
+
+
+@contextlib.asynccontextmanager
+async def _serving(folder: Path, cameras: int) -> AsyncGenerator[ServedMonitor, None]:
     async with rig_of(cameras, folder / "sessions") as leader:
         page = ListeningPage(Admission(time.monotonic, "monitor"), "127.0.0.1", 0, 0)
         async with serving_monitor(RigLink(leader.own_address), page, is_local=True):

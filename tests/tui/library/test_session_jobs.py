@@ -227,7 +227,7 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
         frame = view(pilot.app).query_one("#sessions-frame")
         await until(pilot, lambda: "Import of walk" in str(frame.border_subtitle))
         pilot.app.runs.hold(False)
-        await until(pilot, lambda: jobs(pilot)[0].state.is_over, seconds=60)
+        await until(pilot, lambda: jobs(pilot)[0].state.is_over, seconds=300)
         assert jobs(pilot)[0].message.startswith("walk: imported")
         assert any("3 cameras, 9 images" in line for line in pilot.app.runs.log(jobs(pilot)[0]))
         await until(pilot, lambda: Path(rows(pilot.app).chosen) == sessions / "walk")
@@ -244,6 +244,6 @@ async def test_the_screen_may_end_while_an_imported_session_is_read(sessions: Pa
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot))
         async with reading:
-            await until(pilot, lambda: jobs(pilot)[0].state.is_over and reading._waiters, seconds=60)
+            await until(pilot, lambda: jobs(pilot)[0].state.is_over and reading._waiters, seconds=300)
             pilot.app.workers.cancel_all()
         await settle(pilot)

@@ -9,7 +9,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import text
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 
 async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> None:
@@ -30,6 +30,9 @@ async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> 
             await until(lambda: "exchange" in str(app.screen.query_one("#camera-wedge").border_title))
             await pilot.press("escape")
             await pilot.press("delete", "k", "delete", "e")  # a camera that the leader runs: it is ended
-            await until(lambda: not leader.status().nodes or "◌ lost" in text(app, "#cameras-rows"))
+            await until(
+                lambda: not leader.status().nodes or "◌ lost" in text(app, "#cameras-rows"),
+                seconds=SLOW_PATIENCE_S,
+            )
             await until(lambda: not any(worker.group == "orders" for worker in app.workers))
             assert app.is_running

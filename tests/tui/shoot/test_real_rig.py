@@ -26,7 +26,7 @@ TAKES = 4
 
 
 async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
-    """Take until a take has all images: a starved machine refuses one or drops frames, and says so."""
+    """Take until a take has all images: a starved machine refuses one, loses a camera or drops frames."""
 
     def is_taken(before: int) -> bool:
         return len(view.takes) > before and is_over(view.takes[-1])
@@ -36,7 +36,8 @@ async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
         with contextlib.suppress(AssertionError):
             await until(partial(is_taken, len(view.takes)), seconds=SLOW_PATIENCE_S)
             take = view.takes[-1]
-            if take.sheet is not None and not take.sheet.session.manifest.missing:
+            manifest = None if take.sheet is None else take.sheet.session.manifest
+            if manifest and not (manifest.missing or manifest.burst.absent):
                 return take
     raise AssertionError(f"no take was whole: {view.takes}")
 
@@ -60,9 +61,11 @@ async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(
         async with app.run_test(size=(120, 40)) as pilot:
             await pilot.press("2")
             view = app.screen.query_one(ShootView)
-            ready = [NodeState.READY] * CAMERAS
+            # Clocks of one busy process may stay less accurate than requested.
+            good = {NodeState.READY, NodeState.DEGRADED}
             await until(
-                lambda: [node.state for node in leader.status().nodes] == ready, seconds=SLOW_PATIENCE_S
+                lambda: [node.state in good for node in leader.status().nodes] == [True] * CAMERAS,
+                seconds=SLOW_PATIENCE_S,
             )
             await until(lambda: all(tile.picture.cells is not None for tile in view.stage.grid.tiles))
             assert len(view.stage.grid.tiles) == CAMERAS, "each camera shows what it sees"

@@ -142,7 +142,8 @@ async def test_durations_that_wait_for_a_lost_answer_are_out_of_date(begin: Begi
         await asyncio.sleep(0.06)
     device.answers.set()
     await until(lambda: device.periods_ns[-1:] == [device.facts.period_ns])
-    assert device.periods_ns[0] == 110_000_000
+    # The newest one at the first frame; on a busy machine that comes before they are all there.
+    assert device.periods_ns[0] in range(110_000_000, 110_000_005)
     assert len(device.periods_ns) <= 3
 
 

@@ -84,6 +84,8 @@ class IpCamera:
     """Its pictures have timestamps of their own."""
     report_jump_s: float = 0.0
     """What the clock of its reports is off that of its frames."""
+    max_late_s: float = 0.0
+    """How late it sent a picture at most, on a busy machine."""
     true_ns: dict[int, list[int]] = field(default_factory=dict)
     """When each picture was, by its number, each time, in the host's monotonic clock."""
     asked: list[str] = field(default_factory=list)
@@ -94,6 +96,7 @@ class IpCamera:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator["IpCamera"]:
+        coded_pictures(self.codec)  # encoded once for all, which takes longer than an answer may
         server = await asyncio.start_server(self._serve, "127.0.0.1", self.port)
         self.port = server.sockets[0].getsockname()[1]
         try:
@@ -193,6 +196,8 @@ class IpCamera:
             # Its own clock paces it.
             true_ns = begun_ns + round(number * 1e9 / self.fps / pace)
             await asyncio.sleep((true_ns - time.monotonic_ns()) / 1e9 + self.encoding_s)
+            late_s = (time.monotonic_ns() - true_ns) / 1e9 - self.encoding_s
+            self.max_late_s = max(self.max_late_s, late_s)
             self.true_ns.setdefault(number % len(pictures), []).append(true_ns)
             last_ticks = ticks_at(true_ns if self.tells_time else begun_ns)
             self._send_picture(writer, pictures[number % len(pictures)], last_ticks)

@@ -48,13 +48,13 @@ def test_a_seed(seed: int) -> None:
 
 
 def test_a_seed_replays_exactly() -> None:
-    assert run_seed(1).digest == run_seed(1).digest != run(draw(2).only([], 0.0)).digest
+    assert run_seed(24).digest == run_seed(24).digest != run(draw(2).only([], 0.0)).digest
 
 
 @pytest.mark.parametrize(
     ("fault", "seed"),
     [
-        ("sync", 2),
+        ("sync", 14),
         pytest.param("retry", 0, marks=pytest.mark.slow),
         pytest.param("timeout", 28, marks=pytest.mark.slow),
         pytest.param("stale", 122, marks=pytest.mark.slow),

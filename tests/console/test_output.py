@@ -15,7 +15,7 @@ import pytest
 from capture_app.console.output import MAX_BYTES, PatientOutput
 
 ROOT = Path(__file__).resolve().parents[1]
-TIMEOUT_S = 60.0
+TIMEOUT_S = 180.0
 TALKER = """
 import asyncio, logging, sys, click
 from capture_app.commands.shared_options import run_until_stopped

@@ -118,8 +118,7 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
         joined(leader.own_address, ("cam", 1), trust=other),
         AsyncExitStack() as stack,
     ):
-        # Longer than a busy machine takes to connect nine cameras: none is late for it.
-        session = await leader.bursts.order(BurstOrder(frames=9000, streamed=True, video=True))
+        session = await leader.bursts.order(BurstOrder(frames=30, streamed=True, video=True))
         key = leader.instance, session.burst.number
 
         async def send(trust: Trust, name: str, instance: int) -> Channel[Any]:
@@ -139,7 +138,9 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
         assert {of for of, _ in session._intake._saving} - {"cam"} < {*names}
         disk_goes_on.set()
         for channel in streams:
-            answer = await channel.receive_header()
+            # While the disk is slow, answers without a checksum say that it is waited for.
+            while (answer := await channel.receive_header()) == wire.ImageAck():
+                pass
             assert isinstance(answer, wire.ImageAck), answer
             assert answer.sha256 == hashlib.sha256(frame).hexdigest()
 

@@ -10,6 +10,7 @@ import pytest
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
+from capture_app.plugins.cameras.sim.rendering import scene
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from tests.plugins.cameras.sim.simulation_driver.stepped import Recorder, frames_of, in_stepped_time, sim
 
@@ -44,7 +45,9 @@ def test_a_scene_without_embree_is_refused_in_plain_words(
 ) -> None:
     (tmp_path / "embreex.py").write_text('raise OSError("libGL.so.1: cannot open shared object file")')
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "embreex", raising=False)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "embreex"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(scene, "_built", scene._built.__wrapped__)
     with pytest.raises(NotAvailableError, match=r"libGL\.so\.1.*scene=bars") as error:
         sim("sim:pi,scene=pinwheel,scale=0.11")
     assert isinstance(error.value, SimulshotError)

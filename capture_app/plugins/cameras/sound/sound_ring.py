@@ -24,6 +24,8 @@ LATE_NS = 20_000_000
 LOST_AFTER_NS = 1_000_000_000
 """Time for which all samples are late before that counts as lost samples."""
 SAME_NS = 5_000_000
+MAX_LATE = 500
+"""Maximum number of arrivals that wait: the times of a phone's are untrusted."""
 MAX_GAP_NS = 10_000_000_000
 """A longer gap begins a new stream."""
 
@@ -72,7 +74,7 @@ class SoundRing:
             self._begin()
         elif late_ns > LATE_NS:
             self._late.append(_Late(pcm, arrival_ns, late_ns))
-            if arrival_ns - self._late[0].arrival_ns > LOST_AFTER_NS:
+            if arrival_ns - self._late[0].arrival_ns > LOST_AFTER_NS or len(self._late) > MAX_LATE:
                 self._insert_gap()
             return
         for one in self._late:

@@ -168,6 +168,7 @@ def open_microphone(text: str, spec: CameraSpec, clock: NodeClock) -> Microphone
         return AlsaMicrophone(text, clock)
     if spec.kind != "v4l2":
         raise BadInputError(
-            f"the microphone of a {spec.kind} camera is not known", hint="name one: sound=hw:1, by arecord -l"
+            f"{spec.kind} cameras have no microphone that is known",
+            hint="name one, as sound=hw:1; arecord -l lists them",
         )
     return AlsaMicrophone(partner_device(spec.device), clock)

@@ -15,7 +15,7 @@ from capture_app.plugins.cameras.sound.image_sound import (
     sounds_of,
 )
 from capture_app.plugins.cameras.sound.sound_camera import SoundPicture
-from capture_app.plugins.cameras.sound.sound_ring import RATE_HZ, SoundRing
+from capture_app.plugins.cameras.sound.sound_ring import MAX_LATE, RATE_HZ, SoundRing
 from capture_app.session.reading.decoding import decode_image, is_whole_jpeg, read_exif, size_of
 from tests.plugins.cameras.sound.arrivals import BEGIN_NS, DELAY_NS, arrivals
 
@@ -150,3 +150,30 @@ def test_a_microphone_that_starts_again_begins_a_stream() -> None:
     parts = carried(ring, 6.5)
     assert parts[0].stream != before
     assert click_errors_ms(parts) == pytest.approx([DELAY_NS / 1e6], abs=1.0)
+
+
+def test_samples_that_were_read_late_are_placed_before_the_gap_after_them() -> None:
+    """The program stands still for a second; the pipe holds the first 0.6 s, and the rest is lost."""
+    ring = filled(12.0, stalls_s=((4.4, 5.4),), lost_s=(5.0, 5.4))
+    errors_ms = click_errors_ms([part for tenth in range(10, 119) for part in carried(ring, tenth / 10)])
+    assert len(errors_ms) == 12
+    assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 12, abs=2.0)
+
+
+def test_a_long_delay_that_was_taken_for_a_loss_is_over_when_samples_are_in_time_again() -> None:
+    ring, parts = SoundRing(), []
+    for pcm, arrival_ns in arrivals(12.0):
+        is_slow = 4.0 <= (arrival_ns - BEGIN_NS) / 1e9 < 6.0
+        ring.add(pcm, arrival_ns + is_slow * 100_000_000)
+        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
+    assert len({part.stream for part in parts}) == 2
+    errors_ms = click_errors_ms([part for part in parts if part.stream == parts[-1].stream])
+    assert len(errors_ms) == 6
+    assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 6, abs=2.0)
+
+
+def test_what_a_phone_with_a_broken_clock_sends_takes_little_memory() -> None:
+    ring = filled(2.0)
+    for _ in range(3 * MAX_LATE):
+        ring.add(bytes(2), BEGIN_NS + 9 * SECOND_NS)
+    assert len(ring._late) <= MAX_LATE

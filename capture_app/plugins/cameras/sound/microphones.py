@@ -15,7 +15,7 @@ import numpy as np
 
 from capture_app.cameras.specs import CameraSpec
 from capture_app.common.clock import NodeClock
-from capture_app.common.errors import BadInputError, CameraError, NotAvailableError
+from capture_app.common.errors import CameraError, NotAvailableError
 from capture_app.plugins.cameras.sound.sound_ring import RATE_HZ
 
 SIMULATED, OVERRUN, OWN = "sim", "sim:overrun", "own"
@@ -157,18 +157,13 @@ def partner_device(camera: str, classes: Path = Path("/sys/class/video4linux")) 
     return f"hw:{cards[0].name.removeprefix('card')}"
 
 
-def open_microphone(text: str, spec: CameraSpec, clock: NodeClock) -> Microphone:
-    """Return the microphone of a spec's option `sound`.
+def open_microphone(text: str, spec: CameraSpec, clock: NodeClock) -> Microphone | None:
+    """Return the microphone of a spec's option `sound`; None for one that the camera's driver has.
 
-    Raises BadInputError, CameraError for a camera without one, NotAvailableError without arecord.
+    Raises CameraError for a USB camera without one, NotAvailableError without arecord.
     """
     if text in (SIMULATED, OVERRUN):
         return SimulatedMicrophone(clock, overrun=text == OVERRUN)
     if text != OWN:
         return AlsaMicrophone(text, clock)
-    if spec.kind != "v4l2":
-        raise BadInputError(
-            f"{spec.kind} cameras have no microphone that is known",
-            hint="name one, as sound=hw:1; arecord -l lists them",
-        )
-    return AlsaMicrophone(partner_device(spec.device), clock)
+    return AlsaMicrophone(partner_device(spec.device), clock) if spec.kind == "v4l2" else None

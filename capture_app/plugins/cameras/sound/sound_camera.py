@@ -11,7 +11,7 @@ from capture_app.cameras.frames import CapturedFrame, FramePicture
 from capture_app.cameras.specs import CameraSpec
 from capture_app.common.camera_facts import CameraFacts, Control, ControlState
 from capture_app.common.clock import NodeClock
-from capture_app.common.errors import SimulshotError
+from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.plugins.cameras.sound.image_sound import add_segments
 from capture_app.plugins.cameras.sound.microphones import Microphone, open_microphone
 from capture_app.plugins.cameras.sound.sound_ring import SoundRing
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-HELP = "Its images carry the sound of a microphone: own (of a USB camera), hw:1 (see arecord -l), or sim."
+HELP = (
+    "Its images carry the sound of a microphone: own (of a USB or IP camera), hw:1 (see arecord -l), or sim."
+)
 RETRY_S = 5.0
 _log = logging.getLogger(__name__)
 
@@ -134,4 +136,14 @@ def wrapper(text: str, spec: CameraSpec, *, clock: NodeClock, name: str) -> Call
     Raises as `open_microphone` does.
     """
     microphone = open_microphone(text, spec, clock)
-    return lambda camera: SoundCamera(camera, microphone, name)
+
+    def wrap(camera: Camera) -> Camera:
+        own = microphone or getattr(camera, "microphone", None)
+        if own is None:
+            raise CameraError(
+                f"{spec.kind} cameras have no microphone that is known",
+                hint="name one, as sound=hw:1; arecord -l lists them",
+            )
+        return SoundCamera(camera, own, name)
+
+    return wrap

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.specs import CameraSpec, open_camera, parse_spec
+from capture_app.cameras.specs import open_camera, parse_spec
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, CameraError, NotAvailableError
 from capture_app.plugins.cameras.sound.image_sound import SoundPart, sounds_of
-from capture_app.plugins.cameras.sound.microphones import AlsaMicrophone, open_microphone, partner_device
+from capture_app.plugins.cameras.sound.microphones import AlsaMicrophone, partner_device
 from capture_app.plugins.cameras.sound.sound_camera import SoundCamera
 from tests.cameras.fake_camera import FakeCamera
 from tests.waiting import until
@@ -165,5 +165,5 @@ def test_the_microphone_of_a_usb_camera_is_found(tmp_path: Path, arecord: Path) 
     assert partner_device("/dev/video0", tmp_path / "classes") == "hw:3"
     with pytest.raises(CameraError, match="/dev/video5 has no microphone"):
         partner_device("/dev/video5", tmp_path / "classes")
-    with pytest.raises(BadInputError, match=r"sim cameras have no microphone.*sound=hw:1"):
-        open_microphone("own", CameraSpec("sim", "pi", {}), CLOCK)
+    with pytest.raises(CameraError, match=r"sim cameras have no microphone.*sound=hw:1"):
+        open_camera("sim:pi,sound=own", clock=CLOCK, name="a")

@@ -24,6 +24,7 @@ LATE_NS = 20_000_000
 LOST_AFTER_NS = 1_000_000_000
 """Time for which all samples are late before that counts as lost samples."""
 SAME_NS = 5_000_000
+"""Late samples within this of the least late ones were taken after the gap."""
 MAX_LATE = 500
 """Maximum number of arrivals that wait: the times of a phone's are untrusted."""
 MAX_GAP_NS = 10_000_000_000

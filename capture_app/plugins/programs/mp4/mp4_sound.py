@@ -80,7 +80,10 @@ def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) 
             if image.local_ns is not None and abs(part.local_ns - image.local_ns) <= MAX_BEFORE_NS:
                 streams[part.stream, part.rate_hz, part.channels].append((image, part))
     end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
-    if not streams or end_s > MAX_SOUND_S:
+    if not streams:
+        return
+    if end_s > MAX_SOUND_S:
+        burst.warn(f"{camera}: the video is longer than a day, so it has no sound")
         return
     firsts = range(0, round(end_s * RATE_HZ), BLOCK)
     sound = np.zeros((max(channels for _, _, channels in streams), len(firsts) * BLOCK), np.int16)

@@ -22,6 +22,8 @@ GROUP = "simulshot.cameras"
 """Entry-point group of camera drivers; an entry point's name is the kind that starts a spec."""
 ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
 """Attributes that a driver must have; see `CameraDriver`."""
+COMMON_OPTIONS = "simulshot.camera_options"
+"""Entry-point group of options that every camera has; an entry point's name is the option."""
 DEFAULT_SIZE = (640, 480)
 DEFAULT_FPS = 30.0
 _WHOLE = {"width": (1, 65_535), "height": (1, 65_535)}
@@ -48,6 +50,11 @@ def load_driver(kind: str) -> CameraDriver:
 def load_drivers() -> dict[str, CameraDriver]:
     """Import all drivers, by kind, simulated cameras last; a broken one is reported on stderr and skipped."""
     return dict(sorted(load_plugins(GROUP, *ATTRIBUTES).items(), key=lambda item: item[0] == SIMULATED))
+
+
+def common_options() -> dict[str, str]:
+    """Return the description of each option that every camera has, by name."""
+    return {name: option.HELP for name, option in load_plugins(COMMON_OPTIONS, "HELP", "wrapper").items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +115,20 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     parsed = parse_spec(spec)
     driver = load_driver(parsed.kind)
     names = {_with_underscores(name): name for name in driver.OPTIONS}
+    wrappers = [
+        load_plugin(COMMON_OPTIONS, key, "wrapper").wrapper(value, parsed, clock=clock, name=name)
+        for key in {*plugin_names(COMMON_OPTIONS)} - {*names}
+        if (value := parsed.options.pop(key, None))
+    ]
     for key in parsed.options:
         if key not in names:
             known = f"there are {', '.join(driver.OPTIONS)}" if driver.OPTIONS else "it has none"
             raise BadInputError(f"{parsed.kind} cameras have no option {key!r}", hint=known)
     options = {names[key]: value for key, value in parsed.options.items()}
-    return driver.open_camera(parsed.device, options, clock=clock, name=name)
+    camera = driver.open_camera(parsed.device, options, clock=clock, name=name)
+    for wrap in wrappers:
+        camera = wrap(camera)
+    return camera
 
 
 def read_number(

@@ -163,7 +163,7 @@ class CamerasGroup(click.Group):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write how each kind's spec is written, its options and what it needs, below the commands."""
-        from capture_app.machine.cameras import kinds_of_cameras
+        from capture_app.machine.cameras import common_options, kinds_of_cameras
 
         super().format_options(ctx, formatter)
         rows = []
@@ -171,6 +171,7 @@ class CamerasGroup(click.Group):
             needs = driver.NEEDS and f" Needs {driver.NEEDS}."
             options = f" Options: {', '.join(driver.OPTIONS)}." if driver.OPTIONS else ""
             rows.append((driver.SPEC, driver.HELP + needs + options))
+        rows += [(f"any camera,{name}=…", text) for name, text in common_options().items()]
         write_plugins(formatter, "Cameras", rows)
 
 

@@ -8,6 +8,7 @@ from capture_app.cameras.base import CameraDriver
 from capture_app.common.camera_facts import SIMULATED, CameraListing
 from capture_app.common.text import first_line
 
+common_options = specs.common_options
 _log = logging.getLogger(__name__)
 
 

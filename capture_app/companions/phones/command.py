@@ -42,6 +42,9 @@ def _parse_size(text: str) -> tuple[int, int]:
     metavar="WxH",
     help="Requested image size of the phones; a slow phone uses half.",
 )
+@click.option(
+    "--sound", is_flag=True, help="Record the phones' microphones, too; each browser asks its user."
+)
 @spool_option
 @pairing_options
 @open_option
@@ -53,6 +56,7 @@ def phones(
     port: int | None,
     size: tuple[int, int],
     certificate: Path | None,
+    sound: bool,
     spool: Path,
     pin: str | None,
     code: str | None,
@@ -65,7 +69,9 @@ def phones(
     warns of an unknown certificate: its fingerprint is shown beside the code.
     """
     leaders = leaders_to_join(leaders, pin, code)
-    run_until_stopped(_run(leaders, host, port, size, certificate, spool, as_json), until_eof=until_eof)
+    run_until_stopped(
+        _run(leaders, host, port, size, certificate, sound, spool, as_json), until_eof=until_eof
+    )
 
 
 async def _run(
@@ -74,6 +80,7 @@ async def _run(
     port: int | None,
     size: tuple[int, int],
     certificate: Path | None,
+    sound: bool,
     spool: Path,
     as_json: bool,
 ) -> None:
@@ -84,8 +91,8 @@ async def _run(
 
     admission = Admission(time.monotonic)
     page = ListeningPage(admission, host, port, DEFAULT_PORT, certificate)
-    nodes = PhoneNodes(leaders, spool, log_line)
-    gateway = PhoneGateway(admission, nodes.add, size)
+    nodes = PhoneNodes(leaders, spool, log_line, sound=sound)
+    gateway = PhoneGateway(admission, nodes.add, size, sound=sound)
     try:
         async with (
             gateway.serving(page.socket, page.tls, page.names),

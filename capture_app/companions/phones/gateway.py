@@ -30,12 +30,16 @@ class PhoneGateway(PairedPage):
         admission: Admission,
         on_phone: Callable[[Phone], None],
         size: tuple[int, int] = DEFAULT_SIZE,
+        *,
+        sound: bool = False,
     ) -> None:
         """Create the gateway; `on_phone` is called once for each phone, when its page first connects.
 
-        `size` is the width and height in pixels that phones are asked for.
+        `size` is the width and height in pixels that phones are asked for; `sound`: they are asked for their
+        microphones, too.
         """
-        super().__init__(admission, Path(__file__).parent / "page", {"size": "{}x{}".format(*size)})
+        values = {"size": "{}x{}".format(*size), "sound": "yes" if sound else ""}
+        super().__init__(admission, Path(__file__).parent / "page", values)
         self._on_phone = on_phone
         self._phones: dict[str, Phone] = {}
         self._link_of: dict[str, PageLink] = {}

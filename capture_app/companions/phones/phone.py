@@ -204,6 +204,8 @@ class Phone:
         """Whether the phone's user left, or the leader's user removed the phone."""
         self.put_off: Callable[[], None] = lambda: None
         """Closes its page's link, and refuses it until it uses a new code."""
+        self.on_sound: Callable[[bytes, int], object] = lambda pcm, arrival_ns: None
+        """Takes samples of its microphone, and their arrival at the page in ns of the gateway's clock."""
         self._now_ns = now_ns
         self._send: Send | None = None
         self._hello, self.page = hello, hello.page
@@ -382,9 +384,11 @@ class Phone:
                 self._opened = message
 
     def take_binary(
-        self, message: wire.Ping | wire.FrameReport | wire.PictureBytes, received_ns: int
+        self,
+        message: wire.Ping | wire.FrameReport | wire.PictureBytes | wire.SoundReport,
+        received_ns: int,
     ) -> None:
-        """Process a binary message of the page: a frame, an image, or a ping that is answered already."""
+        """Process a binary message of the page: a frame, an image, sound, or a ping that is answered."""
         match message:
             case wire.Ping():
                 self.clock.note_ping(message, received_ns)
@@ -392,6 +396,9 @@ class Phone:
                 picture = self._pictures.get((self.page, message.id, message.is_preview))
                 if picture is not None and not picture.done():
                     picture.set_result(message.data)
+            case wire.SoundReport():
+                if self.clock.is_known:
+                    self.on_sound(message.pcm, self.clock.gateway_ns(message.arrived_us))
             case wire.FrameReport() if self._opened is not None:
                 timed, is_known = self._times.add(message), self.clock.is_known
                 if self._times.period_ns is not None and is_known:

@@ -1,6 +1,7 @@
 """A connected phone as a camera of the rig; its images stay on the phone until they are requested."""
 
 import asyncio
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,11 @@ from msgspec import structs
 
 from capture_app.cameras.base import Camera, DeviceClock, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.specs import COMMON_OPTIONS
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraFacts, Control, ControlState
 from capture_app.common.errors import CameraError, SimulshotError
+from capture_app.common.plugins import load_plugin
 from capture_app.common.tasks import Background, first_of, has_come
 from capture_app.common.timeouts import PAGE_CLOSED_S, PHONE_IMAGE_TIMEOUT_S
 from capture_app.companions.phones.phone import Phone, PhoneFrame
@@ -144,12 +147,36 @@ class PhoneCamera(Camera):
         self._phone.unwatch()
 
 
+class PhoneMicrophone:
+    """The microphone of a phone, which its page opens with its camera."""
+
+    def __init__(self, phone: Phone) -> None:
+        """Take over a phone's microphone."""
+        self._phone = phone
+
+    def listen(self, on_sound: Callable[[bytes, int], None], closing: threading.Event) -> None:
+        """Block and pass samples on until `closing` is set."""
+        self._phone.on_sound = on_sound
+        closing.wait()
+
+
 class PhoneNodes:
     """Runs a node for each phone, in this process."""
 
-    def __init__(self, leaders: tuple[Address, ...], spool: Path, talk: Callable[[str], None]) -> None:
-        """Create without nodes; `leaders` are tried in turn, `talk` gets messages for users."""
+    def __init__(
+        self,
+        leaders: tuple[Address, ...],
+        spool: Path,
+        talk: Callable[[str], None],
+        *,
+        sound: bool = False,
+    ) -> None:
+        """Create without nodes; `leaders` are tried in turn, `talk` gets messages for users.
+
+        `sound`: images carry the phones' sound. Raises BadInputError if no plugin adds it.
+        """
         self._leaders, self._spool, self._talk = leaders, spool, talk
+        self._sound = load_plugin(COMMON_OPTIONS, "sound", "SoundCamera") if sound else None
         self._nodes = Background()
 
     def add(self, phone: Phone) -> None:
@@ -160,12 +187,18 @@ class PhoneNodes:
         """End the nodes of all phones."""
         await self._nodes.end()
 
+    def _open(self, phone: Phone) -> Camera:
+        camera: Camera = PhoneCamera(phone)
+        if self._sound is not None:
+            camera = self._sound.SoundCamera(camera, PhoneMicrophone(phone), phone.name)
+        return camera
+
     async def _look_after(self, phone: Phone) -> None:
         while True:
             await phone.came.wait()
             options = NodeOptions(
                 name=phone.name,
-                open_camera=lambda: PhoneCamera(phone),
+                open_camera=lambda: self._open(phone),
                 leaders=self._leaders,
                 log=Log(lambda line: self._talk(f"{phone.name}: {line}"), name=phone.name),
                 spool=self._spool,

@@ -7,6 +7,7 @@ Text messages are JSON. Binary messages are little-endian and begin with a byte 
 2 frame     u32 id, u32 stream, f64 media time, f64 arrival, f64 capture time (NaN: not reported)
 3 image     u32 id, the JPEG; empty if the phone no longer has it
 4 preview   the same
+5 sound     f64 arrival of the last sample, then mono samples of 16 bits at 48 kHz
 
 Times are in us: media times have their own zero for each stream, all others are of the link worker's clock.
 """
@@ -22,11 +23,13 @@ from msgspec import Meta, Struct
 from capture_app.common.bounds import Number
 from capture_app.common.camera_facts import Control, ControlState
 
-PING, FRAME, PICTURE, PREVIEW = 1, 2, 3, 4
+PING, FRAME, PICTURE, PREVIEW, SOUND = 1, 2, 3, 4, 5
 _PING = struct.Struct("<BIIdd")
 _PONG = struct.Struct("<BI")
 _FRAME = struct.Struct("<BIIddd")
 _PICTURE = struct.Struct("<BI")
+_SOUND = struct.Struct("<Bd")
+MAX_SOUND_BYTES = 1 << 17
 _NONE = 0xFFFFFFFF
 MAX_PICTURE_BYTES = 16 << 20
 _LONGEST_US = 2.0**53
@@ -103,6 +106,14 @@ class PictureBytes:
     data: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class SoundReport:
+    """Samples of a phone's microphone, the last of which was taken just before `arrived_us`."""
+
+    arrived_us: float
+    pcm: bytes
+
+
 Said = PhoneHello | Opened | Controls | PageHidden
 _DECODER: msgspec.json.Decoder[Said] = msgspec.json.Decoder(PhoneHello | Opened | Controls | PageHidden)
 
@@ -112,7 +123,7 @@ def decode_text(text: str) -> Said:
     return _DECODER.decode(text)
 
 
-def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes:
+def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes | SoundReport:
     """Decode a page's binary message. Raises ValueError."""
     kind = data[0] if data else 0
     try:
@@ -128,6 +139,12 @@ def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes:
         if kind in (PICTURE, PREVIEW):
             _, number = _PICTURE.unpack_from(data)
             return PictureBytes(number, kind == PREVIEW, data[_PICTURE.size :])
+        if kind == SOUND:
+            _, arrived_us = _SOUND.unpack_from(data)
+            _check_times(arrived_us)
+            if len(data) % 2 == 0 or len(data) > MAX_SOUND_BYTES:
+                raise ValueError(f"{len(data)} bytes of sound")
+            return SoundReport(arrived_us, data[_SOUND.size :])
     except struct.error as error:
         raise ValueError(f"a message of kind {kind} with {len(data)} bytes") from error
     raise ValueError(f"there is no message of kind {kind}")

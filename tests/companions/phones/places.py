@@ -47,15 +47,17 @@ class Place:
 
 
 @contextlib.asynccontextmanager
-async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGenerator[Place, None]:
+async def serving(
+    folder: Path, size: tuple[int, int] = (320, 240), *, sound: bool = False
+) -> AsyncGenerator[Place, None]:
     """A leader and a gateway on the loopback, until the block ends."""
     said: list[str] = []
     async with await LeaderNode.start(
         LeaderOptions(sessions=folder / "sessions", host="127.0.0.1", port=0)
     ) as leader:
         admission = Admission(time.monotonic)
-        nodes = PhoneNodes((leader.own_address,), folder / "spool", said.append)
-        gateway = PhoneGateway(admission, nodes.add, size)
+        nodes = PhoneNodes((leader.own_address,), folder / "spool", said.append, sound=sound)
+        gateway = PhoneGateway(admission, nodes.add, size, sound=sound)
         listening = socket.create_server(("127.0.0.1", 0))
         certificate = own_certificate(folder, (), datetime.datetime.now(datetime.UTC))
         place = Place(leader, admission, f"https://127.0.0.1:{listening.getsockname()[1]}/", said)

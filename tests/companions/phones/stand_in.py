@@ -6,12 +6,17 @@ import json
 import secrets
 import struct
 import time
+from itertools import count
 from typing import Any
 
 import aiohttp
 import cv2
 import numpy as np
 
+from capture_app.common.host_clock import host_ns
+from capture_app.plugins.cameras.sound.microphones import SimulatedSound
+
+SAMPLES = 1920
 PERIOD_US = 1e6 / 30
 ARRIVAL_US = 300.0
 """Time from the start of a frame to its arrival in the page."""
@@ -83,6 +88,19 @@ class StandInPhone:
         await self._socket.send_str(json.dumps(opened))
         await self._update_exposure()
         self._tasks.append(asyncio.create_task(self._shoot()))
+
+    async def hear(self, sound: SimulatedSound) -> None:
+        """Send a microphone's samples from now on; each arrives at the page 2 ms late."""
+
+        async def send() -> None:
+            for first in count(0, SAMPLES):
+                late_s = (sound.true_ns(first + SAMPLES) - host_ns()) / 1e9 + 0.002
+                await asyncio.sleep(max(0.0, late_s))
+                told = struct.pack("<Bd", 5, self.now_us()) + sound.samples(first, SAMPLES)
+                with contextlib.suppress(ConnectionError):
+                    await self._socket.send_bytes(told)
+
+        self._tasks.append(asyncio.create_task(send()))
 
     async def say(self, **message: Any) -> None:
         if message.get("type") == "opened":

@@ -17,7 +17,7 @@ def test_any_bytes_are_read_or_refused(data: bytes) -> None:
         message = wire.decode_binary(data)
     except ValueError:
         return
-    assert isinstance(message, wire.Ping | wire.FrameReport | wire.PictureBytes)
+    assert isinstance(message, wire.Ping | wire.FrameReport | wire.PictureBytes | wire.SoundReport)
 
 
 @given(st.text(max_size=80))
@@ -32,6 +32,18 @@ def test_times_that_no_clock_shows_are_refused(time_us: float) -> None:
         wire.decode_binary(struct.pack("<BIIdd", wire.PING, 1, 0, 0.0, time_us))
     with pytest.raises(ValueError, match="out of range"):
         wire.decode_binary(struct.pack("<BIIddd", wire.FRAME, 1, 0, 0.0, time_us, 0.0))
+
+
+def test_sound_is_whole_samples_of_about_a_second_at_most() -> None:
+    head = struct.pack("<Bd", wire.SOUND, 5.0)
+    assert wire.decode_binary(head + bytes(4)) == wire.SoundReport(5.0, bytes(4))
+    for wrong in (
+        head + bytes(3),
+        head + bytes(wire.MAX_SOUND_BYTES),
+        struct.pack("<Bd", wire.SOUND, math.nan),
+    ):
+        with pytest.raises(ValueError, match=r"sound|out of range"):
+            wire.decode_binary(wrong)
 
 
 def test_a_frame_without_a_capture_time() -> None:

@@ -12,6 +12,7 @@ from capture_app.session.exporting.export_session import export_session
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
+from tests.plugins.programs.clicks import clicks_of
 from tests.plugins.programs.test_videos import frames
 
 LENGTH_S, LATE_S, PPM = 600, 1.25, 100
@@ -39,17 +40,6 @@ def record(path: Path, times_s: np.ndarray, clicks_s: np.ndarray) -> None:
         sound.sample_rate, sound.pts = RATE_HZ, 0
         container.mux(audio.encode(sound))
         container.mux(audio.encode(None))
-
-
-def clicks_of(path: Path) -> list[float]:
-    """The times in s of the clicks in a video's sound."""
-    with av.open(str(path)) as container:
-        parts = [
-            (float(frame.pts * frame.time_base), frame.rate, np.abs(frame.to_ndarray()[0]))
-            for frame in container.decode(container.streams.audio[0])
-        ]
-    loud_s = np.concatenate([at_s + np.flatnonzero(part > 0.3) / rate for at_s, rate, part in parts])
-    return [float(run.mean()) for run in np.split(loud_s, np.flatnonzero(np.diff(loud_s) > 0.1) + 1)]
 
 
 @pytest.fixture(scope="module")

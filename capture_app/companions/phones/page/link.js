@@ -1,6 +1,6 @@
 // Link to the leader, in its own worker so that encoding images never delays clock messages.
 "use strict";
-const PING = 1, FRAME = 2, PICTURE = 3, PREVIEW = 4;
+const PING = 1, FRAME = 2, PICTURE = 3, PREVIEW = 4, SOUND = 5;
 const QUICK = 400, QUICK_MS = 4, SLOW_MS = 40, BUSY_BYTES = 20000, SLOWEST_MS = 500;
 let socket = null, camera = null, count = 0, last = null, timer = 0;
 // All threads' times are converted to this worker's clock.
@@ -95,9 +95,20 @@ function fromCamera(message) {
   if (message.type === "picture" && picture.length) postMessage({type: "sent", bytes: picture.length});
 }
 
+function fromMicrophone(samples) {
+  const arrived_us = now_us();
+  if (!socket || socket.readyState !== WebSocket.OPEN) return;
+  const data = new Uint8Array(9 + samples.byteLength);
+  data[0] = SOUND;
+  new DataView(data.buffer).setFloat64(1, arrived_us, true);
+  data.set(new Uint8Array(samples), 9);
+  socket.send(data);
+}
+
 onmessage = event => {
   const message = event.data;
-  if (message.camera) {
+  if (message.sound) message.sound.onmessage = heard => fromMicrophone(heard.data);
+  else if (message.camera) {
     camera = message.camera;
     camera.onmessage = answer => fromCamera(answer.data);
   } else if (message.open) open(message.open, message.hello);

@@ -1,10 +1,11 @@
 // The phone's camera: opened, tested, read through the API that the browser has, and closed.
 "use strict";
-const WANTED = document.documentElement.dataset.size.split("x").map(Number), SLOW_SHARE = 0.1;
+const WANTED = document.documentElement.dataset.size.split("x").map(Number), SLOW_SHARE = 0.1, SOUND_HZ = 48000;
 // A phone that is too slow for the requested image size uses half of it.
 const SIZES = [WANTED, WANTED.map(side => Math.round(side / 2))];
 const camera = new Worker("camera.js");
-let stream = null, number = 0, device = null, size = 0, settings = null;
+let stream = null, number = 0, device = null, size = 0, settings = null, audio = null, microphone = null;
+let silence = "";
 
 function constraints() {
   const [width, height] = SIZES[size];
@@ -54,6 +55,32 @@ function closeCamera() {
   number++;
   camera.postMessage({end: true});
   if (stream) stream.getTracks().forEach(track => track.stop());
+}
+
+// The microphone is opened once: restarts of the camera leave it alone. A phone without one has a silent camera.
+async function openSound() {
+  if (!document.documentElement.dataset.sound || audio) return;
+  silence = "";
+  try {
+    audio = new AudioContext({sampleRate: SOUND_HZ});
+    const plain = {echoCancellation: false, noiseSuppression: false, autoGainControl: false};
+    const [opened] = await Promise.all([
+      navigator.mediaDevices.getUserMedia({audio: plain}), audio.audioWorklet.addModule("sound.js"), audio.resume()]);
+    const sound = new AudioWorkletNode(audio, "sound", {numberOfOutputs: 0}), pipe = new MessageChannel();
+    link.postMessage({sound: pipe.port1}, [pipe.port1]);
+    sound.port.postMessage(pipe.port2, [pipe.port2]);
+    audio.createMediaStreamSource(opened).connect(sound);
+    microphone = opened;
+  } catch (error) {
+    closeSound();
+    silence = ` There is no sound: the browser does not give the microphone (${error.name}).`;
+  }
+}
+
+function closeSound() {
+  if (microphone) microphone.getTracks().forEach(track => track.stop());
+  if (audio) audio.close().catch(() => { /* it is closed already */ });
+  microphone = audio = null;
 }
 
 function tryOut() {

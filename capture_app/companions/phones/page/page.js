@@ -46,6 +46,7 @@ async function start() {
   show("wait", "Starting", "The browser asks whether this page may use the camera: allow it.");
   try {
     await openAndTry();
+    await openSound();
   } catch (error) {
     closeCamera();
     stream = null;
@@ -61,6 +62,7 @@ async function start() {
 function stop(words) {
   memory.set("joined", "");
   closeCamera();
+  closeSound();
   stream = null;
   linked = false;
   link.postMessage({close: true});
@@ -203,6 +205,7 @@ link.onmessage = event => {
     if (running && linked) show(mood, state, message.words || words);
     if (message.clock) seen("clock").textContent = message.clock;
     if (told && !wake) seen("words").textContent += ` ${told}`;
+    seen("words").textContent += silence;
   } else if (message.type === "restart") restart(message.at_ms);
   else if (message.type === "control") obeyControl(message);
   else if (message.type === "sent") {

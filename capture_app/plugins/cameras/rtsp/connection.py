@@ -12,7 +12,7 @@ import secrets
 import struct
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
@@ -88,7 +88,7 @@ class AccessUnits:
             self._whole = False
         self._next = sequence + 1 & 0xFFFF
         try:
-            for piece in self._pieces(_payload(packet)):
+            for piece in self._pieces(packet_payload(packet)):
                 self._data += piece
             if len(self._data) > MAX_UNIT_BYTES:
                 raise CameraError(
@@ -127,7 +127,8 @@ class AccessUnits:
             yield _START + payload
 
 
-def _payload(packet: bytes) -> bytes:
+def packet_payload(packet: bytes) -> bytes:
+    """Return an RTP packet's payload. Raises struct.error or IndexError if it is cut off."""
     at = 12 + 4 * (packet[0] & 0x0F)
     if packet[0] & 0x10:
         at += 4 + 4 * struct.unpack_from(">H", packet, at + 2)[0]
@@ -208,6 +209,8 @@ class Connection:
             )
         self.round_trips_ns: deque[int] = deque(maxlen=100)
         """Round-trip times of the last answers to `ask`."""
+        self.find_sound: Callable[[str], str] = lambda description: ""
+        """Returns the control URL of the sound to receive on channels 2 and 3; empty for none."""
         self._allows_basic = allows_basic
         self._url = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
         self._user, self._password = unquote(parts.username or ""), unquote(parts.password or "")
@@ -269,13 +272,18 @@ class Connection:
         # Live servers end their base with a slash, others expect the client to append it.
         control = self.stream.control
         track = base if control in ("", "*") else urljoin(base.rstrip("/") + "/", control)
-        setup, _ = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
+        await self._set_up(track, "interleaved=0-1")
+        if sound := self.find_sound(text):
+            await self._set_up(urljoin(base.rstrip("/") + "/", sound), "interleaved=2-3")
+        await self._ask("PLAY", base, "Range: npt=0.000-")
+
+    async def _set_up(self, track: str, channels: str) -> None:
+        setup, _ = await self._ask("SETUP", track, f"Transport: RTP/AVP/TCP;unicast;{channels}")
         self._session = setup.get("session", "").partition(";")[0]
-        if "interleaved=0-1" not in setup.get("transport", "").replace(" ", ""):
+        if channels not in setup.get("transport", "").replace(" ", ""):
             raise CameraError(
                 "does not send over TCP", hint="allow RTP over TCP (interleaved) in its settings"
             )
-        await self._ask("PLAY", base, "Range: npt=0.000-")
 
     async def _ask(self, method: str, url: str, *headers: str) -> tuple[dict[str, str], str]:
         """Return the response: first header of each name, and body. Raises CameraError for a refusal."""

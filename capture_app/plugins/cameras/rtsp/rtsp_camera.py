@@ -26,6 +26,7 @@ from capture_app.common.camera_facts import (
 )
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import CameraError
+from capture_app.common.host_clock import host_from_monotonic
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.passwords import reveal_password
 from capture_app.common.tasks import end
@@ -36,6 +37,7 @@ from capture_app.plugins.cameras.rtsp.connection import (
     Connection,
     reported_ticks,
 )
+from capture_app.plugins.cameras.rtsp.rtsp_sound import RATE_HZ, RtspMicrophone, parse_sound
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 if TYPE_CHECKING:
@@ -188,6 +190,35 @@ class RtspCamera(ThreadedCamera):
         """Media times of the first frames, which are not delivered."""
         self._last_ns = self._sequence = 0
         self._is_damaged = True
+        self._microphone: RtspMicrophone | None = None
+        self._sound_clock: SenderClock
+
+    @property
+    def microphone(self) -> RtspMicrophone:
+        """The camera's microphone, which is received if it was asked for before the start."""
+        if self._microphone is None:
+            self._microphone = RtspMicrophone(self._connection.host)
+            self._connection.find_sound = self._find_sound
+        return self._microphone
+
+    def _find_sound(self, description: str) -> str:
+        sound = parse_sound(description)
+        self.microphone.begin(sound)
+        self._sound_clock = SenderClock(RATE_HZ, self._connection.round_trips_ns)
+        return sound.control if sound else ""
+
+    def _hear(self, channel: int, data: bytes, arrival_ns: int) -> None:
+        """Take a packet of the sound, or its sender report; its times are as those of frames."""
+        clock = self._sound_clock
+        if channel == 3:
+            for ticks in reported_ticks(data):
+                clock.add_report(ticks, arrival_ns)
+        elif (first_ticks := self.microphone.ticks_of(data)) is not None:
+            media_ns = clock.add_frame(first_ticks, arrival_ns)
+            # Frames wait for reports, too.
+            if self._begun.done():
+                is_begin, at_ns = clock.follow_reports(), host_from_monotonic(clock.host_ns(media_ns))
+                self.microphone.hear(data, self._clock_of_node.local_from_true(at_ns), is_begin=is_begin)
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Connect and stream. Raises CameraError if it is missing, refuses or sends no frames."""
@@ -250,6 +281,8 @@ class RtspCamera(ThreadedCamera):
                         "jumps in time: its sender reports contradict earlier ones",
                         hint="it is tried again; restart the camera if that repeats",
                     )
+            elif channel in (2, 3) and self._microphone is not None:
+                self._hear(channel, data, arrival_ns)
             else:
                 for unit in units.add(data, arrival_ns):
                     await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))

@@ -1,1 +1,1 @@
-"""MP4: a video of each camera, with the sound of imported recordings."""
+"""MP4: a video of each camera, with sound."""

@@ -1,6 +1,11 @@
-"""Sound of an imported recording on the rig's time: its clock is fitted to the times of its own frames."""
+"""Sound on the rig's time, by a line that is fitted to its own clock.
 
-from collections.abc import Iterator
+An imported recording has it beside its frames; images of a camera with a microphone carry it.
+"""
+
+import wave
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,16 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.plugins import load_plugins
 from capture_app.session.alignment.clock_line import fit_clock_line
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.importing.embedded_times import video_times_ns
 from capture_app.session.importing.video_tracks import read_track
 
 RATE_HZ = 48_000
 BLOCK = 1024
 """Samples of one AAC frame."""
-FRAME_SD_S = 1e-3
+FRAME_SD_S, PART_SD_S = 1e-3, 1e-4
+"""Standard deviation of a recording's frame times, and of a sound's times in images."""
+SOUNDS = "simulshot.sounds"
+"""Entry-point group of modules with `read_sounds(session, camera)`: parts of sound, each with its image."""
+MAX_SOUND_S = 86_400.0
+MAX_BEFORE_NS = 3_000_000_000
+"""Maximum time from an image to the sound in it; a replayed image has the sound of another time."""
 MAX_MISS_S = 5e-3
 """Distance of frames from the fitted clock above which the user is warned."""
 TAPS, PHASES = 32, 512
@@ -55,9 +68,59 @@ def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -
     except BadInputError as error:
         raise BadInputError(f"{recording} gives no sound: {error}", hint="export without --sound") from None
     end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
-    mixed = video.with_name(f"{video.stem}.sound.mp4")
-    _mux(video, mixed, _on_rig_time(samples, start_s, clock, end_s), len(samples))
-    mixed.replace(video)
+    firsts = range(0, round(end_s * RATE_HZ), BLOCK)
+    _mux(video, _on_rig_time(samples, start_s, clock, firsts), len(samples))
+
+
+def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) -> None:
+    """Add the sound that a camera's images carry, if any, to its exported video; `wav`: also as a file."""
+    streams: dict[tuple[int, int, int], list[tuple[ImageRecord, Any]]] = defaultdict(list)
+    for plugin in load_plugins(SOUNDS, "read_sounds").values():
+        for image, part in plugin.read_sounds(burst.session, camera):
+            if image.local_ns is not None and abs(part.local_ns - image.local_ns) <= MAX_BEFORE_NS:
+                streams[part.stream, part.rate_hz, part.channels].append((image, part))
+    end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
+    if not streams:
+        return
+    if end_s > MAX_SOUND_S:
+        burst.warn(f"{camera}: the video is longer than a day, so it has no sound")
+        return
+    firsts = range(0, round(end_s * RATE_HZ), BLOCK)
+    sound = np.zeros((max(channels for _, _, channels in streams), len(firsts) * BLOCK), np.int16)
+    for (_, rate_hz, channels), parts in streams.items():
+        _add_stream(sound, burst.origin_ns, parts, rate_hz, channels)
+    _mux(video, (sound[:, first : first + BLOCK] for first in firsts), len(sound))
+    if wav:
+        with wave.open(str(video.with_suffix(".wav")), "wb") as file:
+            file.setparams((len(sound), 2, RATE_HZ, 0, "NONE", ""))
+            file.writeframes(sound[:, : round(end_s * RATE_HZ)].T.astype("<i2").tobytes())
+
+
+def _add_stream(
+    sound: Samples, origin_ns: int, parts: list[tuple[ImageRecord, Any]], rate_hz: int, channels: int
+) -> None:
+    """Add one run of a microphone to the burst's sound (channels, n), which begins at the burst's origin."""
+    begin = min(part.first for _, part in parts)
+    length = max(part.first + part.samples for _, part in parts) - begin
+    if length > MAX_SOUND_S * rate_hz:
+        return
+    samples = np.zeros((channels, length), np.int16)
+    for _, part in parts:
+        at = part.first - begin
+        samples[:, at : at + part.samples] = np.frombuffer(part.pcm, "<i2").reshape(-1, channels).T
+    # The images' own times, by which the node's clock is converted to the leader's.
+    pairs = sorted((image.local_ns or 0, image.leader_ns) for image, _ in parts)
+    late_ns = [leader_ns - local_ns for local_ns, leader_ns in pairs]
+    heard_ns = [part.local_ns for _, part in parts]
+    rig_ns = np.array(heard_ns) + np.interp(heard_ns, [local_ns for local_ns, _ in pairs], late_ns)
+    own_s = np.array([part.first - begin for _, part in parts]) / rate_hz
+    sd_s = np.full(len(parts), PART_SD_S)
+    clock = fit_clock_line(own_s, (rig_ns - origin_ns) / 1e9, sd_s, "sound")
+    ends_s = (clock.leader_from_local(round(at_s * 1e9)) / 1e9 for at_s in (0, length / rate_hz))
+    low, high = (min(max(0, int(end_s * RATE_HZ)), sound.shape[1]) // BLOCK for end_s in ends_s)
+    firsts = range(low * BLOCK, min(high * BLOCK + BLOCK, sound.shape[1]), BLOCK)
+    for first, block in zip(firsts, _on_rig_time(samples, 0.0, clock, firsts, rate_hz), strict=True):
+        sound[:, first : first + BLOCK] += block
 
 
 def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> CameraTimes:
@@ -83,14 +146,19 @@ def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> Camer
     return clock
 
 
-def _on_rig_time(samples: Samples, start_s: float, clock: CameraTimes, end_s: float) -> Iterator[Samples]:
-    """Yield blocks (channels, BLOCK) from the burst's time 0 to `end_s`; silence where there is no sound."""
+def _on_rig_time(
+    samples: Samples, start_s: float, clock: CameraTimes, firsts: Sequence[int], rate_hz: int = RATE_HZ
+) -> Iterator[Samples]:
+    """Yield blocks (channels, BLOCK) of the burst's time that begin at the samples `firsts`.
+
+    They are silent where there is no sound. `rate_hz` is the rate of `samples`.
+    """
     ahead, behind = TAPS // 2, TAPS
     # The inverse of `leader_from_local`.
     zero_s, rate = clock.leader_from_local(0) / 1e9, clock.rate_ppm * 1e-6
-    for first in range(0, round(end_s * RATE_HZ), BLOCK):
+    for first in firsts:
         rig_s = (first + np.arange(BLOCK)) / RATE_HZ
-        at = ((rig_s - zero_s) / (1 + rate) - start_s) * RATE_HZ
+        at = ((rig_s - zero_s) / (1 + rate) - start_s) * rate_hz
         whole = np.floor(at).astype(np.int64)
         low, high = int(whole[0]) - ahead, int(whole[-1]) + behind
         there = samples[:, max(0, low) : max(0, high)]
@@ -102,10 +170,11 @@ def _on_rig_time(samples: Samples, start_s: float, clock: CameraTimes, end_s: fl
         yield np.clip(np.rint(made), -32768, 32767).astype(np.int16)
 
 
-def _mux(video: Path, out: Path, blocks: Iterator[Samples], channels: int) -> None:
-    """Copy the video's packets to `out` unchanged, with the sound as AAC between them."""
+def _mux(video: Path, blocks: Iterator[Samples], channels: int) -> None:
+    """Add the sound as AAC between the video's packets, which stay unchanged."""
     import av
 
+    out = video.with_name(f"{video.stem}.sound.mp4")
     options = {"movie_timescale": "1000000"}
     with av.open(str(video)) as given, av.open(str(out), "w", format="mp4", options=options) as container:
         pictures = given.streams.video[0]
@@ -127,6 +196,7 @@ def _mux(video: Path, out: Path, blocks: Iterator[Samples], channels: int) -> No
             container.mux(track.encode(_frame(block, layout, written)))
             written += BLOCK
         container.mux(track.encode(None))
+    out.replace(video)
 
 
 def _frame(block: Samples, layout: str, first: int) -> Any:

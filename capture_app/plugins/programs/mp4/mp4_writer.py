@@ -4,19 +4,21 @@ from pathlib import Path
 from typing import Annotated
 
 from capture_app.common.text import count
-from capture_app.plugins.programs.mp4.mp4_sound import add_sound, find_recording
+from capture_app.plugins.programs.mp4.mp4_sound import add_own_sound, add_sound, find_recording
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter, Option
 from capture_app.session.exporting.videos import at_own_times, write_camera, write_video
 
 SEQUENCE = "sequence.mp4"
 Sound = Annotated[Path | None, Option("imported recordings, <camera>.*, whose sound to keep", "DIR")]
+Wav = Annotated[bool, Option("write the sound of cameras with a microphone also as WAV")]
 
 
-def write(burst: ExportedBurst, folder: Path, *, sound: Sound = None) -> None:
+def write(burst: ExportedBurst, folder: Path, *, sound: Sound = None, wav: Wav = False) -> None:
     """Write <camera>.mp4 for each camera; all start at the burst's earliest image.
 
-    Each has the sound of the recording in `sound` that is named as the camera, on the rig's time.
+    Each has the sound of its camera's microphone, or of the recording in `sound` that is named as the camera,
+    on the rig's time.
     Of a staggered session also write all cameras' images in the order of their times, as one video.
     """
     for camera in burst.cameras:
@@ -24,7 +26,9 @@ def write(burst: ExportedBurst, folder: Path, *, sound: Sound = None) -> None:
         recording = find_recording(sound, camera) if sound else None
         if recording:
             add_sound(burst, camera, recording, folder / f"{camera}.mp4")
-        elif sound:
+        else:
+            add_own_sound(burst, camera, folder / f"{camera}.mp4", wav=wav)
+        if sound and not recording:
             burst.warn(f"{camera}: {sound} has no recording of this name, so its video has no sound")
     if burst.session.manifest.is_staggered:
         _write_sequence(burst, folder)

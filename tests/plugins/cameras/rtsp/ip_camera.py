@@ -15,6 +15,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
+from itertools import count
 
 import av
 import numpy as np
@@ -86,8 +87,14 @@ class IpCamera:
     """What the clock of its reports is off that of its frames."""
     max_late_s: float = 0.0
     """How late it sent a picture at most, on a busy machine."""
+    sound: str = "8"
+    """Payload type of its sound, which clicks at whole seconds of the true time: A-law is 8, mu-law 0."""
+    sound_delay_s: float = 0.06
+    """From the end of a packet's samples to its sending."""
     true_ns: dict[int, list[int]] = field(default_factory=dict)
     """When each picture was, by its number, each time, in the host's monotonic clock."""
+    tracks: list[str] = field(default_factory=list)
+    """The tracks that were set up."""
     asked: list[str] = field(default_factory=list)
     """The methods that it was asked."""
     port: int = 0
@@ -119,6 +126,7 @@ class IpCamera:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writers.append(writer)
         playing: asyncio.Task[None] | None = None
+        speaking: asyncio.Task[None] | None = None
         try:
             while True:
                 head = (await reader.readuntil(b"\r\n\r\n")).decode()
@@ -132,11 +140,13 @@ class IpCamera:
                 writer.write(self._answer(method, url, head, number))
                 if method == "PLAY" and self.status == 200 and not self.is_silent:
                     playing = asyncio.create_task(self._play(writer))
+                    if "track2" in self.tracks:
+                        speaking = asyncio.create_task(self._speak(writer))
         except (asyncio.IncompleteReadError, asyncio.CancelledError, OSError):
             pass
         finally:
-            if playing is not None:
-                playing.cancel()
+            for task in filter(None, (playing, speaking)):
+                task.cancel()
             writer.close()
 
     def _answer(self, method: str, url: str, head: str, number: str) -> bytes:
@@ -152,7 +162,9 @@ class IpCamera:
         elif method == "DESCRIBE":
             headers, body = f"Content-Base: {url}/\r\nServer: Tests/1\r\n", self._description()
         elif method == "SETUP":
-            headers = "Transport: RTP/AVP/TCP;unicast;interleaved=0-1\r\nSession: 4711;timeout=60\r\n"
+            self.tracks.append(url.rpartition("/")[2])
+            channels = re.search(r"interleaved=\d-\d", head)[0]
+            headers = f"Transport: RTP/AVP/TCP;unicast;{channels}\r\nSession: 4711;timeout=60\r\n"
         elif method == "PLAY":
             status = self.status
         head = f"RTSP/1.0 {status} Reason\r\nCSeq: {number}\r\n{headers}Content-Length: {len(body)}"
@@ -176,7 +188,7 @@ class IpCamera:
             sets = f"; sprop-parameter-sets={','.join(found)}"
         return (
             "v=0\r\no=- 1 1 IN IP4 127.0.0.1\r\ns=test\r\nt=0 0\r\n"
-            "m=audio 0 RTP/AVP 8\r\na=control:track2\r\n"
+            f"m=audio 0 RTP/AVP {self.sound}\r\na=control:track2\r\n"
             f"m=video 0 RTP/AVP {PAYLOAD_TYPE}\r\n"
             f"a=rtpmap:{PAYLOAD_TYPE} {self.offers or self.codec}/90000\r\n"
             f"a=fmtp:{PAYLOAD_TYPE} packetization-mode=1{sets}\r\n"
@@ -211,13 +223,32 @@ class IpCamera:
                 self._send_report(writer, now_ns, ticks + round(self.report_jump_s * 90_000) & 0xFFFFFFFF)
             await writer.drain()
 
-    def _send_report(self, writer: asyncio.StreamWriter, now_ns: int, ticks: int) -> None:
+    async def _speak(self, writer: asyncio.StreamWriter) -> None:
+        """Send packets of 20 ms; all but the clicks is the quietest code."""
+        begun_ns, quiet, loud = time.monotonic_ns(), *((0xD5, 0xAA) if self.sound == "8" else (0xFF, 0x80))
+        step_ns = 1e9 / (8000 * (1 + self.rate_ppm * 1e-6))
+        for number in count():
+            since_ns = np.arange(160 * number, 160 * number + 161) * step_ns
+            at_ns = begun_ns + round(since_ns[-1])
+            await asyncio.sleep((at_ns - time.monotonic_ns()) / 1e9 + self.sound_delay_s)
+            is_click = (begun_ns % 10**9 + since_ns[:-1]) % 1e9 < 4 * step_ns
+            codes = np.where(is_click, loud, quiet).astype(np.uint8).tobytes()
+            packet = struct.pack(">BBHII", 0x80, int(self.sound), number & 0xFFFF, 160 * number, 8) + codes
+            writer.write(struct.pack(">cBH", b"$", 2, len(packet)) + packet)
+            if self.report_every_s is not None and number % 10 == 0:
+                now_ns = time.monotonic_ns()
+                self._send_report(writer, now_ns, round((now_ns - begun_ns) / step_ns), channel=3)
+            await writer.drain()
+
+    def _send_report(
+        self, writer: asyncio.StreamWriter, now_ns: int, ticks: int, *, channel: int = 1
+    ) -> None:
         wall_s = time.time() + self.wall_error_s + NTP_UNIX_S
         whole = int(wall_s)
         body = struct.pack(">IIIIII", 7, whole & 0xFFFFFFFF, int((wall_s - whole) * 2**32), ticks, 0, 0)
         report = struct.pack(">BBH", 0x80, 200, 6) + body
         name = struct.pack(">BBHI", 0x81, 202, 2, 7) + b"\1\2ab"
-        writer.write(struct.pack(">cBH", b"$", 1, len(report + name)) + report + name)
+        writer.write(struct.pack(">cBH", b"$", channel, len(report + name)) + report + name)
 
     def _send_picture(self, writer: asyncio.StreamWriter, units: list[bytes], ticks: int) -> None:
         payloads = [payload for unit in units for payload in self._payloads(unit)]

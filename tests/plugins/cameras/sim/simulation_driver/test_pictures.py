@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
-from capture_app.plugins.cameras.sim.rendering import scene
+from capture_app.plugins.cameras.sim.rendering import scene as rendered_scene
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from tests.plugins.cameras.sim.simulation_driver.stepped import Recorder, frames_of, in_stepped_time, sim
 
@@ -47,7 +47,7 @@ def test_a_scene_without_embree_is_refused_in_plain_words(
     monkeypatch.syspath_prepend(tmp_path)
     for name in [name for name in sys.modules if name.partition(".")[0] == "embreex"]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(scene, "_built", scene._built.__wrapped__)
+    monkeypatch.setattr(rendered_scene, "_built", rendered_scene._built.__wrapped__)
     with pytest.raises(NotAvailableError, match=r"libGL\.so\.1.*scene=bars") as error:
         sim("sim:pi,scene=pinwheel,scale=0.11")
     assert isinstance(error.value, SimulshotError)

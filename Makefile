@@ -30,6 +30,7 @@
 # make bench NAME=stagger   errors and readiness of staggered rigs beside rigs in step, in virtual time (3 min)
 # make bench NAME=multiview   depth from many views, beside SGBM (BENCH="--scene plain ..."; BENCH="--row FOLDER": real images)
 # make bench NAME=views   views and splats from places without a camera, beside the truth, of four scenes (5 min a scene; BENCH="jumper --seeds 5 --splats")
+# make bench NAME=left-out BENCH=SESSION   views of a session without each of its cameras, beside that camera's picture (a minute a camera)
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
@@ -139,6 +140,7 @@ BENCH_two-steps := benchmarks.stagger.rendered_steps
 BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_views := benchmarks.reconstruction.novel_views
+BENCH_left-out := benchmarks.reconstruction.left_out_cameras
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence
 BENCH_pose-errors := benchmarks.reconstruction.pose_errors

@@ -21,6 +21,8 @@ FEW, MAX_FACTOR = 25, 2.0
 """Number of iterations below which steps are larger, and the largest factor."""
 MIN_OPACITY = 0.05
 """Opacity below which a Gaussian is removed at the end."""
+GAP, FREE = 0.5, 0.1
+"""Fraction of light that passes a pixel of a gap at the start, and that may pass any other pixel freely."""
 
 
 def optimize(
@@ -29,8 +31,9 @@ def optimize(
     """Return Gaussians with better colours, opacities and sizes, and which were kept (bool).
 
     Those that became transparent are removed. Each iteration compares one camera's picture, in turn; the loss
-    is the squared difference of colours. Gaps between Gaussians count as right. `step` is called with the
-    number of iterations that are done.
+    is the squared difference of colours. Light that passes all Gaussians counts as right in gaps and up to
+    `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever more transparent.
+    `step` is called with the number of iterations that are done.
     """
     number = len(gaussians)
     values = {
@@ -44,6 +47,7 @@ def optimize(
     seen = list(moment.values())
     targets = [floats(one.colours / 255) for one in seen]
     orders: list[Array | None] = [None] * len(seen)
+    free = dict[int, Array]()
     with worker_pool() as pool:
         for iteration in range(iterations):
             at = iteration % len(seen)
@@ -52,10 +56,10 @@ def optimize(
             projected = project(gaussians, view, values["grown"], pool, orders[at])
             orders[at] = projected.order
             drawn, passes = draw(projected, values["colours"], opacities, pool, parts)
-            drawn += passes[..., None] * targets[at]
-            picture = _Picture(
-                projected, opacities, values["colours"], drawn, 2 * (drawn - targets[at]), passes
-            )
+            if at not in free:
+                free[at] = floats(np.where(passes > GAP, 1, FREE))
+            errors = _add_background(drawn, passes, free[at], targets[at])
+            picture = _Picture(projected, opacities, values["colours"], drawn, errors, passes)
             rows = bands(view.height, parts)
             list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
             slopes["logits"] *= opacities * (1 - opacities)
@@ -69,6 +73,15 @@ def optimize(
     )
     kept = opacities >= MIN_OPACITY
     return better.chosen(kept), kept
+
+
+def _add_background(drawn: Array, passes: Array, free: Array, target: Array) -> Array:
+    """Return twice the errors of a drawn picture; add to it the colours that more passing light would add."""
+    light, opposite = passes[..., None], floats(target < 0.5)
+    excess = np.maximum(light - free[..., None], 0)
+    errors = 2 * (drawn + (light - excess) * target + excess * opposite - target)
+    drawn += light * np.where(excess > 0, opposite, target)
+    return floats(errors)
 
 
 class _Picture(NamedTuple):

@@ -120,13 +120,10 @@ def make_splats(
     made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
     learned: _Learned | None = None
     subject: Array | None = None
-    for one in see_moments(
-        dataset,
-        dataset.chosen_instants(options.listed_instants),
-        condition,
-        quick=options.quick,
-        progress=progress,
-    ):
+    chosen = dataset.chosen_instants(options.listed_instants)
+    for one in see_moments(dataset, chosen, condition, quick=options.quick, progress=progress):
+        if not made:
+            progress.total = progress.done + len(chosen)  # all maps are computed
         progress.step(f"splat of instant {one.instant}")
         moment = {camera: seen.resized(options.width) for camera, seen in one.moment.items()}
         begun = make_gaussians(moment)

@@ -116,6 +116,21 @@ def test_optimizing_makes_a_held_out_view_better() -> None:
     assert kept.sum() == len(better)
 
 
+def test_surfaces_stay_opaque_however_long_noisy_pictures_are_optimized() -> None:
+    cameras, view, noise = moment(), view_at(-0.1, 0.02), np.random.default_rng(0)
+    for one in cameras.values():
+        one.colours[:] = np.clip(one.colours + noise.normal(0, 12, one.colours.shape), 0, 255)
+    gaussians, truth = make_gaussians(cameras), seen(view).colours
+    gaussians = gaussians.chosen(np.argsort(gaussians.pixels, kind="stable"))
+    first, kept = optimize(gaussians, cameras, 25)
+    again = first
+    for _ in range(4):  # the same moment again and again, each time with what was learned
+        again, kept = optimize(_Learned(gaussians.chosen(kept), again).begin(gaussians), cameras, 25)
+    for last in (again, optimize(gaussians, cameras, 100)[0]):
+        assert drawn(last)[2].mean() < 0.1
+        assert psnr(render_gaussians(last, view), truth) > psnr(render_gaussians(first, view), truth) - 0.2
+
+
 def test_surfaces_that_two_cameras_see_are_made_once() -> None:
     number = len(make_gaussians(moment()))
     assert 90 * 120 < number < 1.9 * 90 * 120

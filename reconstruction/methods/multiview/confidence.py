@@ -38,13 +38,13 @@ AROUND_PX, MEDIAN_PX = 15, 5
 MAX_STEP, MAX_UNEVEN = 0.1, 0.02
 """Relative differences of depth from which a step, and a difference from the median, count in full."""
 RIGHT = {
-    -1.0: 0.34,
-    -0.5: 0.43,
-    -0.25: 0.54,
-    0.0: 0.64,
-    0.25: 0.74,
+    -1.0: 0.35,
+    -0.5: 0.45,
+    -0.25: 0.55,
+    0.0: 0.65,
+    0.25: 0.75,
     0.5: 0.85,
-    0.75: 0.91,
+    0.75: 0.92,
     1.0: 0.97,
     1.25: 0.99,
     1.5: 0.99,
@@ -52,10 +52,9 @@ RIGHT = {
 """Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
 ASSUMED_MISFIT_PX = 0.2
 """Misfit of a calibration that could not be checked."""
-MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.1, 1.0
+MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.08, 1.2
 """Standard deviations of a match and of a perfect calibration's misfit, and that of errors by the calibration
 relative to the rest of its misfit."""
-MAX_FREEDOM = 1000.0
 
 
 class DepthSupport(NamedTuple):
@@ -85,19 +84,16 @@ class DepthSupport(NamedTuple):
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
         pose_px = POSE_FACTOR * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
-        error_px = math.hypot(MATCHING_PX, pose_px)
-        # Of the sum of a known and an estimated variance (Welch and Satterthwaite).
-        freedom = min(self.cameras * (error_px / max(pose_px, 1e-3)) ** 4, MAX_FREEDOM)
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        return _student_within(self.worth_px / np.hypot(scale_px, error_px), freedom)
-
-
-def _student_within(ratio: Array, freedom: float) -> Array:
-    """Return the probability that a value of Student's t distribution is within +-`ratio`."""
-    angles = np.linspace(0, math.pi / 2, 4001)
-    density = np.cos(angles) ** (freedom - 1)
-    within = np.concatenate([[0.0], np.cumsum(density[1:] + density[:-1])])
-    return np.asarray(np.interp(np.arctan(ratio / math.sqrt(freedom)), angles, within / within[-1]))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px))
+        # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
+        freedom = self.cameras * (sigma_px / max(pose_px, 1e-3)) ** 4
+        # Student's t as a normal deviate (Wallace 1959).
+        squared = freedom * np.log1p((self.worth_px / sigma_px) ** 2 / freedom)
+        deviate = (8 * freedom + 1) / (8 * freedom + 3) * np.sqrt(squared)
+        sigmas = np.linspace(0, 5, 501)
+        within = [math.erf(float(x) / math.sqrt(2)) for x in sigmas]
+        return np.asarray(np.interp(deviate, sigmas, within))
 
 
 def measure_support(

@@ -10,6 +10,7 @@ from reconstruction.methods.multiview.confidence import (
     ASSUMED_MISFIT_PX,
     HOLES,
     IN_FRONT,
+    POSE_FACTOR,
     UNEVEN,
     DepthSupport,
     measure_support,
@@ -119,10 +120,10 @@ def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
         return float(support.confidence(misfit_px))
 
     assert confidence(4.0, 0.1) == pytest.approx(0.99, abs=0.001)
-    # One standard deviation: 68.3 % of 99 %. A perfect calibration has a misfit of 0.1 px.
+    # One standard deviation: 68.3 % of 99 %. A perfect calibration has a misfit of 0.08 px.
     assert confidence(0.1, 0.0) == pytest.approx(0.676, abs=0.001)
-    assert confidence(0.1, 0.1) == pytest.approx(0.676, abs=0.001)
-    assert confidence(1.0, 1.0) == pytest.approx(0.676, abs=0.001)
+    assert confidence(0.1, 0.08) == pytest.approx(0.676, abs=0.001)
+    assert confidence(np.hypot(0.1, 1.2), np.hypot(0.08, 1.0)) == pytest.approx(0.676, abs=0.001)
     assert confidence(0.5, None) == confidence(0.5, ASSUMED_MISFIT_PX)
     assert confidence(1.0, 2.0) < confidence(1.0, 0.5) < confidence(1.0, 0.15)
     assert confidence(4.0, 0.1, -0.75) < confidence(4.0, 0.1, 0.5) < confidence(4.0, 0.1, 1.0)
@@ -135,7 +136,7 @@ def test_few_cameras_know_less_of_the_errors_that_points_do_not_show(cameras: in
     rng = np.random.default_rng(0)
     shown_px, hidden_px = rng.normal(0, 1, (cameras, 20_000)), abs(rng.normal(0, 1, 20_000))
     misfits_px = np.sqrt((shown_px**2).mean(axis=0))
-    said = DepthSupport(np.array(1.5), np.array(20 * ratio), cameras).measurable(20.0)
+    said = DepthSupport(np.array(1.5), np.array(20 * POSE_FACTOR * ratio), cameras).measurable(20.0)
     assert float(said) == pytest.approx((hidden_px < ratio * misfits_px).mean(), abs=0.01)
 
 

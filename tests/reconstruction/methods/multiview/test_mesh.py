@@ -47,7 +47,8 @@ def test_a_single_map_is_the_mesh(scene: Scene) -> None:
     left = {"left": VIEWS["left"]}
     points, _, triangles = true_mesh(scene, left)
     depth = true_map(scene, VIEWS["left"]).depth
-    assert len(points) == np.count_nonzero(depth) and len(triangles) > len(points)
+    assert len(points) == np.count_nonzero(depth)
+    assert len(triangles) > len(points)
     assert points == pytest.approx(VIEWS["left"].unproject(VIEWS["left"].grid(), depth.reshape(-1)))
 
 

@@ -128,11 +128,11 @@ def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tu
 
 def _surroundings(view: ViewDepth, surface: Surface) -> Array:
     """Return what the surroundings in the view's own depth map say against its depth, 0 to 2."""
-    level = surface.inverse_depth
+    level = np.maximum(surface.inverse_depth, 1e-12)
     beside = 1 / (1 + _distance_to_edges(level))
-    step = np.log(level / np.maximum(cv2.erode(level, np.ones((AROUND_PX, AROUND_PX))), 1e-12))
+    step = np.log(level / cv2.erode(level, np.ones((AROUND_PX, AROUND_PX))))
     holes = 1 - cv2.blur((view.depth > 0).astype(np.float32), (AROUND_PX, AROUND_PX))
-    uneven = np.abs(level / np.maximum(cv2.medianBlur(level, MEDIAN_PX), 1e-12) - 1)
+    uneven = np.abs(level / cv2.medianBlur(level, MEDIAN_PX) - 1)
     return np.asarray(
         BESIDE_EDGE * beside
         + IN_FRONT * np.minimum(step / MAX_STEP, 1)

@@ -105,6 +105,12 @@ def test_depth_that_differs_from_its_neighbours_has_less_evidence() -> None:
     assert at == pytest.approx(beside - UNEVEN / 2 - 0.5 / 1.25, abs=1e-3)
 
 
+def test_a_surface_beyond_infinity_has_evidence_that_is_a_number() -> None:
+    level = wall()
+    level[HEIGHT // 2, WIDTH // 2] = -0.01
+    assert np.isfinite(supports({0.0: level, 0.1: wall()})[0].evidence).all()
+
+
 def test_two_percent_are_worth_what_the_widest_baseline_moves() -> None:
     near, wide = (supports({0.0: wall(), x: wall()})[0].worth_px[INNER] for x in (0.05, 0.2))
     # A point at 2 m moves by focal length x baseline / depth: 2 % of that.

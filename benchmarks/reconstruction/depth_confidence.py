@@ -1,17 +1,19 @@
 """Reliability of depth's confidence: of pixels said to be right with some probability, how many are.
 
     python -m benchmarks.reconstruction.depth_confidence            four scenes and the sample sessions
-    python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5     cameras turned at random, px
+    python -m benchmarks.reconstruction.depth_confidence --cameras 2 --cameras 3     the first ones of a scene
+    python -m benchmarks.reconstruction.depth_confidence --pose-error 0.5 --draws 8  cameras turned, px
     python -m benchmarks.reconstruction.depth_confidence --row FOLDER       real images: see `camera_rows`
     python -m benchmarks.reconstruction.depth_confidence --fit      the table in `depth.confidence`
 
 Right is within 2 % of the true depth. The table was fitted to two of the scenes; the others and the sessions
 judge it. Each row counts the depths of all cameras with a truth; ranges with under 1 % of a row's pixels are
-left out. Simulated pictures, but for rows of cameras.
+left out. All depths of a rig share the error of its poses, so that only many draws of it can be judged
+together. Simulated pictures, but for rows of cameras.
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +46,7 @@ INSTANT = 2
 RANGES = tuple(k / 10 for k in range(3, 10))
 """Lower ends of ranges of confidence, each 0.1 wide; the first one begins at 0."""
 CAMERAS = 5
+FITTED_CAMERAS = 2, 3, CAMERAS
 MIN_SHARE = 0.01
 COLUMNS = {
     "case": ("case", ""),
@@ -86,10 +89,11 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
         name: (view.depth > 0) & (truth[name] > 0) & ~images[name].outside for name, view in found.items()
     }
     talk(f"{case}: {len(found)} maps")
-    parts = [[part[known[name]] for part in supports[name]] for name in known]
+    parts = [[part[known[name]] for part in supports[name][:2]] for name in known]
+    evidence, worth_px = map(np.concatenate, zip(*parts, strict=True))
     return Judged(
         case,
-        DepthSupport(*map(np.concatenate, zip(*parts, strict=True))),
+        DepthSupport(evidence, worth_px, len(images)),
         np.concatenate([right_depth(found[n].depth, truth[n])[known[n]] for n in known]),
         misfit_px,
         cpu_s,
@@ -97,11 +101,11 @@ def judge(case: str, images: Mapping[str, InputImage], truth: Mapping[str, Array
 
 
 def judge_scene(
-    rendered: Rendered, condition: str, cameras: int | None, pose_error_px: float, fitted: str = ""
+    rendered: Rendered, condition: str, cameras: int | None, pose_error_px: float, draw: int = 0
 ) -> Judged:
-    """Judge a scene, seen by its first cameras (None = all), which are turned by random angles."""
+    """Judge a scene, seen by its first cameras (None = all), which are turned by a draw of random angles."""
     shown: Condition = getattr(rendered, condition)
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(3 + draw)
     views = {
         camera: _turned(view, rng.normal(0, pose_error_px / view.focal, 3))
         for camera, view in list(rendered.views.items())[:cameras]
@@ -112,7 +116,8 @@ def judge_scene(
     for camera, image in images.items():
         known = replace(image.calibrated, moving=dilate(shown.movers[camera], MARGIN_PX))
         images[camera] = replace(image, calibrated=known)
-    return judge(f"{rendered.name}, {condition}{fitted}", images, shown.depth)
+    fitted = ", fitted" if rendered.name.split()[0] in FITTED else ""
+    return judge(f"{rendered.name}, {condition}, {len(views)} cameras{fitted}", images, shown.depth)
 
 
 def _turned(view: View, angles: Array) -> View:
@@ -129,16 +134,19 @@ def judge_session(path: Path) -> Judged:
     return judge(f"session {path.name}", images, {n: one[0] for n, one in loaded.items() if one is not None})
 
 
-def reliability(judged: Judged) -> dict[str, Any]:
-    """Return what was said and what is right, of all pixels and by range of confidence."""
-    said = judged.said
-    row: dict[str, Any] = {"case": judged.case, "misfit_px": judged.misfit_px, "cpu_s": judged.cpu_s}
-    row |= {"said": float(said.mean()), "right": float(judged.right.mean()), "pixels": len(said)}
+def reliability(draws: Sequence[Judged]) -> dict[str, Any]:
+    """Return what was said and what is right, of all pixels of some draws and by range of confidence."""
+    said = np.concatenate([one.said for one in draws])
+    right = np.concatenate([one.right for one in draws])
+    misfits_px = [one.misfit_px for one in draws if one.misfit_px is not None]
+    row: dict[str, Any] = {"case": draws[0].case, "cpu_s": float(np.mean([one.cpu_s for one in draws]))}
+    row |= {"misfit_px": float(np.median(misfits_px)) if misfits_px else None, "pixels": len(said)}
+    row |= {"said": float(said.mean()), "right": float(right.mean())}
     differences = []
     for low in RANGES:
         there = (said < low + 0.1 + (low == RANGES[-1])) & ((said >= low) | (low == RANGES[0]))
         if there.mean() >= MIN_SHARE:
-            mine, true = float(said[there].mean()), float(judged.right[there].mean())
+            mine, true = float(said[there].mean()), float(right[there].mean())
             differences.append(true - mine)
             row[f"at_{low:.1f}"] = f"{100 * mine:.0f}: {100 * true:.0f}"
     return row | {"worst": max(differences, key=abs)}
@@ -147,12 +155,13 @@ def reliability(judged: Judged) -> dict[str, Any]:
 def fit_right(judged: list[Judged]) -> dict[float, float]:
     """Return the fraction of right depths at each evidence of `RIGHT`, which never falls with evidence.
 
-    It is of the pixels whose right match would give a right depth. Each case counts the same.
+    It is of the pixels whose right match would give a right depth. Each case counts the same. Their
+    calibrations are perfect, whatever their misfits are.
     """
     places = np.array([*RIGHT])
     right, measurable = np.zeros(len(places)), np.zeros(len(places))
     for one in judged:
-        within = one.support.measurable(one.misfit_px)
+        within = one.support.measurable(0.0)
         for k in range(len(places)):
             # A pixel between two places counts for both, the nearer one more.
             weights = np.interp(one.support.evidence, places, np.eye(len(places))[k])
@@ -162,14 +171,21 @@ def fit_right(judged: list[Judged]) -> dict[float, float]:
     return {float(place): round(float(x), 2) for place, x in zip(places, rising, strict=True)}
 
 
-def cases(scenes: list[str], cameras: int, pose_error_px: float) -> Iterator[Judged]:
-    """Yield the scenes, in two sizes and both conditions."""
+def cases(
+    scenes: Sequence[str],
+    cameras: Sequence[int],
+    pose_error_px: float,
+    draws: int = 1,
+    conditions: Sequence[str] = ("synced", "offset"),
+) -> Iterator[list[Judged]]:
+    """Yield the draws of the scenes, in two sizes and both conditions, by so many of their cameras."""
     for name in scenes:
-        fitted = ", fitted" if name in FITTED else ""
-        for size, conditions in (((640, 480), ("synced",)), ((320, 240), ("synced", "offset"))):
+        for size, shown in (((640, 480), ("synced",)), ((320, 240), ("synced", "offset"))):
             rendered = SCENES[name](*size)
-            for condition in conditions:
-                yield judge_scene(rendered, condition, cameras, pose_error_px, fitted)
+            for condition in (one for one in shown if one in conditions):
+                for count in cameras:
+                    drawn = (judge_scene(rendered, condition, count, pose_error_px, k) for k in range(draws))
+                    yield list(drawn)
 
 
 def main() -> None:
@@ -178,22 +194,31 @@ def main() -> None:
     parser.add_argument("--scene", action="append", choices=list(SCENES), help="[default: all]")
     parser.add_argument("--session", action="append", type=Path, help="with ground truth [default: samples]")
     parser.add_argument("--row", action="append", type=Path, help="a real row of cameras, not all else")
-    parser.add_argument("--cameras", type=int, help=f"of a scene [default: {CAMERAS}, of a row all]")
+    parser.add_argument(
+        "--cameras",
+        action="append",
+        type=int,
+        help=f"of a scene [default: {CAMERAS}, of a row all]",
+    )
     parser.add_argument("--pose-error", type=float, default=0.0, metavar="PX", help="of the scenes' cameras")
+    parser.add_argument("--draws", type=int, default=1, help="of the pose error, counted as one case")
     parser.add_argument("--fit", action="store_true", help=f"to {' and '.join(FITTED)}, and print the table")
     asked = parser.parse_args()
     if asked.fit:
-        print(fit_right(list(cases(list(FITTED), CAMERAS, 0.0))))
+        print(fit_right([one for (one,) in cases(FITTED, FITTED_CAMERAS, 0.0, conditions=("synced",))]))
         return
     if asked.row:
         judged = [
-            judge_scene(read_row(folder), "synced", asked.cameras, asked.pose_error) for folder in asked.row
+            [judge_scene(read_row(folder), "synced", count, asked.pose_error, k) for k in range(asked.draws)]
+            for folder in asked.row
+            for count in asked.cameras or [None]
         ]
     else:
-        judged = list(cases(asked.scene or list(SCENES), asked.cameras or CAMERAS, asked.pose_error))
+        scenes, counts = asked.scene or [*SCENES], asked.cameras or [CAMERAS]
+        judged = list(cases(scenes, counts, asked.pose_error, asked.draws))
     if not asked.pose_error and not asked.cameras and not asked.row:
-        judged += [judge_session(path) for path in asked.session or SESSIONS]
-    rows = [reliability(one) for one in judged]
+        judged += [[judge_session(path)] for path in asked.session or SESSIONS]
+    rows = [reliability(draws) for draws in judged]
     print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=asked.json)
 
 

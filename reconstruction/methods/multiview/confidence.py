@@ -1,7 +1,8 @@
 """Confidence of depth: the probability of each pixel's depth to be within 2 % of the true one.
 
-It has two factors. One is how often pixels with such votes of the other views are right, from a table that
-was measured (`RIGHT`). The other is how well the calibration can measure 2 % of depth there.
+It has two factors. One is how often pixels with such votes of the other views and such surroundings are
+right, from a table that was measured (`RIGHT`). The other is how well the calibration can measure 2 % of
+depth there.
 """
 
 import math
@@ -29,21 +30,42 @@ CLOSELY, BESIDE_EDGE = 0.5, 0.75
 """Weights of the views that agree closely, and of the neighbourhood of an edge, beside those that agree."""
 AGAINST = 0.25
 """Number of views that are taken to disagree, so that one view is less evidence than several."""
-RIGHT = {-0.75: 0.39, 0.0: 0.51, 0.25: 0.65, 0.5: 0.76, 0.75: 0.85, 1.0: 0.94, 1.25: 0.98, 1.5: 0.99}
+IN_FRONT, HOLES, UNEVEN = 0.2, 0.7, 0.4
+"""Weights against depth in front of another surface, as windows widen objects; of the fraction of the
+neighbourhood without depth; and of depth that differs from the median of its neighbours."""
+AROUND_PX, MEDIAN_PX = 15, 5
+"""Sides of the neighbourhoods of the surroundings and of the median."""
+MAX_STEP, MAX_UNEVEN = 0.1, 0.02
+"""Relative differences of depth from which a step, and a difference from the median, count in full."""
+RIGHT = {
+    -1.0: 0.35,
+    -0.5: 0.45,
+    -0.25: 0.55,
+    0.0: 0.65,
+    0.25: 0.75,
+    0.5: 0.85,
+    0.75: 0.92,
+    1.0: 0.97,
+    1.25: 0.99,
+    1.5: 0.99,
+}
 """Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
-ASSUMED_MISFIT_PX = 0.25
+ASSUMED_MISFIT_PX = 0.2
 """Misfit of a calibration that could not be checked."""
-MATCHING_PX, POSE_FACTOR = 0.1, 0.8
-"""Standard deviation of a match, and that of errors by the calibration relative to its misfit."""
+MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.08, 1.2
+"""Standard deviations of a match and of a perfect calibration's misfit, and that of errors by the calibration
+relative to the rest of its misfit."""
 
 
 class DepthSupport(NamedTuple):
-    """What is known of the depths of a view; each float32 height x width."""
+    """What is known of the depths of a view; the arrays are float32 height x width."""
 
     evidence: Array
-    """Fraction of the views able to see the surface that agree, plus weighted terms; -0.75 to 1.5."""
+    """Fraction of the views able to see the surface that agree, plus weighted terms; -2.0 to 1.5."""
     worth_px: Array
     """Motion in another view, px, by 2 % of the depth: the largest of all views."""
+    cameras: int = 2
+    """Number of cameras of the rig."""
 
     def confidence(self, misfit_px: float | None, scale_error: float = 0.0) -> Array:
         """Return the probability that depth is right, 0 to 1, by the calibration's misfit (px) and scale."""
@@ -55,13 +77,23 @@ class DepthSupport(NamedTuple):
 
         `misfit_px` is that of points at rest to the calibration, px; None = unknown. `scale_error` is the
         relative standard deviation of its scale, and so of all depths.
+
+        Points show errors across their epipolar lines only, depth suffers from those along them, and few
+        cameras have few errors: the misfit tells the size of the others with an uncertainty that Student's t
+        has, with a degree of freedom for each camera.
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
+        pose_px = POSE_FACTOR * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, POSE_FACTOR * misfit_px))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px))
+        # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
+        freedom = self.cameras * (sigma_px / max(pose_px, 1e-3)) ** 4
+        # Student's t as a normal deviate (Wallace 1959).
+        squared = freedom * np.log1p((self.worth_px / sigma_px) ** 2 / freedom)
+        deviate = (8 * freedom + 1) / (8 * freedom + 3) * np.sqrt(squared)
         sigmas = np.linspace(0, 5, 501)
         within = [math.erf(float(x) / math.sqrt(2)) for x in sigmas]
-        return np.asarray(np.interp(self.worth_px / sigma_px, sigmas, within))
+        return np.asarray(np.interp(deviate, sigmas, within))
 
 
 def measure_support(
@@ -77,10 +109,12 @@ def measure_support(
     for name, surface in surfaces.items():
         others = voting_views(name, sources, surfaces)
         voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
-        yield name, _support(surface, voters)
+        evidence, worth_px = _votes(surface, voters)
+        yield name, DepthSupport(evidence - _surroundings(found[name], surface), worth_px, len(images))
 
 
-def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> DepthSupport:
+def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tuple[Array, Array]:
+    """Return the evidence by other views, and the motion in them by `TOLERANCE` of the depth, px."""
     level = surface.inverse_depth
     agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
     for view, other in voters:
@@ -89,8 +123,22 @@ def _support(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> 
         able += sees
         close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
+    return (agreeing + CLOSELY * close) / (able + AGAINST), worth
+
+
+def _surroundings(view: ViewDepth, surface: Surface) -> Array:
+    """Return what the surroundings in the view's own depth map say against its depth, 0 to 2."""
+    level = np.maximum(surface.inverse_depth, 1e-12)
     beside = 1 / (1 + _distance_to_edges(level))
-    return DepthSupport((agreeing + CLOSELY * close) / (able + AGAINST) - BESIDE_EDGE * beside, worth)
+    step = np.log(level / cv2.erode(level, np.ones((AROUND_PX, AROUND_PX))))
+    holes = 1 - cv2.blur((view.depth > 0).astype(np.float32), (AROUND_PX, AROUND_PX))
+    uneven = np.abs(level / cv2.medianBlur(level, MEDIAN_PX) - 1)
+    return np.asarray(
+        BESIDE_EDGE * beside
+        + IN_FRONT * np.minimum(step / MAX_STEP, 1)
+        + HOLES * holes
+        + UNEVEN * np.minimum(uneven / MAX_UNEVEN, 1)
+    )
 
 
 def _agreement(relative: float) -> Agreement:

@@ -103,7 +103,8 @@ def join_maps(
         seam = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8))
         pixels = np.nonzero((depth > 0) & (seam > 0))
         points = surface[pixels]
-        ratios = [_compare(points, views[other], depth_views[other])[1] for other in small if other != name]
+        ratios = [np.zeros(len(points))]  # There may be no other map.
+        ratios += [_compare(points, views[other], depth_views[other])[1] for other in small if other != name]
         normals = found.normals[pixels] @ view.rotation
         denied = find_denied(points, normals, views, depth_views)
         # Maps that measured this surface with a larger error would deny it.

@@ -43,6 +43,15 @@ def test_no_triangle_joins_two_boards_and_all_boards_are_whole(scene: Scene) -> 
     assert mover == pytest.approx(0.36, rel=0.06)
 
 
+def test_a_single_map_is_the_mesh(scene: Scene) -> None:
+    left = {"left": VIEWS["left"]}
+    points, _, triangles = true_mesh(scene, left)
+    depth = true_map(scene, VIEWS["left"]).depth
+    assert len(points) == np.count_nonzero(depth)
+    assert len(triangles) > len(points)
+    assert points == pytest.approx(VIEWS["left"].unproject(VIEWS["left"].grid(), depth.reshape(-1)))
+
+
 def test_what_two_maps_see_is_taken_from_the_first(scene: Scene) -> None:
     points, colours, triangles = true_mesh(scene)
     second = colours[:, 2] == 10

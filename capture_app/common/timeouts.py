@@ -75,7 +75,7 @@ SCREEN_STOP_TIMEOUT_S = 10.0
 
 # Plugins of other packages
 PLUGIN_TIMEOUT_S = 15.0
-"""A plugin is still being imported: it is skipped. On two cores at a load of 27, importing numpy took over 5 s."""
+"""A plugin is still being imported: it is skipped. At a load of 27, importing numpy took over 5 s."""
 NAMED_PLUGIN_TIMEOUT_S = 60.0
 """The same for a plugin that was asked for by name."""
 

@@ -51,7 +51,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(start: St
     await nodes[0].kill()
     # On a busy machine it may have been lost, and back, before.
     async with time_limit("the loss of a"):
-        while (await states(address))["a"] != NodeState.LOST:
+        while (await states(address))["a"] != NodeState.LOST:  # noqa: ASYNC110
             await asyncio.sleep(0.1)
     await leader.says("lost a: silent")
 

@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError, reading
 from capture_app.common.plugins import load_plugin, plugin_names
 from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.reading.decoding import decode_image, size_of
+from capture_app.session.reading.decoding import decode_image, is_whole_jpeg, size_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -215,7 +215,13 @@ class Replay(PictureSource):
             data = b"" if size > MAX_BYTES else path.read_bytes()
         if size > MAX_BYTES:
             raise BadInputError(f"{path} is larger than {MAX_BYTES >> 20} MB", hint="replay a part of it")
-        jpegs = tuple(re.split(b"(?<=\xff\xd9)(?=\xff\xd8)", data))
+        jpegs: list[bytes] = []
+        for part in re.split(b"(?<=\xff\xd9)(?=\xff\xd8)", data):
+            # The sound in an image may have such bytes, too.
+            if jpegs and not is_whole_jpeg(jpegs[-1]):
+                jpegs[-1] += part
+            else:
+                jpegs.append(part)
         sizes = {size_of(jpeg) for jpeg in jpegs}
         known = sizes.pop()
         if known is None or sizes:
@@ -223,7 +229,7 @@ class Replay(PictureSource):
                 f"{path} is not a series of JPEGs of one size",
                 hint="make it so: ffmpeg -i VIDEO -c:v mjpeg -f mjpeg OUT.mjpeg",
             )
-        return cls(*known, jpegs)
+        return cls(*known, tuple(jpegs))
 
     def jpeg(self, frame: SensorFrame) -> bytes | None:
         """Return the file's next JPEG, as a copy, because a driver copies its buffer."""

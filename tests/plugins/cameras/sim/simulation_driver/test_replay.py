@@ -41,6 +41,13 @@ def test_the_pictures_of_a_file_come_one_after_the_other_and_again(tmp_path: Pat
     assert (camera.facts.width, camera.facts.height) == (64, 48)
 
 
+def test_sound_that_looks_like_the_border_of_two_pictures_is_none(tmp_path: Path) -> None:
+    segment = b"\xff\xe9\x00\x08ab\xff\xd9\xff\xd8"
+    loud = [jpeg(grey)[:2] + segment + jpeg(grey)[2:] for grey in (10, 90)]
+    (file := tmp_path / "two.mjpeg").write_bytes(b"".join(loud))
+    assert Replay.open(file).jpegs == tuple(loud)
+
+
 @pytest.mark.parametrize(
     ("data", "says"), [(b"no picture", "not a series of JPEGs"), (jpeg(1) + jpeg(1, 80), "of one size")]
 )

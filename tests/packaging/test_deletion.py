@@ -90,9 +90,7 @@ def test_every_module_imports_with_the_simulated_camera_alone(tree: CutTree) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gone", [*([wing] for wing in COMPANIONS), PLUGINS, ALL_BUT_SIM], ids=name_of)
-def test_a_rig_takes_and_its_session_is_read(
-    tree: CutTree, gone: Sequence[str], tmp_path: Path
-) -> None:
+def test_a_rig_takes_and_its_session_is_read(tree: CutTree, gone: Sequence[str], tmp_path: Path) -> None:
     done = tree.run(gone, "-c", TAKE, tmp_path / "sessions")
     assert (done.returncode, done.stderr) == (0, "")
     taken = json.loads(done.stdout)

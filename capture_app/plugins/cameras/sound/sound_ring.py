@@ -85,13 +85,19 @@ class SoundRing:
         self._clock.add_arrival(self._counter_ns(self._end), arrival_ns)
 
     def _insert_gap(self) -> None:
-        """Place the late samples after a gap of silence that is as long as the least late ones are late."""
+        """Place the late samples after a gap of silence that is as long as the least late ones are late.
+
+        Samples that were less late for a moment before, as after a delay that was ending, are before the gap.
+        """
         late, self._late = self._late, []
-        gap_ns = min(one.late_ns for one in late)
+        late_ns = [one.late_ns for one in late]
+        usual_ns = sorted(late_ns)[len(late) // 4]
+        before = max((n for n, ns in enumerate(late_ns[:-1]) if ns < usual_ns - SAME_NS), default=-1)
+        gap_ns = min(late_ns[before + 1 :])
         if gap_ns > MAX_GAP_NS:
             self._begin()
             return
-        first = next(n for n, one in enumerate(late) if one.late_ns <= gap_ns + SAME_NS)
+        first = next(n for n, ns in enumerate(late_ns) if n > before and ns <= gap_ns + SAME_NS)
         for n, one in enumerate(late):
             if n == first:
                 self._write(bytes(2 * (gap_ns * self._rate_hz // 1_000_000_000)))

@@ -160,6 +160,19 @@ def test_samples_that_were_read_late_are_placed_before_the_gap_after_them() -> N
     assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 12, abs=2.0)
 
 
+@pytest.mark.parametrize("stall_s", [0.15, 0.3])
+def test_a_delay_that_ends_just_before_a_gap_does_not_shorten_it(stall_s: float) -> None:
+    """What was read 70 ms late before the loss made a gap of 70 ms out of 250, and a second one later."""
+    stall = (4.07 - stall_s, 4.07)
+    ring, parts = SoundRing(), []
+    for pcm, arrival_ns in arrivals(12.0, stalls_s=(stall,), lost_s=(4.0, 4.25)):
+        ring.add(pcm, arrival_ns)
+        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
+    errors_ms = click_errors_ms(parts)
+    assert len(errors_ms) == 12
+    assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 12, abs=2.0)
+
+
 def test_a_long_delay_that_was_taken_for_a_loss_is_over_when_samples_are_in_time_again() -> None:
     ring, parts = SoundRing(), []
     for pcm, arrival_ns in arrivals(12.0):

@@ -4,6 +4,7 @@ import asyncio
 import json
 import shutil
 from collections.abc import AsyncIterator
+from functools import partial
 from pathlib import Path
 
 import aiohttp
@@ -178,6 +179,10 @@ async def test_a_recording_that_was_stopped_is_being_saved(tmp_path: Path) -> No
     await end(following)
 
 
+def contains(feed: MonitorFeed, text: str) -> bool:
+    return text in feed.texts.get("burst", "")
+
+
 async def test_a_recording_that_ended_by_itself_is_not_stopped() -> None:
     rig = FakeRig(1)
     recording = BurstStatus(
@@ -185,10 +190,10 @@ async def test_a_recording_that_ended_by_itself_is_not_stopped() -> None:
     )
     feed = MonitorFeed(rig, is_local=True)
     following = asyncio.create_task(feed.run())
-    for ended, shown in ((False, "true"), (True, "false")):
+    for ended, shown in ((False, '"is_recording":true'), (True, '"is_recording":false')):
         rig.burst_status = replace(recording, ended=ended)
         rig.tell()
-        await until(lambda shown=shown: f'"is_recording":{shown}' in feed.texts.get("burst", ""))
+        await until(partial(contains, feed, shown))
     await feed.stop()
     assert not [asked for asked in rig.asked if asked[0] == "order"]
     await end(following)

@@ -19,7 +19,7 @@ from tests.end_to_end.processes import children_of, is_running
 from .conftest import TIMEOUT_S
 
 PARENT = """
-import asyncio, signal
+import asyncio, signal, sys
 from contextlib import aclosing
 from pathlib import Path
 from capture_app.node.leader.leader_node import LeaderNode
@@ -30,7 +30,7 @@ from capture_app.protocol.orders import AddSimulated
 async def main():
     options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader:
-        async with aclosing(LocalNodes(leader.own_address, Path("spool"), leader.log)) as nodes:
+        async with aclosing(LocalNodes(leader.own_address, Path(sys.argv[1]), leader.log)) as nodes:
             await nodes.add_simulated(AddSimulated(cameras=2, scene="bars"))
             while [node.state for node in leader.status().nodes] != ["ready", "ready"]:
                 await asyncio.sleep(0.05)
@@ -82,9 +82,14 @@ async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals) -> None:
+async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals, tmp_path: Path) -> None:
     parent = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", PARENT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
+        sys.executable,
+        "-c",
+        PARENT,
+        str(tmp_path),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.DEVNULL,
     )
     assert parent.stdout is not None
     async with asyncio.timeout(TIMEOUT_S):

@@ -16,6 +16,7 @@ from tests.browser import CHROMIUM
 from tests.companions.phones.places import burst, measured, ready, serving
 from tests.companions.phones.stand_in import JPEG
 from tests.companions.phones.test_in_a_browser import ALLOW, PhoneBrowser, join
+from tests.plugins.programs.clicks import click_errors_ms
 
 
 def sound_of(session: Session) -> list[SoundPart]:
@@ -41,13 +42,8 @@ async def test_a_phones_sound_is_on_the_gateways_time(tmp_path: Path) -> None:
         await ready(place, "left")
         await asyncio.sleep(2.0)
         parts = sound_of(await burst(place, 40))
-    times_ns = [
-        part.local_ns + np.flatnonzero(np.frombuffer(part.pcm, "<i2"))[0] * 1e9 / RATE_HZ
-        for part in parts
-        if any(part.pcm)
-    ]
-    assert times_ns
-    errors_ms = [((at_ns + 5e8) % 1e9 - 5e8) / 1e6 for at_ns in times_ns]
+    errors_ms = click_errors_ms(parts)
+    assert errors_ms
     assert max(map(abs, errors_ms)) < 5.0
 
 

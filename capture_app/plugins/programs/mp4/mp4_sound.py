@@ -67,8 +67,7 @@ def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -
         samples, start_s = read_track(recording, RATE_HZ, "s16p", 2)
     except BadInputError as error:
         raise BadInputError(f"{recording} gives no sound: {error}", hint="export without --sound") from None
-    end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
-    firsts = range(0, round(end_s * RATE_HZ), BLOCK)
+    firsts = range(0, round(_end_s(burst, camera) * RATE_HZ), BLOCK)
     _mux(video, _on_rig_time(samples, start_s, clock, firsts), len(samples))
 
 
@@ -79,9 +78,9 @@ def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) 
         for image, part in plugin.read_sounds(burst.session, camera):
             if image.local_ns is not None and abs(part.local_ns - image.local_ns) <= MAX_BEFORE_NS:
                 streams[part.stream, part.rate_hz, part.channels].append((image, part))
-    end_s = (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
     if not streams:
         return
+    end_s = _end_s(burst, camera)
     if end_s > MAX_SOUND_S:
         burst.warn(f"{camera}: the video is longer than a day, so it has no sound")
         return
@@ -94,6 +93,11 @@ def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) 
         with wave.open(str(video.with_suffix(".wav")), "wb") as file:
             file.setparams((len(sound), 2, RATE_HZ, 0, "NONE", ""))
             file.writeframes(sound[:, : round(end_s * RATE_HZ)].T.astype("<i2").tobytes())
+
+
+def _end_s(burst: ExportedBurst, camera: str) -> float:
+    """Return the end of a camera's video, s after the burst's origin."""
+    return (burst.images_of(camera)[-1].leader_ns - burst.origin_ns + burst.period_ns) / 1e9
 
 
 def _add_stream(

@@ -2,7 +2,6 @@
 
 import logging
 
-import numpy as np
 import pytest
 
 from capture_app.cameras.frames import CapturedFrame
@@ -12,6 +11,7 @@ from capture_app.plugins.cameras.rtsp.rtsp_sound import A_LAW, MU_LAW, _levels, 
 from capture_app.plugins.cameras.sound.image_sound import SoundPart, sounds_of
 from capture_app.plugins.cameras.sound.sound_camera import SoundCamera
 from tests.plugins.cameras.rtsp.ip_camera import FPS, IpCamera
+from tests.plugins.programs.clicks import click_errors_ms
 from tests.waiting import until
 
 
@@ -40,12 +40,7 @@ async def test_clicks_are_where_the_camera_heard_them(
     monkeypatch.setattr(rtsp_camera, "host_from_monotonic", int)
     source = IpCamera(sound=sound, rate_ppm=100.0, report_every_s=every_s)
     parts = parts_of(await images_of(source, 3.5))
-    errors_ms = []
-    for part in parts:
-        loud = np.flatnonzero(np.frombuffer(part.pcm, "<i2") > 10_000)
-        if len(loud):
-            at_ns = part.local_ns + int(loud[0]) * 1e9 / part.rate_hz
-            errors_ms.append(((at_ns + 5e8) % 1e9 - 5e8) / 1e6)
+    errors_ms = click_errors_ms(parts, louder_than=10_000)
     assert len(errors_ms) >= 2
     # Without reports, the camera's own delay is not known.
     late_ms = 0.0 if every_s else 1000 * source.sound_delay_s

@@ -1,5 +1,6 @@
 """Sound of images: which samples an image carries, and their times, whatever the microphone's clock does."""
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,7 @@ from capture_app.plugins.cameras.sound.sound_camera import SoundPicture
 from capture_app.plugins.cameras.sound.sound_ring import MAX_LATE, RATE_HZ, SoundRing
 from capture_app.session.reading.decoding import decode_image, is_whole_jpeg, read_exif, size_of
 from tests.plugins.cameras.sound.arrivals import BEGIN_NS, DELAY_NS, arrivals
+from tests.plugins.programs.clicks import click_errors_ms
 
 SECOND_NS = 1_000_000_000
 PIXELS = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
@@ -45,14 +47,13 @@ def span(parts: list[SoundPart]) -> tuple[int, int]:
     return parts[0].first, parts[-1].first + parts[-1].samples
 
 
-def click_errors_ms(parts: list[SoundPart]) -> list[float]:
-    """How late each click is: they are at whole seconds."""
-    at_ns = [
-        part.local_ns + np.flatnonzero(np.frombuffer(part.pcm, "<i2"))[0] * 1e9 / RATE_HZ
-        for part in parts
-        if any(part.pcm)
-    ]
-    return [((ns + SECOND_NS / 2) % SECOND_NS - SECOND_NS / 2) / 1e6 for ns in at_ns]
+def carried_at_once(heard: Iterable[tuple[bytes, int]]) -> list[SoundPart]:
+    """What images carry that are taken and encoded as each part of the sound arrives."""
+    ring, parts = SoundRing(), []
+    for pcm, arrival_ns in heard:
+        ring.add(pcm, arrival_ns)
+        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
+    return parts
 
 
 def test_an_image_with_sound_is_the_same_image_to_all_readers() -> None:
@@ -130,12 +131,7 @@ def test_after_an_overrun_all_is_in_step_and_the_gap_is_silence(seed: int) -> No
 
 
 def test_sound_that_waits_for_the_decision_is_not_carried_at_a_wrong_time() -> None:
-    ring = SoundRing()
-    parts = []
-    for pcm, arrival_ns in arrivals(12.0, lost_s=(4.5, 4.9)):
-        ring.add(pcm, arrival_ns)
-        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
-    errors_ms = click_errors_ms(parts)
+    errors_ms = click_errors_ms(carried_at_once(arrivals(12.0, lost_s=(4.5, 4.9))))
     assert len(errors_ms) == 11
     assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 11, abs=2.0)
 
@@ -164,21 +160,16 @@ def test_samples_that_were_read_late_are_placed_before_the_gap_after_them() -> N
 def test_a_delay_that_ends_just_before_a_gap_does_not_shorten_it(stall_s: float) -> None:
     """What was read 70 ms late before the loss made a gap of 70 ms out of 250, and a second one later."""
     stall = (4.07 - stall_s, 4.07)
-    ring, parts = SoundRing(), []
-    for pcm, arrival_ns in arrivals(12.0, stalls_s=(stall,), lost_s=(4.0, 4.25)):
-        ring.add(pcm, arrival_ns)
-        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
+    parts = carried_at_once(arrivals(12.0, stalls_s=(stall,), lost_s=(4.0, 4.25)))
     errors_ms = click_errors_ms(parts)
     assert len(errors_ms) == 12
     assert errors_ms == pytest.approx([DELAY_NS / 1e6] * 12, abs=2.0)
 
 
 def test_a_long_delay_that_was_taken_for_a_loss_is_over_when_samples_are_in_time_again() -> None:
-    ring, parts = SoundRing(), []
-    for pcm, arrival_ns in arrivals(12.0):
-        is_slow = 4.0 <= (arrival_ns - BEGIN_NS) / 1e9 < 6.0
-        ring.add(pcm, arrival_ns + is_slow * 100_000_000)
-        parts += sounds_of(b"\xff\xd8" + ring.carry(arrival_ns) + JPEG[2:])
+    parts = carried_at_once(
+        (pcm, at_ns + 100_000_000 * (4.0 <= (at_ns - BEGIN_NS) / 1e9 < 6.0)) for pcm, at_ns in arrivals(12.0)
+    )
     assert len({part.stream for part in parts}) == 2
     errors_ms = click_errors_ms([part for part in parts if part.stream == parts[-1].stream])
     assert len(errors_ms) == 6

@@ -18,6 +18,7 @@ from capture_app.session.format.calibration import CameraCalibration
 
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Offsets of a pixel's four samples from its centre, right and down, in px."""
+_NONE = np.zeros((0, 3), np.float32)
 _BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
 """Warm light reflected by whatever hides the sky."""
 
@@ -92,7 +93,9 @@ class StillLayer:
     from_sky: Floats
     from_sun: Floats
     sunlit: NDArray[np.intp]
-    """Flat indices of the pixels that the sun reaches."""
+    """Flat indices (N) of the pixels that the sun reaches."""
+    on_sun_plane: Floats
+    """Places of their points (2, N) across and along the sun's rays, in m."""
 
 
 def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
@@ -113,12 +116,14 @@ def still_layer(view: View, room: Body, number: int) -> StillLayer:
     points = rays[:, :3] + rays[:, 3:] * hits.distance[:, None] + normals * 0.002
     shape = directions.shape
     from_sun = colour * _sun_light(room, points, normals, number)
+    sunlit = np.flatnonzero(from_sun.any(axis=1))
     return StillLayer(
         directions=directions,
         depth=hits.distance.reshape(shape[:2]),
         from_sky=(colour * _sky_light(room, points, normals, number)).reshape(shape),
         from_sun=from_sun.reshape(shape),
-        sunlit=np.flatnonzero(from_sun.any(axis=1)),
+        sunlit=sunlit,
+        on_sun_plane=lighting.SUN_PLANE @ points[sunlit].T,
     )
 
 
@@ -235,28 +240,37 @@ def light_changes(
     view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, to_sun: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Return the pixels (flat indices, N) that the parts change in a layer, and the light changes (N, 3)."""
-    changed, change = [], []
     from_sky, from_sun = still.from_sky.reshape(-1, 3), still.from_sun.reshape(-1, 3)
-    covered = np.zeros(still.depth.size, np.bool_)
+    pixels, colours = [np.zeros(0, np.intp)], [_NONE]
+    normals, points = [_NONE], [_NONE]
     for seen in find_visible(view, still.directions, still.depth.copy(), parts):
         if not len(seen.pixels):
             continue
-        rows = seen.pixels // view.width
-        colour, normals = seen.part.body.surface_at(
+        colour, normal = seen.part.body.surface_at(
             seen.hits, seen.rays[:, 3:], footprint=seen.hits.distance / (2 * view.focal_px)
         )
-        normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
+        rotation = seen.part.rotation[seen.pixels // view.width]
         displacement = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
-        light = _shade(view.centre + displacement, normals, rows, parts, room, to_sun)
-        changed.append(seen.pixels)
-        change.append(colour * light - from_sky[seen.pixels] - from_sun[seen.pixels])
-        covered[seen.pixels] = True
-    lit = still.sunlit[~covered[still.sunlit]]
-    points = view.centre + still.directions.reshape(-1, 3)[lit] * still.depth.reshape(-1)[lit, None]
-    dark = lit[in_shadow(points, lit // view.width, parts, to_sun)]
-    changed.append(dark)
-    change.append(-from_sun[dark])
-    return np.concatenate(changed), np.concatenate(change)
+        pixels.append(seen.pixels)
+        colours.append(colour)
+        normals.append(np.matmul(rotation, normal[:, :, None])[:, :, 0])
+        points.append(view.centre + displacement)
+    in_front = np.concatenate(pixels)
+    # All parts at once, because each cast costs more than its rays.
+    light = _shade(
+        np.concatenate(points), np.concatenate(normals), in_front // view.width, parts, room, to_sun
+    )
+    shown = np.concatenate(colours) * light - from_sky[in_front] - from_sun[in_front]
+    covered = np.zeros(still.depth.size, np.bool_)
+    covered[in_front] = True
+    near = np.zeros(len(still.sunlit), np.bool_)
+    for part in parts:
+        near |= _near_shadow(still.on_sun_plane, part)
+    lit = still.sunlit[near]
+    lit = lit[~covered[lit]]
+    behind = view.centre + still.directions.reshape(-1, 3)[lit] * still.depth.reshape(-1)[lit, None]
+    dark = lit[in_shadow(behind, lit // view.width, parts, to_sun)]
+    return np.concatenate([in_front, dark]), np.concatenate([shown, -from_sun[dark]])
 
 
 def _shade(
@@ -281,12 +295,17 @@ def in_shadow(
 ) -> NDArray[np.bool_]:
     """Return whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
     hidden = np.zeros(len(points), np.bool_)
-    across, along = lighting.SUN_PLANE @ points.T
+    on_sun_plane = lighting.SUN_PLANE @ points.T
     for part in parts:
-        middle_across, middle_along, radius_m = part.shadow
-        chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < radius_m**2)
+        chosen = np.flatnonzero(_near_shadow(on_sun_plane, part))
         if len(chosen):
             rotation, translation = part.rotation[rows[chosen]], part.translation[rows[chosen]]
             start = np.matmul((points[chosen] - translation)[:, None], rotation)[:, 0]
             hidden[chosen] |= part.body.occludes(bundle_rays(start, to_sun @ rotation), near=0.008, far=20.0)
     return hidden
+
+
+def _near_shadow(on_sun_plane: Floats, part: MovingPart) -> NDArray[np.bool_]:
+    """Return whether a part may shade each point (2, N: across and along the sun's rays, m) at any row."""
+    across, along, radius_m = part.shadow
+    return np.asarray((on_sun_plane[0] - across) ** 2 + (on_sun_plane[1] - along) ** 2 < radius_m**2)

@@ -449,7 +449,7 @@ class ShootView(ModeView):
         depth = list(take_depth.lines(*of_newest))
         self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))
         # The sheet hides that pane in a narrow window.
-        self.stage.border_subtitle = depth[0] if depth and self.has_class("narrow", "sheet") else ""
+        self.stage.show_subtitle(depth[0] if depth and self.has_class("narrow", "sheet") else Content(""))
         self._line.show([self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)])
 
     def _words(self, now_s: float) -> Content:

@@ -86,6 +86,11 @@ class Stage(ContentSwitcher):
         """Show the live previews."""
         self._go_to(LIVE, "Live")
 
+    def show_subtitle(self, words: Content) -> None:
+        """Show words in the border below."""
+        if self.border_subtitle != words.markup:  # setting it redraws all pictures
+            self.border_subtitle = words
+
     def load_sheet(self, sheet: TakeSheet, instant: int) -> None:
         """Load a take into the sheet, with the cursor at an instant."""
         self.sheet.show(sheet)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from textual.containers import VerticalScroll
 from textual.content import Content
+from textual.visual import VisualType
 from textual.widgets import Static
 
 from capture_app.common.text import printable
@@ -117,7 +118,13 @@ class TakePanel(VerticalScroll, can_focus=False):
         for part, text in ((self._newest, newest), (self._earlier, earlier)):
             shown = part.content
             if not isinstance(shown, Content) or not shown.is_same(text):
-                part.update(text)
+                part.update(text, layout=not _same_height(part, shown, text))  # layouts are slow
+
+
+def _same_height(part: Static, one: VisualType, other: Content) -> bool:
+    """Return whether two texts of a part take as many lines of the screen, as far as is known."""
+    width = part.content_size.width
+    return isinstance(one, Content) and width > 0 and len(one.wrap(width)) == len(other.wrap(width))
 
 
 def verdict_line(verdict: Verdict) -> Content:

@@ -2,13 +2,16 @@
 
 import asyncio
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace as replace_fields
+from textual.geometry import Region
 from textual.pilot import Pilot
+from textual.widget import Widget
 from textual.widgets import Button
 from textual.widgets._toast import Toast
 
@@ -401,6 +404,39 @@ async def test_a_saved_take_whose_images_arrive_at_last_is_shown_as_it_is_now(tm
         rig.tell()
         await pilot.pause()
         assert "4 of 4 images" in studio.view.take_panel.plain
+
+
+async def test_arriving_images_neither_lay_out_nor_redraw_what_has_not_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    saving = BurstStatus(
+        burst=1, name="burst-001", cameras=2, instants=8, received=1, expected=16,
+        transfer=(CameraTransfer(camera="cam00", received=1, expected=16),),
+    )  # fmt: skip
+    redrawn: list[tuple[Widget, bool]] = []
+    refresh = Widget.refresh
+
+    def shows(text: str) -> bool:
+        return text in studio.view.take_panel.plain
+
+    def noted(self: Widget, *regions: Region, layout: bool = False, **more: Any) -> Any:
+        redrawn.append((self, layout))
+        return refresh(self, *regions, layout=layout, **more)
+
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        for received in range(1, 9):
+            if received == 2:
+                await studio.settle(pilot)
+                monkeypatch.setattr(Widget, "refresh", noted)
+            part = CameraTransfer(camera="cam00", received=received, expected=16)
+            rig.burst_status = replace_fields(saving, received=received, transfer=(part,))
+            rig.tell()
+            await until(pilot, partial(shows, f" {received}/16"))
+        assert redrawn
+        assert [widget for widget, lays_out in redrawn if lays_out or widget is studio.view.stage] == []
 
 
 async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_saved(tmp_path: Path) -> None:

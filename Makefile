@@ -148,7 +148,7 @@ BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview calibration) \
-  --tests tests/reconstruction/depth --tests tests/reconstruction/calibration --tests tests/reconstruction)
+  --tests tests/reconstruction/depth --tests tests/reconstruction/scene/calibration --tests tests/reconstruction)
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md

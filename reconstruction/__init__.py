@@ -8,10 +8,10 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
-    "CalibrateOptions": "calibration.calibration_run",
-    "CalibrationSource": "calibration.calibration_run",
+    "CalibrateOptions": "scene.calibration.calibration_run",
+    "CalibrationSource": "scene.calibration.calibration_run",
     "CompareOptions": "compare.comparison",
-    "Condition": "session.conditions",
+    "Condition": "scene.conditions",
     "open_session": "reconstructed_session",
 }
 

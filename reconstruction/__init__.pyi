@@ -2,8 +2,6 @@ from os import PathLike
 
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
-from reconstruction.calibration.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions as CompareOptions
 from reconstruction.methods.multiview.instant_model import MadeMultiview
@@ -17,7 +15,9 @@ from reconstruction.methods.stereo.stereo_run import MadeStereo
 from reconstruction.methods.view.view_method import ViewMethod as ViewMethod
 from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.session.conditions import Condition as Condition
+from reconstruction.scene.calibration.calibration_run import CalibrateOptions as CalibrateOptions
+from reconstruction.scene.calibration.calibration_run import CalibrationSource as CalibrationSource
+from reconstruction.scene.conditions import Condition as Condition
 
 # Earlier names.
 MultiviewOptions = Multiview

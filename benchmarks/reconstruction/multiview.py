@@ -43,9 +43,9 @@ from reconstruction.methods.multiview.instant_scoring import count_near, true_su
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.methods.stereo.matching import match_rectified
 from reconstruction.methods.stereo.stereo_pair import rectify
+from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
 from reconstruction.scores.tally import Measurements
 from reconstruction.scores.truth import depth_shares, right_depth
-from reconstruction.session.moving_pixels import MARGIN_PX, dilate
 
 Result = dict[str, Any]
 

@@ -25,8 +25,8 @@ from capture_app.common.stagger import Stagger
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
 from reconstruction.compare.method import find_method
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.dataset import Dataset
 
 SCENE = "studio"
 VIEWS = {"cam0": "cam05", "cam1": "cam01", "cam2": "cam00", "cam3": "cam04"}

@@ -23,8 +23,8 @@ from reconstruction.report import report_tables as report
 from reconstruction.report import wording
 from reconstruction.report.embedding import embed_image
 from reconstruction.report.page import Section, render_page
+from reconstruction.scene.conditions import SYNCED, evenly_spaced
 from reconstruction.scores.truth import DepthShares
-from reconstruction.session.conditions import SYNCED, evenly_spaced
 
 FIGURES = (
     "coverage", "within_2pct", "mover_within_2pct", "static_within_2pct", "median_error_pct", "fused_points",

@@ -16,8 +16,8 @@ from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
 from reconstruction.depth.matchers import MATCHER_HELP, Matcher
-from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
-from reconstruction.session.picture_checksums import checked_pictures
+from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.scene.picture_checksums import checked_pictures
 
 MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)

@@ -10,7 +10,7 @@ from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
 from reconstruction.compare.method import compare_options, study_names
-from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
     from reconstruction.scores.comparison_results import OffsetTolerance

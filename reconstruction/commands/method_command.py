@@ -17,7 +17,7 @@ from reconstruction.commands.command_options import (
     time_shift_option,
 )
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.scene.conditions import SYNCED, Condition
 
 
 def method_command(method: type[Method]) -> click.Command:

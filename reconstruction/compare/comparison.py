@@ -11,12 +11,9 @@ from typing import Any, Self, TypeVar
 
 from msgspec import structs
 
-from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
@@ -28,17 +25,19 @@ from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import study_reports
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
-from reconstruction.session.conditions import (
+from reconstruction.scene.calibration.consistency import check_rig
+from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
     evenly_spaced,
     nearest_frame_offset,
 )
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import fixed_offsets_ms
-from reconstruction.session.provenance import with_provenance
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import fixed_offsets_ms
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
+from reconstruction.scores.comparison_results import CompareResult, ConditionResult
+from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 T = TypeVar("T")
@@ -143,15 +142,15 @@ class Comparison:
     def __init__(self, session: Path, output: OutputFolder, options: CompareOptions) -> None:
         """Open the session, and check everything that can be refused before it takes long; see `compare`."""
         self._began_s = time.monotonic()
-        dataset = Dataset.open(session, options.time_shifts_ms)
-        choose_calibration(dataset)
+        scene = Scene.open(session, options.time_shifts_ms)
+        dataset = scene.dataset
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         for condition in options.conditions:
             condition.check(dataset)
-        self.against = Dataset.open(options.against) if options.against is not None else None
+        self.against = None if options.against is None else Scene(Dataset.open(options.against))
         self.output, self.options = output, options
         self.context = Context(
-            rig=Rig(dataset, output.folder / STAGES, offset.step),
+            scene=scene.stepping(offset.step, output.folder / STAGES),
             offset=offset,
             middle=offset.pairs[len(offset.pairs) // 2][0],
             max_instants=options.max_instants,
@@ -164,8 +163,6 @@ class Comparison:
         self.chosen = _chosen(self.studies, options.studies)
         for study in self.chosen.values():
             study.check()
-        self._no_views: BadInputError | NotAvailableError | None = None
-        """Why the cameras have no calibration."""
         self.known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
@@ -182,20 +179,16 @@ class Comparison:
 
     def calibrate(self) -> None:
         """Detect motion and calibrate; without a calibration, studies that need one are skipped."""
-        rig, offset, progress = self.context.rig, self.context.offset, self.context.progress
+        scene, offset, progress = self.context.scene, self.context.offset, self.context.progress
         progress.total += sum(study.steps for study in self.chosen.values()) + len(self.options.conditions)
-        progress.total += (self.against is not None) + (len(rig.dataset.cameras) > 2)
-        progress.step(f"detecting motion in {rig.dataset.name}")
-        moving = rig.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
+        progress.total += (self.against is not None) + (len(scene.dataset.cameras) > 2)
+        progress.step(f"detecting motion in {scene.dataset.name}")
+        moving = scene.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
         self.known = structs.replace(self.known, moving_share=moving)
         progress.step("calibration")
-        try:
-            rig.calibrate()
-        except (BadInputError, NotAvailableError) as error:
-            self._no_views, rig.problem = error, str(error)
-        else:
+        if not scene.problem:
             with suppress(BadInputError):
-                check = check_rig(rig.views, rig.middle_features)
+                check = check_rig(scene.views, scene.features.middle)
                 px = None if check.error_px is None else round(check.error_px, 3)
                 self.known = structs.replace(self.known, rest_error_px=px, rest_points=check.points)
         progress.step("choosing cameras")
@@ -217,8 +210,9 @@ class Comparison:
                 made = self.known.studies + found.pop("studies", ())
                 self.known = structs.replace(self.known, studies=made, **found)
                 yield tuple(left.values())
-        if isinstance(self._no_views, NotAvailableError) and not self._has_measures:
-            raise self._no_views
+        if not self._has_measures:
+            with suppress(BadInputError):
+                self.context.scene.calibration  # noqa: B018  (raises why there is none)
         unasked = [study.found for name, study in self.studies.items() if name not in self.chosen]
         self.known = structs.replace(self.known, studies=(*self.known.studies, *unasked))
 
@@ -262,7 +256,7 @@ class Comparison:
         result = structs.replace(
             self.known,
             studies=tuple(sorted(self.known.studies, key=lambda one: [*self.studies].index(one.name))),
-            calibration=self.context.rig.source,
+            calibration=self.context.scene.source,
             **more,
         )
         result = with_provenance(result, self._began_s, self.options.time_shifts_ms)
@@ -293,19 +287,19 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
 
     Returns these fields of `CompareResult`; none without a calibration.
     """
-    if context.rig.problem:
+    if context.scene.problem:
         return {}
-    offsets = PairOffsets(context.rig)
+    offsets = PairOffsets(context.scene)
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
     study = next(pairs, None)
     found: dict[str, Any] = {}
     with worker_pool(1) as pool:
-        if len(context.rig.views) > 2:
+        if len(context.scene.views) > 2:
             context.progress.step("time offsets of all cameras")
             rig = pool.submit(measure_rig_timing, offsets, study.cameras[0] if study else None)
         if study:
             found |= _measure_pair_timing(context, offsets, study)
-        if len(context.rig.views) > 2:
+        if len(context.scene.views) > 2:
             found["rig_timing"] = rig.result()
     return found
 
@@ -325,14 +319,14 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStud
             max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
             progress=Progress(0, silent=True),
         )
-        steps = whole_frame_offsets(context.rig.dataset, delay_ms)
+        steps = whole_frame_offsets(context.scene.dataset, delay_ms)
         curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
         return {"tolerance": curve, "timing": curve.timing}
     return {"timing": timing}
 
 
 def _further_conditions(
-    context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Dataset | None
+    context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Scene | None
 ) -> tuple[ConditionResult, ...]:
     """Compare the requested conditions, and another session, with every study."""
     made = [one for one in studies if isinstance(one, ConditionStudy) and not one.found.skipped]
@@ -343,18 +337,16 @@ def _further_conditions(
         found.append(
             ConditionResult(
                 name=condition.name,
-                offsets_ms=fixed_offsets_ms(condition, context.rig.dataset),
+                offsets_ms=fixed_offsets_ms(condition, context.scene.dataset),
                 studies=compared,
             )
         )
     if against is not None:
-        context.progress.step(f"session {against.name}")
+        other = against.dataset
+        context.progress.step(f"session {other.name}")
         # The other session uses its own calibration if it has one, else this session's.
-        rig = Rig(against, context.rig.stages.folder, context.offset.step if context.offset else 1)
-        if calibration := against.calibration() or context.rig.calibration:
-            rig.use_calibration(calibration)
-        compared = tuple(study.compare_session(rig) for study in made)
-        found.append(
-            ConditionResult(name=against.name, session=str(against.session.folder), studies=compared)
-        )
+        known = against.given or (None if context.scene.problem else context.scene.calibration)
+        scene = against.stepping(context.scene.motion.step, context.scene.stages.folder).calibrated(known)
+        compared = tuple(study.compare_session(scene) for study in made)
+        found.append(ConditionResult(name=other.name, session=str(other.session.folder), studies=compared))
     return tuple(found)

@@ -13,11 +13,12 @@ from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common.options import METHODS, STUDIES, checked, command_flag
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.depth.seen_moment import SeenInstant
+    from reconstruction.scene.scene import Scene
 
 SILENT = Progress(0, silent=True)
 
@@ -72,8 +73,16 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             SimulshotError: a package or device is missing.
         """
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> Any:
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> Any:
         """Reconstruct under a condition into `output.folder`, and return the result without its provenance.
+
+        Raises:
+            SimulshotError: the session, the condition or the options do not allow it.
+        """
+        raise NotImplementedError
+
+    def see(self, scene: "Scene", condition: Condition) -> "Iterator[SeenInstant]":
+        """Yield its instants with depth of their cameras, in memory; only methods for depth can.
 
         Raises:
             SimulshotError: the session, the condition or the options do not allow it.
@@ -105,7 +114,7 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         Raises:
             SimulshotError: the sources, the condition, the options or the folder cannot be used.
         """
-        from reconstruction.session.provenance import with_provenance
+        from reconstruction.scene.provenance import with_provenance
 
         began_s = time.monotonic()
         output = self.output_folder(out)
@@ -118,13 +127,19 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
         """Open the session and run on it; a method that takes images overrides this."""
-        from reconstruction.calibration.stored import choose_calibration
-        from reconstruction.session.dataset import Dataset
+        return self.run(self.open_scene(sources[0], condition), condition, output)
 
-        dataset = Dataset.open(sources[0], self.time_shifts_ms)
-        condition.check(dataset)
-        choose_calibration(dataset)
-        return self.run(dataset, condition, output)
+    def open_scene(self, session: Path, condition: Condition) -> "Scene":
+        """Open the session that it runs on, and check the condition.
+
+        Raises:
+            SimulshotError: the session, its calibration or the condition cannot be used.
+        """
+        from reconstruction.scene.scene import Scene
+
+        scene = Scene.open(session, self.time_shifts_ms)
+        condition.check(scene.dataset)
+        return scene
 
 
 @cache

@@ -13,18 +13,18 @@ import msgspec
 from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.common.options import Pair, checked, compare_keywords
-from reconstruction.pairs import PairChoice
 from reconstruction.report.study_report import StudyReport
+from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
+from reconstruction.scene.instant_choice import choose_moving_instants, pair_instants
+from reconstruction.scene.pairs import PairChoice
+from reconstruction.scene.scene import Scene
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import CONDITIONS
-from reconstruction.session.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
-from reconstruction.session.instant_choice import choose_moving_instants, pair_instants
 
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 class Context:
     """Shared, constant context of all studies of a comparison."""
 
-    rig: Rig
+    scene: Scene
     offset: FrameOffset | None = None
     """Offset of a pair's second camera; None = no offset."""
     middle: int = 0
@@ -70,7 +70,8 @@ class Study(StudyReport, ABC):
 
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
-        self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
+        self.scene, self.dataset = context.scene, context.scene.dataset
+        self.motion = context.scene.motion
         keywords = compare_keywords(self.Options)
         chosen = {keywords[k]: value for k, value in context.options.items() if k in keywords}
         self.options: Any = checked(self.Options(**chosen))
@@ -112,8 +113,8 @@ class Study(StudyReport, ABC):
 
     def _measured(self) -> StudyResult[Any]:
         try:
-            if self.needs_calibration and self.rig.problem:
-                raise ValueError(self.rig.problem)
+            if self.needs_calibration and self.scene.problem:
+                raise ValueError(self.scene.problem)
             if len(self.dataset.cameras) < self.min_cameras:
                 raise ValueError(f"it needs {self.min_cameras} cameras")
             for package in self.packages:
@@ -178,13 +179,15 @@ class ConditionStudy(Study):
         except IMPOSSIBLE as error:
             return self.skipped(str(error))
 
-    def compare_session(self, rig: Rig) -> StudyResult[Any]:
+    def compare_session(self, scene: Scene) -> StudyResult[Any]:
         """Compare with another session's synchronized images, not paired by instant.
 
         Returns a skipped result with the reason if that is impossible.
         """
-        context = replace(self.context, rig=rig, offset=None, folder=None, progress=Progress(0, silent=True))
-        twin = type(self)(replace(context, middle=len(rig.dataset.instants_ns) // 2))
+        context = replace(
+            self.context, scene=scene, offset=None, folder=None, progress=Progress(0, silent=True)
+        )
+        twin = type(self)(replace(context, middle=len(scene.dataset.instants_ns) // 2))
         twin.condition = SYNCHRONIZED
         twin.adopt(self)
         found = twin.run(self.known)
@@ -219,7 +222,7 @@ class PairStudy(ConditionStudy):
 
     def check(self) -> None:
         """Reject requested cameras that the session does not have; see `Study.check`."""
-        self.rig.check_pair(self.asked)
+        self.scene.check_pair(self.asked)
 
     def adopt(self, ours: Self) -> None:
         """Use the pair of cameras that this study chose in the comparison's own session."""

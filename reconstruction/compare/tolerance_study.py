@@ -14,13 +14,21 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.study import Context, PairStudy
 from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
+from reconstruction.scene.conditions import (
+    DEFAULT_OFFSET_MS,
+    FrameOffset,
+    nearest_frame_offset,
+    pairs_with_images,
+)
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import choose_moving_instants
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
 from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
@@ -31,15 +39,6 @@ from reconstruction.scores.timing import (
     with_depth,
     with_depth_runs,
 )
-from reconstruction.session.conditions import (
-    DEFAULT_OFFSET_MS,
-    FrameOffset,
-    nearest_frame_offset,
-    pairs_with_images,
-)
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.provenance import with_provenance
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 Point = StudyResult[dict[str, int]]
@@ -150,27 +149,26 @@ def measure_tolerance(
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
     began = time.monotonic()
-    dataset = Dataset.open(session, time_shifts_ms)
-    choose_calibration(dataset)
-    steps = whole_frame_offsets(dataset, max_offset_ms)
+    opened = Scene.open(session, time_shifts_ms)
+    steps = whole_frame_offsets(opened.dataset, max_offset_ms)
     with (
-        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as opened
+        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as output
     ):
-        folder = Path(opened) if isinstance(opened, str) else opened.folder
-        rig = Rig(dataset, folder / STAGES, steps[-1].step)
-        rig.check_pair(pair)
+        folder = Path(output) if isinstance(output, str) else output.folder
+        scene = opened.stepping(steps[-1].step, folder / STAGES)
+        scene.check_pair(pair)
         progress = Progress(4)
         progress.step("calibration")
-        rig.calibrate()
+        scene.calibration  # noqa: B018  (may take long, and may fail)
         progress.step("choosing cameras")
         middle, _ = steps[-1].pairs[len(steps[-1].pairs) // 2]
-        context = Context(rig=rig, middle=middle, max_instants=max_instants, progress=progress)
+        context = Context(scene=scene, middle=middle, max_instants=max_instants, progress=progress)
         study = _depth_study()(context)
         study.asked = pair
         try:
             study.prepare()
             progress.step("time offset of moving objects")
-            timing = measure_pair_timing(PairOffsets(rig), study.cameras)
+            timing = measure_pair_timing(PairOffsets(scene), study.cameras)
             curve = measure_curve(type(study), context, study.cameras, steps, timing)
         except ValueError as error:
             raise BadInputError(
@@ -183,7 +181,7 @@ def measure_tolerance(
             verdict=tolerance_sentence(curve),
             session=str(session),
             reason=study.reason,
-            calibration=rig.source,
+            calibration=scene.source,
             report="" if out is None else REPORT,
         )
         result = with_provenance(result, began, time_shifts_ms)
@@ -236,13 +234,13 @@ def measure_curve(
     Raises:
         ValueError: the two views overlap too little, or no instant has its frames.
     """
-    rig = context.rig
-    partners = [dict(pairs_with_images(rig.dataset, step.pairs, *cameras)) for step in steps]
+    scene = context.scene
+    partners = [dict(pairs_with_images(scene.dataset, step.pairs, *cameras)) for step in steps]
     everywhere = sorted(set(partners[0]).intersection(*partners))
     usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else sorted(set().union(*partners))
     if not usable:
         raise ValueError("no instant has its images at any of the offsets")
-    nows = choose_moving_instants(rig.motion, cameras, usable, context.max_instants)
+    nows = choose_moving_instants(scene.motion, cameras, usable, context.max_instants)
     context.progress.total += (len(nows) + 1) * len(steps)
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras
@@ -262,8 +260,8 @@ def measure_curve(
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
-    speed = _speed_px_per_ms(rig, cameras[0], nows)
-    own = rig.dataset.worst_residual_us()
+    speed = _speed_px_per_ms(scene, cameras[0], nows)
+    own = scene.dataset.worst_residual_us()
     return OffsetTolerance(
         cameras=cameras,
         measure=measure,
@@ -280,14 +278,14 @@ def measure_curve(
     )
 
 
-def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
+def _speed_px_per_ms(scene: Scene, camera: str, nows: list[int]) -> float | None:
     """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
-    times, grey = rig.dataset.instants_ns, rig.dataset.grey
+    times, grey = scene.dataset.instants_ns, scene.dataset.grey
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     lengths = [np.zeros(0, np.float32)]
     for now in nows[:: max(1, len(nows) // 8)]:
-        moving = rig.motion.moving(camera, now)
-        near = next((k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)), None)
+        moving = scene.motion.moving(camera, now)
+        near = next((k for k in (now + 1, now - 1) if scene.dataset.has_image(camera, k)), None)
         if near is not None and moving.any():
             found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
             lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))

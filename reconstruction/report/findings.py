@@ -6,10 +6,10 @@ from statistics import median
 from typing import Any
 
 from capture_app.common.text import count
-from reconstruction.calibration.consistency import INACCURATE_PX, describe_misfit
-from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
 from reconstruction.report.study_report import Claim, reported, study_reports
+from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
+from reconstruction.scene.calibration.structure_from_motion import GUESS
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import SessionTiming, Timing

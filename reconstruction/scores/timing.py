@@ -121,7 +121,7 @@ def measure_pair_timing(
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
-    found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
+    found = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
     first = next(name for name, one in found.items() if one.sd_ms == 0)
     judged = (
         measure_pair_timing(

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.scene.moving_pixels import dilate
 
 DEPTH_TOLERANCE = 0.02
 """Maximum relative error of a depth that counts as right."""

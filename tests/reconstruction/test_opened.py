@@ -22,7 +22,7 @@ from reconstruction import (
 )
 from reconstruction.common.memory import limited_memory, memory_budget
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.session.picture_checksums import checked_pictures, picture_checks
+from reconstruction.scene.picture_checksums import checked_pictures, picture_checks
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 

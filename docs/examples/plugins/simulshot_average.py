@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from reconstruction.common.options import command_flag
 from reconstruction.compare.method import Method
-from reconstruction.session.provenance import Provenance
+from reconstruction.scene.provenance import Provenance
 
 
 class AverageResult(Provenance, frozen=True, kw_only=True):
@@ -21,11 +21,12 @@ class Average(Method, frozen=True, kw_only=True):
 
     count: Annotated[int, command_flag("--count", ge=1, metavar="N", help="Average this many images.")] = 4
 
-    def run(self, dataset: Any, condition: Any, output: Any) -> AverageResult:
+    def run(self, scene: Any, condition: Any, output: Any) -> AverageResult:
         import numpy as np
 
         from reconstruction.common.image_files import save_picture
 
+        dataset = scene.dataset
         camera = dataset.cameras[0]
         offsets_ms = condition.offsets_ms(dataset.cameras, self.instant)
         first = dataset.nearest_instants(self.instant, offsets_ms)[camera]

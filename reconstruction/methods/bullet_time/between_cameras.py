@@ -8,12 +8,12 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.compare.moments import see_moments
 from reconstruction.depth.view_blending import render
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.scene import Scene
 
 
 def film_between(
-    dataset: Dataset,
+    scene: Scene,
     instant: int,
     condition: Condition,
     stabilized: Mapping[str, View],
@@ -24,7 +24,7 @@ def film_between(
 
     Raises as `see_moments` does.
     """
-    (seen,) = see_moments(dataset, [instant], condition, quick=True)
+    (seen,) = see_moments(scene, [instant], condition, quick=True)
     film = [pictures[0]]
     for (left, right), picture in zip(pairwise(stabilized.values()), pictures[1:], strict=True):
         film += [render(view, seen.moment).colours for view in views_between(left, right, number)]

@@ -24,11 +24,12 @@ from reconstruction.methods.bullet_time.between_cameras import film_between
 from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.scene import Scene
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import SYNCHRONIZED, Condition, evenly_spaced
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
 
 MAX_CAMERAS = 20
 PANEL_PX = 400
@@ -283,9 +284,7 @@ class BulletTimeStudy(Study):
         """Render the sweep; see `Study.measure`."""
         assert self.context.folder is not None
         sweep = render_camera_sweep(
-            self.dataset,
-            self.motion,
-            self.rig.views,
+            self.scene,
             self.context.folder,
             self.known,
             self.options.between,
@@ -296,9 +295,7 @@ class BulletTimeStudy(Study):
 
 
 def render_camera_sweep(
-    dataset: Dataset,
-    motion: SceneMotion,
-    views: Mapping[str, View],
+    scene: Scene,
     out: Path,
     known: CompareResult,
     between: int = 0,
@@ -311,7 +308,8 @@ def render_camera_sweep(
     each camera is delayed by one of `LATE_MS`, as far as the burst reaches. The animation says synchronized
     only if the images of the sweep's cameras were found to show one instant.
     """
-    calibrated = {name: views[name] for name in dataset.cameras if name in views}
+    dataset, motion = scene.dataset, scene.motion
+    calibrated = dict(scene.known_views)
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
     order = order[:: -(-len(order) // MAX_CAMERAS)]
     if (chosen := _choose_instant(dataset, motion, order)) is None:
@@ -345,7 +343,7 @@ def render_camera_sweep(
         with suppress(BadInputError):  # without depth there is nothing between the cameras
             sides = zip(halves, (SYNCHRONIZED, apart), strict=True)
             synced_film, offset_film = (
-                film_between(dataset, instant, condition, stabilized, half, between)
+                film_between(scene, instant, condition, stabilized, half, between)
                 for half, condition in sides
             )
             films = synced_film, offset_film

@@ -10,9 +10,9 @@ import numpy as np
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import Study
 from reconstruction.report.study_report import StudyText
+from reconstruction.scene.conditions import evenly_spaced
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import evenly_spaced
-from reconstruction.session.dataset import Dataset
 
 MAX_CAMERAS, MAX_INSTANTS = 20, 8
 WIDTH_PX = 160

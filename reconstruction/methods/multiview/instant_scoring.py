@@ -9,13 +9,13 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.methods.multiview.fusion import FusedCloud, project_points, surface_points
-from reconstruction.methods.multiview.input_images import InputImage, UndistortedSession, undistorted_truth
+from reconstruction.methods.multiview.input_images import InputImage, InputImages, undistorted_truth
 from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.result import CloudScore
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import dilate
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.scores.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import dilate
 
 TOLERANCE_M = 0.01
 """Distance within which a point is right, and a true surface is found."""
@@ -176,7 +176,7 @@ class InstantScorer:
 
     def __init__(
         self,
-        undistorted: UndistortedSession,
+        undistorted: InputImages,
         reference: str,
         unit: str,
         instants: Sequence[int],
@@ -240,7 +240,7 @@ class InstantScorer:
         """Return the true surfaces of an instant if the calibration is metric."""
         if self.unit != "m":
             return None
-        full = {camera: self.undistorted.full_views[camera] for camera in shown}
+        full = {camera: self.undistorted.scene.views[camera] for camera in shown}
         return known_surfaces(self.undistorted.dataset, full, instant)
 
     def _measure_cloud(

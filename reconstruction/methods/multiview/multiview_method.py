@@ -14,13 +14,15 @@ from capture_app.common.text import count
 from reconstruction.common.options import command_flag, flag
 from reconstruction.compare.method import Method
 from reconstruction.depth.matchers import MATCHER_HELP, Matcher
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.depth.seen_moment import SeenInstant
     from reconstruction.methods.multiview.matcher import ChosenMatcher
     from reconstruction.methods.multiview.result import MultiviewResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 RESULT = "multiview.json"
 FEW_PIXELS = 0.1
@@ -161,13 +163,14 @@ class Multiview(Method, frozen=True, kw_only=True):
             return super().write(sources, out, condition)
         from reconstruction.methods.multiview.sequence import model_sequence
 
-        return model_sequence(sources[0], out, self, condition, self.progress)
+        return model_sequence(self.open_scene(sources[0], condition), out, self, condition)
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
         """Compute depth, cloud and mesh of one instant; see `Method.run`."""
+        from reconstruction.methods.multiview.input_images import InputImages, fit_depth
         from reconstruction.methods.multiview.instant_model import model_instant
 
-        if self.calibrated and dataset.calibration() is None:
+        if self.calibrated and scene.given is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
                 hint="run reconstruct calibrate first",
@@ -175,12 +178,25 @@ class Multiview(Method, frozen=True, kw_only=True):
         if self.refine:
             from reconstruction.methods.multiview.refinement import refine_calibration
 
-            refine_calibration(dataset)
-        offsets_ms = self.offsets_ms or condition.offsets_ms(dataset.cameras, self.instant)
+            scene = refine_calibration(scene)
+        offsets_ms = self.offsets_ms or condition.offsets_ms(scene.dataset.cameras, self.instant)
         cloud = self.cloud and (self.mesh or (not self.quick and find_spec("open3d") is not None))
         options = msgspec.structs.replace(self, offsets_ms=offsets_ms, cloud=cloud)
         early = output if self.page else None
-        return model_instant(dataset, self.chosen_matcher, options, output.folder, self.progress, early=early)
+        inputs = InputImages(fit_depth(scene))
+        return model_instant(inputs, self.chosen_matcher, options, output.folder, self.progress, early=early)
+
+    def shown(self, dataset: "Dataset") -> dict[str, int]:
+        """Return each camera's instant for `instant`; raises BadInputError if there is none."""
+        found = dataset.nearest_instants(self.instant, self.offsets_ms)
+        return {camera: instant for camera, instant in found.items() if camera not in self.without}
+
+    def see(self, scene: "Scene", condition: Condition) -> "Iterator[SeenInstant]":
+        """Yield each instant with depth of all cameras that have it; see `Method.see`."""
+        from reconstruction.methods.multiview.input_images import InputImages, fit_depth
+        from reconstruction.methods.multiview.sequence import see_instants
+
+        yield from see_instants(InputImages(fit_depth(scene)), self, condition)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras or instants that were left out; see `Method.notes`."""

@@ -19,7 +19,7 @@ from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
-from reconstruction.methods.multiview.input_images import UndistortedSession
+from reconstruction.methods.multiview.input_images import InputImages
 from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
@@ -30,17 +30,17 @@ from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence
 from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText, StudyText
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
-from reconstruction.scores.tally import Tally
-from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
-from reconstruction.session.conditions import Condition
-from reconstruction.session.instant_choice import (
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.scores.tally import Tally
+from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 
 MIN_POINTS = 500
 """Minimum points of a synchronized cloud worth showing."""
@@ -49,6 +49,7 @@ MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 AT_A_TIME = 2
 """Number of conditions whose depth is computed at a time, and of instants that are scored."""
+CACHED_IMAGES = 32
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
 TURNTABLE = Picture(
@@ -259,9 +260,9 @@ class MultiviewStudy(ConditionStudy):
         return choose_matcher(self.options.matcher, quick=True)
 
     @cached_property
-    def shots(self) -> UndistortedSession:
+    def shots(self) -> InputImages:
         """The session's images, undistorted."""
-        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.options.multiview_width)
+        return InputImages(self.scene, self.options.multiview_width, CACHED_IMAGES)
 
     def prepare(self) -> None:
         """Choose the cameras; see `ConditionStudy.prepare`.
@@ -271,7 +272,7 @@ class MultiviewStudy(ConditionStudy):
                 not the one requested.
         """
         self.progress.step("choosing cameras for depth from all cameras")
-        if not self.rig.views:
+        if not self.scene.known_views:
             raise ValueError("the cameras have no calibration")
         self._choose_cameras(self.context.middle)
         if self.middle_camera not in ("", self.reference):
@@ -294,10 +295,10 @@ class MultiviewStudy(ConditionStudy):
         images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
         _require_cameras(images, left_out)
         try:
-            self.scene = find_rough_scene(images)
+            self.rough = find_rough_scene(images)
         except BadInputError as error:
             raise ValueError(error.what) from error
-        points = self.scene.points
+        points = self.rough.points
         sources = choose_source_views({c: one.view for c, one in images.items() if c in points}, points)
         views = {c: one.view for c, one in images.items() if len(sources.get(c, ())) > 1}
         left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
@@ -339,7 +340,7 @@ class MultiviewStudy(ConditionStudy):
         found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
         nows = [one.instant for one in instants]
         scorer = InstantScorer(
-            self.shots, self.reference, self.rig.unit, nows, [maps["synced"] for maps in found]
+            self.shots, self.reference, self.scene.unit, nows, [maps["synced"] for maps in found]
         )
         tally = Tally()
         with worker_pool(AT_A_TIME) as pool:
@@ -391,7 +392,7 @@ class MultiviewStudy(ConditionStudy):
 
         `made`: the depth that follows from `still`, of the first of them.
         """
-        scene, reference = self.scene, self.reference
+        scene, reference = self.rough, self.reference
 
         def compute(instants: dict[str, int]) -> InstantDepth:
             shots = {camera: self.shots.image(camera, instant) for camera, instant in instants.items()}
@@ -406,7 +407,7 @@ class MultiviewStudy(ConditionStudy):
             made.extend(compute(one) for one in shown[len(made) :])
             return made[-1]
 
-        return self.rig.stages.arrays(
+        return self.scene.stages.arrays(
             "multiview",
             InstantDepth,
             make,

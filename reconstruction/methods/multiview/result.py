@@ -2,9 +2,9 @@
 
 from msgspec import Struct, field
 
-from reconstruction.calibration.consistency import describe_misfit
+from reconstruction.scene.calibration.consistency import describe_misfit
+from reconstruction.scene.provenance import Provenance
 from reconstruction.scores.truth import DepthShares
-from reconstruction.session.provenance import Provenance
 
 UNCERTAIN_SCALE = 0.005
 """Relative standard deviation of the scale from which it is reported: a quarter of depth's 2 %."""

@@ -27,18 +27,20 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
-from reconstruction.calibration.stored import choose_calibration
-from reconstruction.calibration.structure_from_motion import guess_calibration
+from reconstruction.depth.seen_moment import SeenInstant
+from reconstruction.methods.multiview.input_images import InputImages, fit_depth
+from reconstruction.methods.multiview.instant_maps import match_instant
 from reconstruction.methods.multiview.instant_model import FUSED, model_instant
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.refinement import refine_calibration
 from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
 from reconstruction.methods.multiview.still_scene import StillScene
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion, write_masks
-from reconstruction.session.provenance import with_provenance
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import write_masks
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
 
 RECORDING = "sequence.rrd"
 RESULT = "sequence.json"
@@ -189,13 +191,7 @@ def _read(path: Path, form: type[Form]) -> Form | None:
         return None
 
 
-def model_sequence(
-    session: Path,
-    out: Path,
-    options: Multiview,
-    condition: Condition = SYNCHRONIZED,
-    progress: Progress | None = None,
-) -> SequenceResult:
+def model_sequence(scene: Scene, out: Path, options: Multiview, condition: Condition) -> SequenceResult:
     """Compute a cloud of each of the options' instants in `out`; existing clouds are reused.
 
     An instant that cannot be reconstructed is left out, with the reason.
@@ -212,15 +208,13 @@ def model_sequence(
     if options.rrd:
         load_optional("rerun", "rerun", "the .rrd format")
     matcher = choose_matcher(options.matcher, quick=options.quick)
-    dataset = Dataset.open(session, options.time_shifts_ms)
-    condition.check(dataset)
-    chosen = dataset.chosen_instants(options.instants)
-    choose_calibration(dataset)
+    chosen = scene.dataset.chosen_instants(options.instants)
     if options.refine:
-        refine_calibration(dataset)
+        scene = refine_calibration(scene)
+    dataset = scene.dataset
     plan = SequencePlan(
         session=dataset.name,
-        pictures=dataset.fingerprint(),
+        pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
         time_shifts_ms=dict(options.time_shifts_ms),
         matcher=matcher.name,
@@ -230,16 +224,16 @@ def model_sequence(
         whole=options.whole,
     )
     with SequenceFolder.opened(out, plan) as folder:
-        progress = progress or Progress(1)
-        motion, still = SceneMotion(dataset, step=1), StillScene()
+        progress, still = options.progress, StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
         progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
         if missing_masks:
-            write_masks(motion, folder.empty_work() / MASKS, progress)
+            write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
-        calibration = _calibrate(dataset, folder)
+        scene = _calibrated(scene, folder)
+        inputs = InputImages(fit_depth(scene))
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
         progress.done += len(earlier)
         every = []
@@ -249,7 +243,7 @@ def model_sequence(
             if options.whole:
                 still = StillScene()
             every.append(
-                earlier.get(instant) or _make(motion, still, matcher, options, condition, instant, folder)
+                earlier.get(instant) or _make(inputs, still, matcher, options, condition, instant, folder)
             )
         if not any(one.cloud for one in every):
             raise BadInputError(
@@ -259,10 +253,10 @@ def model_sequence(
         if options.rrd:
             progress.step("the recording")
             clouds = [one for one in every if one.cloud]
-            write_recording(folder.empty_work() / RECORDING, out, dataset, calibration, clouds)
+            write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
-            _summary(dataset, plan, calibration, every),
+            _summary(scene, plan, every),
             kept=len(earlier),
             masks=masks,
             files=folder.files,
@@ -272,23 +266,58 @@ def model_sequence(
     return result
 
 
+def see_instants(inputs: InputImages, options: Multiview, condition: Condition) -> Iterator[SeenInstant]:
+    """Yield each of the options' instants with depth, in memory; several share what stands still.
+
+    Of several, an instant that cannot be reconstructed is left out.
+
+    Raises:
+        BadInputError: there is no such instant, or none has depth.
+    """
+    dataset, progress, still = inputs.dataset, options.progress, StillScene()
+    chosen = dataset.chosen_instants(options.listed_instants)
+    matcher, silent, seen = options.chosen_matcher, Progress(0, silent=True), False
+    if len(chosen) > 1:
+        progress.total = len(chosen)
+    for instant in chosen:
+        if len(chosen) > 1:
+            progress.step(f"instant {instant}")
+        offsets_ms = condition.offsets_ms(dataset.cameras, instant)
+        each = Multiview(instant=instant, offsets_ms=offsets_ms, without=options.without)
+        try:
+            found = match_instant(
+                inputs,
+                instant,
+                each.shown(dataset),
+                matcher,
+                still,
+                silent if len(chosen) > 1 else progress,
+            )
+        except BadInputError:
+            if not seen and instant == chosen[-1]:
+                raise
+            continue
+        seen = True
+        yield SeenInstant(instant, found.moment, found.left_out)
+
+
 def cloud_file(instant: int) -> str:
     """Return the path of an instant's cloud; the names form a sequence that viewers can play."""
     return f"{CLOUDS}/{instant:06d}.ply"
 
 
-def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
-    """Return the session's calibration, or one from its images, shared by all runs to this folder."""
-    calibration = dataset.calibration() or folder.calibration()
-    if calibration is None:
-        calibration = guess_calibration(SceneMotion(dataset, 1))
+def _calibrated(scene: Scene, folder: SequenceFolder) -> Scene:
+    """Return the scene with a calibration: if none was given, one that all runs to this folder share."""
+    if scene.given is not None:
+        return scene
+    if (calibration := folder.calibration()) is None:
+        calibration = scene.calibration
         write_atomic(folder.out / CALIBRATION, pretty_json(calibration))
-    dataset.adopt_calibration(calibration)
-    return calibration
+    return scene.calibrated(calibration)
 
 
 def _make(
-    motion: SceneMotion,
+    inputs: InputImages,
     still: StillScene,
     matcher: ChosenMatcher,
     options: Multiview,
@@ -297,7 +326,7 @@ def _make(
     folder: SequenceFolder,
 ) -> SequenceInstant:
     """Compute an instant in the work folder, move its files into place, then mark it as done."""
-    work, out, dataset, began_s = folder.empty_work(), folder.out, motion.dataset, time.monotonic()
+    work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
         each = Multiview(
@@ -310,7 +339,7 @@ def _make(
             # Only saved maps have a confidence, which needs the check.
             check=options.depth,
         )
-        found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
+        found = model_instant(inputs, matcher, each, work, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
@@ -341,16 +370,14 @@ def _place(file: Path, target: Path) -> None:
     write_atomic(target, file.read_bytes())
 
 
-def _summary(
-    dataset: Dataset, plan: SequencePlan, calibration: Calibration, every: list[SequenceInstant]
-) -> SequenceResult:
+def _summary(scene: Scene, plan: SequencePlan, every: list[SequenceInstant]) -> SequenceResult:
     scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
     return SequenceResult(
-        session=dataset.name,
+        session=scene.dataset.name,
         condition=plan.condition,
         matcher=plan.matcher,
-        calibration=calibration.source_words,
-        unit=calibration.unit,
+        calibration=scene.source,
+        unit=scene.unit,
         instants=tuple(every),
         clouds=sum(bool(one.cloud) for one in every),
         mover_f_score_1cm=_median(scores),

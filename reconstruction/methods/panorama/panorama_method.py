@@ -8,13 +8,13 @@ from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import MAX_OFFSET_MS, Condition
+from reconstruction.scene.conditions import MAX_OFFSET_MS, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.panorama.overlap import Misalignment
     from reconstruction.methods.panorama.panorama_run import PanoramaResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 
 class Panorama(Method, frozen=True, kw_only=True):
@@ -53,11 +53,11 @@ class Panorama(Method, frozen=True, kw_only=True):
         flag("--stitch-pair", "panorama", hidden=True),
     ] = None
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
         """Stitch an instant, and also under the condition if that is another one; see `Method.run`."""
         from reconstruction.methods.panorama.panorama_run import session_input, stitch
 
-        return stitch(session_input(dataset, condition, self), output.folder)
+        return stitch(session_input(scene, condition, self), output.folder)
 
     def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
         """Stitch a session, or images; see `Method.compute`."""

@@ -7,17 +7,17 @@ from typing import Any
 import msgspec
 
 from capture_app.common.errors import BadInputError
-from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.native_libraries import opencv_calls
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
 from reconstruction.methods.panorama.panorama_method import Panorama
 from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
-from reconstruction.session.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.session.provenance import Provenance
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
@@ -142,19 +142,18 @@ def image_input(sources: Sequence[Path], condition: Condition, options: Panorama
     return {"synced": (images, {})}, {}, [], {"source": " ".join(map(str, sources)), "left_out": {}}
 
 
-def session_input(dataset: Dataset, condition: Condition, options: Panorama) -> Input:
+def session_input(scene: Scene, condition: Condition, options: Panorama) -> Input:
     """Read an instant's images of a session, also in the other condition if one is requested.
 
     Raises:
         BadInputError: the session lacks this instant, or its images in the condition.
     """
     instant = options.instant
-    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
+    scene = scene.fitted(images=len(scene.dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
+    dataset = scene.dataset
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
-    calibration = dataset.calibration()
-    known = calibrated_views(dataset, calibration) if calibration is not None else {}
-    views = {name: known[name] for name in cameras if name in known}
-    motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
+    views = {name: view for name, view in scene.given_views.items() if name in cameras}
+    motion = scene.motion if len(dataset.instants_ns) > 1 else None
     shown = {"synced": dict.fromkeys(cameras, instant)}
     delayed, offset_ms = _delayed_instants(dataset, cameras, condition, options)
     if delayed:
@@ -163,7 +162,7 @@ def session_input(dataset: Dataset, condition: Condition, options: Panorama) -> 
     facts = {
         "source": str(dataset.session.folder),
         "left_out": {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras},
-        "calibration": calibration.source_words if calibration is not None and views else "",
+        "calibration": scene.source if views else "",
         "actual_offset_ms": offset_ms,
     }
     return conditions, views, list(delayed), facts

@@ -15,11 +15,11 @@ from reconstruction.methods.panorama.registration import PanoramaStitcher
 from reconstruction.report import wording
 from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
 from reconstruction.report.study_report import Claim, MeasureText, StudyText
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.moving_pixels import dilate
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
-from reconstruction.session.moving_pixels import dilate
 
 MIN_GREY_LEVELS = 12
 """Difference between the conditions below which it is noise."""
@@ -131,7 +131,7 @@ class PanoramaStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or their images cannot be stitched.
         """
-        self.use_pair(self.rig.choose_panorama_pair(self.asked, self.context.middle))
+        self.use_pair(self.scene.choose_panorama_pair(self.asked, self.context.middle))
         first, second = self.cameras
         self.progress.step(f"registering {first} and {second}")
         instants, _ = self.instant_pairs(SYNCHRONIZED)
@@ -140,7 +140,7 @@ class PanoramaStudy(PairStudy):
             {name: read(name, now) for name in self.cameras}
             for read in (self.dataset.image, self.motion.widened_moving)
         )
-        known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
+        known = {name: view for name, view in self.scene.known_views.items() if name in self.cameras}
         self.stitcher = PanoramaStitcher(images, moving, known)
         """Registers, projects and composes the pair."""
         if overlap_of(*self.stitcher.layers(images).values()) is None:

@@ -16,7 +16,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, angle_deg, resize_view
 from reconstruction.common.memory import memory_budget
 from reconstruction.methods.panorama.composition import Layer, Projection, compose_layers
-from reconstruction.pairs import MIN_MATCHES, Features, detect_features, match_features
+from reconstruction.scene.pairs import MIN_MATCHES, Features, detect_features, match_features
 
 MAX_SIDE_PX = 2000
 """Image size limit; panoramas of full camera images take minutes."""

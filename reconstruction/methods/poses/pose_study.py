@@ -20,12 +20,12 @@ from reconstruction.report import wording
 from reconstruction.report.charts import Axes
 from reconstruction.report.findings import EACH_DELAYED, percent
 from reconstruction.report.study_report import MeasureText, StudyText
+from reconstruction.scene.conditions import Condition, evenly_spaced
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import complete_instants, relative_offsets_ms
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import Condition, evenly_spaced
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import complete_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
@@ -317,7 +317,7 @@ class PoseStudy(ConditionStudy):
             ValueError: fewer than three cameras are calibrated.
         """
         self.progress.step("camera poses from single instants")
-        self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.scene.known_views)
         if not self.cameras:
             raise ValueError("the cameras have no calibration to compare poses with")
         if len(self.cameras) < 3:
@@ -330,7 +330,7 @@ class PoseStudy(ConditionStudy):
             self.dataset, condition, self.cameras[0], self.cameras, min_cameras=len(self.cameras)
         )
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            finder = self.finder(self.dataset, self.rig.views, Path(scratch))
+            finder = self.finder(self.dataset, self.scene.views, Path(scratch))
             for one in evenly_spaced(instants, MAX_INSTANTS):
                 measured = {side: self._measure(finder, shown) for side, shown in one.by_condition.items()}
                 tally.add(measured, {"instant": one.instant})
@@ -342,7 +342,7 @@ class PoseStudy(ConditionStudy):
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
-            facts=PoseFacts(degraded=False, tolerance_deg=TOLERANCE_DEG, truth_source=self.rig.source),
+            facts=PoseFacts(degraded=False, tolerance_deg=TOLERANCE_DEG, truth_source=self.scene.source),
         )
         right = found.first_known("correct_pairs")
         degraded = right is not None and right[1] - right[2] > HARMED
@@ -350,14 +350,14 @@ class PoseStudy(ConditionStudy):
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
         """Return the number of placed cameras, and both errors of each pair."""
-        views = self.rig.views
+        views = self.scene.views
 
         def make() -> tuple[int, list[tuple[float, float]]]:
             poses = finder.find_poses(shown)
             true = {name: (view.rotation, view.translation) for name, view in views.items()}
             return len(poses), relative_pose_errors(poses, true)
 
-        placed, found = self.rig.stages.record(
+        placed, found = self.scene.stages.record(
             "placed_pairs",
             tuple[int, list[tuple[float, float]]],
             make,

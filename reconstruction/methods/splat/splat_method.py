@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from capture_app.common.text import count
 from reconstruction.common.options import command_flag, flag
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.splat.splat_run import SplatResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 
 class SplatMethod(Method, frozen=True, kw_only=True):
@@ -84,11 +84,11 @@ class SplatMethod(Method, frozen=True, kw_only=True):
 
         return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "SplatResult":
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "SplatResult":
         """Compute depth, and optimize the splats; see `Method.run`."""
         from reconstruction.methods.splat.splat_run import make_splats
 
-        return make_splats(dataset, condition, self, output.folder, self.progress)
+        return make_splats(scene, condition, self, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""

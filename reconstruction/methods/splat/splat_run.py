@@ -13,7 +13,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import require_calibration, see_moments
+from reconstruction.compare.moments import see_moments
 from reconstruction.depth.seen_moment import find_subject
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
@@ -26,10 +26,10 @@ from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_page import write_splat_page
 from reconstruction.report.walk_page import PAGE
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
 
 SPLATS = "splats"
 OURS = {SPLATS, PAGE}
@@ -107,7 +107,7 @@ class _Learned:
 
 
 def make_splats(
-    dataset: Dataset, condition: Condition, options: SplatMethod, folder: Path, progress: Progress
+    scene: Scene, condition: Condition, options: SplatMethod, folder: Path, progress: Progress
 ) -> SplatResult:
     """Write a splat of each chosen instant into a folder.
 
@@ -116,12 +116,12 @@ def make_splats(
         BadInputError: there is no such instant.
         NotApplicableError: no instant has depth.
     """
-    unit = require_calibration(dataset).unit
+    unit, dataset = scene.require_calibration().unit, scene.dataset
     made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
     learned: _Learned | None = None
     subject: Array | None = None
     chosen = dataset.chosen_instants(options.listed_instants)
-    for one in see_moments(dataset, chosen, condition, quick=options.quick, progress=progress):
+    for one in see_moments(scene, chosen, condition, quick=options.quick, progress=progress):
         if not made:
             progress.total = progress.done + len(chosen)  # all maps are computed
         progress.step(f"splat of instant {one.instant}")

@@ -17,18 +17,18 @@ from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.report.findings import EACH_DELAYED
 from reconstruction.report.study_report import MeasureText, StudyText
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.picture_quality import psnr, ssim
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import Condition
-from reconstruction.session.instant_choice import (
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.scene.moving_pixels import dilate
+from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.scores.picture_quality import psnr, ssim
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import Measurements, Tally
 
 MIN_CAMERAS = 4
 """Depth takes three; the fourth is left out."""
@@ -163,13 +163,13 @@ class SplatStudy(ConditionStudy):
             ValueError: fewer than four cameras are calibrated, or the calibration was found for this
                 comparison alone.
         """
-        if self.dataset.calibration() is None:
+        if self.scene.given is None:
             raise ValueError("it needs a session with a calibration: reconstruct calibrate writes one")
-        self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.scene.views)
         if len(self.cameras) < MIN_CAMERAS:
             raise ValueError(f"it needs {MIN_CAMERAS} calibrated cameras")
         if self.reference not in self.cameras:
-            centres = {name: self.rig.views[name].centre for name in self.cameras}
+            centres = {name: self.scene.views[name].centre for name in self.cameras}
             middle = np.mean(list(centres.values()), axis=0)
             self.reference = min(centres, key=lambda name: float(np.linalg.norm(centres[name] - middle)))
         self.made = dict[tuple[tuple[str, int], ...], _Splat]()
@@ -182,7 +182,7 @@ class SplatStudy(ConditionStudy):
         """
         shown = self._instant(condition)
         splats = {side: self._splat(side, one, shown.instant) for side, one in shown.by_condition.items()}
-        view = self.rig.views[self.reference]
+        view = self.scene.views[self.reference]
         truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
         moving, still = self._masks(view, shown)
         tally = Tally()
@@ -228,10 +228,10 @@ class SplatStudy(ConditionStudy):
         late = tuple((name, (times[k] - times[instant]) / 1e6) for name, k in shown.items())
         without = [name for name in self.dataset.cameras if name == self.reference or name not in shown]
         condition = Condition(side, named_ms=late)
-        (seen,) = see_moments(self.dataset, [instant], condition, without=without, quick=True)
+        (seen,) = see_moments(self.scene, [instant], condition, without=without, quick=True)
         moment = {name: one.resized(WIDTH_PX) for name, one in seen.moment.items()}
         splat, _ = optimize(make_gaussians(moment), moment, ITERATIONS)
-        picture = render_gaussians(splat, self.rig.views[self.reference].undistorted)
+        picture = render_gaussians(splat, self.scene.views[self.reference].undistorted)
         self.made[key] = _Splat(picture, len(splat))
         return self.made[key]
 

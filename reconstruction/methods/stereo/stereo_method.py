@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.stereo.stereo_run import StereoDepth
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 
 class Stereo(Method, frozen=True, kw_only=True):
@@ -42,15 +42,15 @@ class Stereo(Method, frozen=True, kw_only=True):
         flag("--stereo-pair", "stereo", help="The two cameras for depth."),
     ] = None
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "StereoDepth":
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "StereoDepth":
         """Match the pair densely; see `Method.run`."""
         from reconstruction.methods.stereo.stereo_run import compute_stereo
 
-        return compute_stereo(dataset, condition, self, output.folder, self.progress)
+        return compute_stereo(scene, condition, self, output.folder, self.progress)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras and the pairs that were left out; see `Method.notes`."""
-        from reconstruction.pairs import describe_left_out
+        from reconstruction.scene.pairs import describe_left_out
 
         yield from super().notes(result)
         if result.pairs_left_out:

@@ -27,7 +27,7 @@ from reconstruction.methods.stereo.matching import (
     warp_by_disparity,
     window_correlation,
 )
-from reconstruction.pairs import canvas_bounds, rectifying_rotations
+from reconstruction.scene.pairs import canvas_bounds, rectifying_rotations
 
 STEP = 16
 """Distance over which slopes are measured, px."""

@@ -8,17 +8,17 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture, write_image
-from reconstruction.common.outputs import STAGES, Made
+from reconstruction.common.outputs import Made
 from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 from reconstruction.scores.truth import fraction_right
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
 
 DEPTH = "depth.tiff"
 FILLED = "depth_filled.tiff"
@@ -76,27 +76,27 @@ class MadeStereo(Made[StereoDepth]):
 
 
 def compute_stereo(
-    dataset: Dataset, condition: Condition, options: Stereo, folder: Path, progress: Progress
+    scene: Scene, condition: Condition, options: Stereo, folder: Path, progress: Progress
 ) -> StereoDepth:
     """Match one pair of a session densely; write depth, confidence and a picture to `folder`.
 
     Raises:
         SimulshotError: the session or the options cannot be used, or the two views overlap too little.
     """
+    dataset = scene.dataset
     session = dataset.session.folder
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     progress.total = 3
-    rig = Rig(dataset, folder / STAGES)
-    rig.check_pair(options.pair)
+    scene.check_pair(options.pair)
     progress.step("calibration")
-    rig.calibrate()
+    scene.calibration  # noqa: B018  (may take long, and may fail)
     progress.step("choosing cameras")
     instant, later = options.instant, options.other_instant
     shown = dataset.nearest_instants(instant, condition.offsets_ms(dataset.cameras, instant))
     left_out = _without_image(
         dataset, {name: {instant, own, own if later is None else later} for name, own in shown.items()}
     )
-    choice = rig.choose_stereo_pair(options.pair, instant, set(dataset.cameras) - left_out.keys())
+    choice = scene.choose_stereo_pair(options.pair, instant, set(dataset.cameras) - left_out.keys())
     if choice.cameras is None:
         absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
         raise BadInputError(
@@ -113,14 +113,14 @@ def compute_stereo(
             )
     progress.step(f"stereo {reference}-{other}, instant {now}")
     try:
-        found = _match_pair(rig, choice.cameras, now, later)
+        found = _match_pair(scene, choice.cameras, now, later)
     except ValueError as error:
         raise BadInputError(
             f"{reference} and {other}: {error}",
             hint="name two overlapping cameras with --pair, or calibrate the rig again",
         ) from error
     return msgspec.structs.replace(
-        _save_result(rig, choice.cameras, (now, later), found, folder),
+        _save_result(scene, choice.cameras, (now, later), found, folder),
         why=choice.why,
         left_out=left_out,
         pairs_left_out=dict(choice.left_out),
@@ -133,32 +133,32 @@ def _without_image(dataset: Dataset, needed: Mapping[str, set[int]]) -> dict[str
     return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
-def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
-    views = rig.views[cameras[0]], rig.views[cameras[1]]
+def _match_pair(scene: Scene, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
+    views = scene.views[cameras[0]], scene.views[cameras[1]]
     # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
-    image, other = (rig.dataset.grey(name, instant) for name in cameras)
+    image, other = (scene.dataset.grey(name, instant) for name in cameras)
     moving = (
-        rig.motion.detected_moving(cameras[0], instant)
-        if len(rig.dataset.instants_ns) > 1
+        scene.motion.detected_moving(cameras[0], instant)
+        if len(scene.dataset.instants_ns) > 1
         else np.zeros(image.shape, bool)
     )
     pair = StereoPair(*views, find_disparity_range(views, [(image, other, moving)]))
-    return pair.compute_filled_depth(image, rig.dataset.grey(cameras[1], later))
+    return pair.compute_filled_depth(image, scene.dataset.grey(cameras[1], later))
 
 
 def _save_result(
-    rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
+    scene: Scene, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth[found.depth > 0]
     picture = side_by_side(
-        rig.dataset.image(cameras[0], instants[0]), colour_depth(depth, *display_range(depth))
+        scene.dataset.image(cameras[0], instants[0]), colour_depth(depth, *display_range(depth))
     )
     write_image(folder / DEPTH, depth.astype(np.float32))
     write_image(folder / FILLED, found.filled.astype(np.float32))
-    truth = rig.dataset.ground_truth(cameras[0], instants[0])
-    judged = truth[0] if truth is not None and rig.unit == "m" else None
+    truth = scene.dataset.ground_truth(cameras[0], instants[0])
+    judged = truth[0] if truth is not None and scene.unit == "m" else None
     return StereoDepth(
-        session=str(rig.dataset.session.folder),
+        session=str(scene.dataset.session.folder),
         reference=cameras[0],
         other=cameras[1],
         instant=instants[0],
@@ -167,11 +167,11 @@ def _save_result(
         depth_filled=FILLED,
         confidence=save_picture(folder, "confidence.png", np.round(255 * found.confidence).astype(np.uint8)),
         picture=save_picture(folder, "depth.png", picture),
-        unit=rig.unit,
+        unit=scene.unit,
         nearest=float(known.min()) if known.size else 0.0,
         farthest=float(known.max(initial=0.0)),
         coverage=known.size / depth.size,
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(found.filled, judged),
-        calibration=rig.source,
+        calibration=scene.source,
     )

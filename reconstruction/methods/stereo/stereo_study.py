@@ -46,6 +46,8 @@ from reconstruction.report.study_report import (
     MeasureText,
     StudyText,
 )
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import CONDITIONS, Measurements, Tally, measure_depth
@@ -58,8 +60,6 @@ from reconstruction.scores.truth import (
     still_pixels,
     true_depth_in_unit,
 )
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
 
 RANGE_INSTANTS = 8
 BYTES_PER_PIXEL = 150
@@ -291,7 +291,7 @@ class StereoStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or one of them has no calibration.
         """
-        self.use_pair(self.rig.choose_stereo_pair(self.asked, self.context.middle))
+        self.use_pair(self.scene.choose_stereo_pair(self.asked, self.context.middle))
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
         """Compare a condition at its instants; see `ConditionStudy.compare`."""
@@ -313,7 +313,7 @@ class StereoStudy(PairStudy):
             disparities = self._disparities(tuple(range_instants or dict(pairs)))
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = StereoPair(self.rig.views[reference], self.rig.views[other], disparities)
+        matcher = StereoPair(self.scene.views[reference], self.scene.views[other], disparities)
 
         def depth(pair: tuple[int, int]) -> dict[str, DepthMap]:
             now, later = pair
@@ -325,7 +325,7 @@ class StereoStudy(PairStudy):
             facts["mover_pixels"] = int(one.moving.sum())
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
-        size = BYTES_PER_PIXEL * self.rig.views[reference].width * self.rig.views[reference].height
+        size = BYTES_PER_PIXEL * self.scene.views[reference].width * self.scene.views[reference].height
         with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
             instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
             tally = Tally(list(pool.map(measure, instants)))
@@ -342,14 +342,14 @@ class StereoStudy(PairStudy):
 
     def _project_still(self, still: bytes) -> tuple[Array, Array]:
         """Return `project_into_other` of float32 depth; cached for conditions with the same instants."""
-        reference, other = (self.rig.views[name] for name in self.cameras)
+        reference, other = (self.scene.views[name] for name in self.cameras)
         depth = np.frombuffer(still, np.float32).reshape(reference.height, reference.width)
         return project_into_other(reference, other, depth)
 
     def _disparities(self, nows: tuple[int, ...]) -> tuple[float, float]:
         """Return the pair's disparity range from synchronized images, cached on disk."""
         grey, (reference, other) = self.dataset.grey, self.cameras
-        views = self.rig.views[reference], self.rig.views[other]
+        views = self.scene.views[reference], self.scene.views[other]
 
         def find() -> tuple[float, float]:
             moving = self.motion.detected_moving
@@ -357,20 +357,20 @@ class StereoStudy(PairStudy):
             images = [(grey(reference, k), grey(other, k), moving(reference, k)) for k in chosen]
             return find_disparity_range(views, images)
 
-        return self.rig.stages.record(
+        return self.scene.stages.record(
             "disparities", tuple[float, float], find, reference, other, nows, repr(views)
         )
 
     def _depth(self, matcher: StereoPair, now: int, shown: int) -> DepthMap:
         """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
         reference, other = self.cameras
-        return self.rig.stages.arrays(
+        return self.scene.stages.arrays(
             "depth",
             DepthMap,
             lambda: matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown)),
             reference,
             other,
-            repr((self.rig.views[reference], self.rig.views[other])),
+            repr((self.scene.views[reference], self.scene.views[other])),
             # Ranges that round to the same search, such as the tolerance curve's, share their depth.
             (matcher.min_disparity, matcher.num_disparities),
             matcher.scale,
@@ -395,7 +395,7 @@ class StereoStudy(PairStudy):
                 [motion.changing(other, k) for k in {now, later}],
             )
             loaded = dataset.ground_truth(reference, now)
-            truth = None if loaded is None else true_depth_in_unit(loaded[0], self.rig.unit, still, static)
+            truth = None if loaded is None else true_depth_in_unit(loaded[0], self.scene.unit, still, static)
             instants.append(
                 StereoInstant(
                     now, {"synced": now, "offset": later}, found, mask & inside, static, truth, matcher

@@ -10,25 +10,25 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
 from reconstruction.compare.study import ConditionStudy, write_pictures
-from reconstruction.pairs import Features, size_above_features
 from reconstruction.report import wording
 from reconstruction.report.study_report import POINTS, MeasureText, StudyText
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.scores.truth import right_depth
-from reconstruction.session.conditions import ALL_APART, Condition
-from reconstruction.session.instant_choice import (
+from reconstruction.scene.conditions import ALL_APART, Condition
+from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.scene.moving_pixels import dilate
+from reconstruction.scene.pairs import Features, size_above_features
+from reconstruction.scene.scene import Scene
+from reconstruction.scores.study_result import Picture, StudyResult
+from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.scores.truth import right_depth
 
 MAX_ERROR_PX = 2.0
 """Maximum match and reprojection error, in the image that features are detected in.
@@ -70,7 +70,7 @@ class SeenPoints:
     pixel: Array
 
 
-def triangulate(rig: Rig, shown: Mapping[str, int]) -> SeenPoints:
+def triangulate(scene: Scene, shown: Mapping[str, int]) -> SeenPoints:
     """Triangulate the points that these cameras (two or more) see, each at its instant.
 
     Features are the rig's, detected once for all studies; COLMAP does all else.
@@ -80,14 +80,14 @@ def triangulate(rig: Rig, shown: Mapping[str, int]) -> SeenPoints:
         ForeignError: COLMAP failed.
     """
     colmap = load_pycolmap(PURPOSE)
-    found = {camera: rig.image_features(camera, instant) for camera, instant in shown.items()}
-    limit = MAX_ERROR_PX * max(size_above_features(*rig.dataset.size(camera)) for camera in shown)
+    found = {camera: scene.features.of_image(camera, instant) for camera, instant in shown.items()}
+    limit = MAX_ERROR_PX * max(size_above_features(*scene.dataset.size(camera)) for camera in shown)
     with (
         tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
         foreign_calls("COLMAP", PURPOSE),
     ):
         database = Path(scratch) / "database.db"
-        model = _write_database(colmap, database, rig.views, found)
+        model = _write_database(colmap, database, scene.views, found)
         _match(colmap, database, model, limit)
         return _rig_points(_place_points(colmap, database, model, limit), found)
 
@@ -274,12 +274,12 @@ class TriangulationStudy(ConditionStudy):
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
-            facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
+            facts={"left_out": [c for c in self.scene.views if c not in self.cameras]},
         )
 
     def _choose_cameras(self) -> tuple[str, ...]:
         """Return the depth pair and the cameras nearest to it; without one, those nearest to the centre."""
-        if not (views := self.rig.views):
+        if not (views := self.scene.views):
             raise ValueError("the cameras have no calibration")
         if missing := [c for c in self.cameras if c not in views]:
             raise ValueError(f"no calibration of {', '.join(missing)}")
@@ -307,7 +307,7 @@ class TriangulationStudy(ConditionStudy):
     def _draw(self, one: ShownInstant, points: Mapping[str, SeenPoints], folder: Path) -> tuple[Picture, ...]:
         """Draw both conditions' points on the first camera's picture, coloured by their distance."""
         camera = self.cameras[0]
-        view, photo = self.rig.views[camera], self.dataset.image(camera, one.instant)
+        view, photo = self.scene.views[camera], self.dataset.image(camera, one.instant)
         moving = self.motion.moving(camera, one.instant)
         seen = {side: _depth_at(view, found, list(one.shown).index(camera)) for side, found in points.items()}
         limits = display_range(seen["synced"][1], moving[seen["synced"][0][:, 1], seen["synced"][0][:, 0]])
@@ -322,12 +322,12 @@ class TriangulationStudy(ConditionStudy):
         return write_pictures(drawn, (POINTS_PICTURE,), folder)
 
     def _points(self, shown: Mapping[str, int]) -> SeenPoints:
-        return self.rig.stages.arrays(
+        return self.scene.stages.arrays(
             "triangulation",
             SeenPoints,
-            lambda: triangulate(self.rig, shown),
+            lambda: triangulate(self.scene, shown),
             tuple(shown.items()),
-            [repr(self.rig.views[camera]) for camera in shown],
+            [repr(self.scene.views[camera]) for camera in shown],
             library_versions()["pycolmap"],
         )
 
@@ -343,9 +343,9 @@ class TriangulationStudy(ConditionStudy):
             moving[mine] = moves[rows, columns]
             changing = [self.motion.changing(camera, shown[camera]) for shown in one.by_condition.values()]
             hidden[mine] = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)[rows, columns]
-            truth = self.dataset.ground_truth(camera, instant) if self.rig.unit == "m" else None
+            truth = self.dataset.ground_truth(camera, instant) if self.scene.unit == "m" else None
             if truth is not None:
-                view = self.rig.views[camera]
+                view = self.scene.views[camera]
                 depth = (found.points[found.point[mine]] @ view.rotation.T + view.translation)[:, 2]
                 true = truth[0][rows, columns]
                 right[mine], known[mine] = right_depth(depth, true), true > 0

@@ -11,12 +11,12 @@ from capture_app.common.text import count
 from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.options import command_flag
 from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.view.view_run import ViewResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 FILMS = (".mp4", ".gif", ".webp")
 """Suffixes of `--out` for a film alone."""
@@ -107,11 +107,11 @@ class ViewMethod(Method, frozen=True, kw_only=True):
             write_film(out, Path(scratch, "made"), result)
         return result
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "ViewResult":
+    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "ViewResult":
         """Compute depth, and render the views; see `Method.run`."""
         from reconstruction.methods.view.view_run import render_views
 
-        return render_views(dataset, condition, self, output.folder, self.progress)
+        return render_views(scene, condition, self, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""

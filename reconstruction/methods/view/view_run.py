@@ -17,15 +17,16 @@ from reconstruction.common.camera_paths import orbit, read_path, stand_still, sw
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import require_calibration, see_moments
+from reconstruction.compare.moments import see_moments
 from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.methods.view.view_method import ViewMethod
 from reconstruction.methods.view.walk_page import write_moments
 from reconstruction.report.walk_page import PAGE
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 VIEWS, MAPS = "views", "maps"
 OURS = {VIEWS, MAPS, PAGE}
@@ -77,7 +78,7 @@ class MadeView(Made[ViewResult]):
 
 
 def render_views(
-    dataset: Dataset, condition: Condition, options: ViewMethod, folder: Path, progress: Progress
+    scene: Scene, condition: Condition, options: ViewMethod, folder: Path, progress: Progress
 ) -> ViewResult:
     """Render the views of a path into a folder, and save the moments that they show.
 
@@ -87,12 +88,12 @@ def render_views(
         NotApplicableError: no instant has depth.
     """
     given = _given_path(options)
-    unit = require_calibration(dataset).unit
+    unit, dataset = scene.require_calibration().unit, scene.dataset
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
     for one in see_moments(
-        dataset,
+        scene,
         dataset.chosen_instants(options.listed_instants),
         condition,
         quick=options.quick,

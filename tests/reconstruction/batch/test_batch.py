@@ -25,7 +25,7 @@ from reconstruction.batch.summary import UnitRow, depth_sheets
 from reconstruction.batch.units import Shard, run_unit
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.depth.matchers import Matcher
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, make_view, write_session
 

@@ -6,9 +6,9 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import instants_shown, pair_instants, refuse_synchronized
+from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import instants_shown, pair_instants, refuse_synchronized
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 from tests.reconstruction.found import changes, study, values
 

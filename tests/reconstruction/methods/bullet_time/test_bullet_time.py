@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.geometry import View
 from reconstruction.methods.bullet_time.between_cameras import views_between
@@ -26,9 +25,10 @@ from reconstruction.methods.bullet_time.bullet_time_study import (
     stabilize_views,
     triangulate_subject,
 )
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
 from tests.reconstruction.conftest import HEIGHT, WIDTH, jump, make_view
 
 
@@ -123,14 +123,14 @@ def test_views_that_look_apart_are_not_held() -> None:
     assert stabilize_views(views, point, 160, 120) is None
 
 
+def seen(dataset: Any, motion: Any, views: Any = None) -> Any:
+    return SimpleNamespace(dataset=dataset, motion=motion, known_views=views or {})
+
+
 def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards: Session, tmp_path: Path) -> None:
     dataset = Dataset(boards)
-    views = {
-        name: view
-        for name, view in calibrated_views(dataset, dataset.calibration()).items()
-        if name != "aside"
-    }
-    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path, CompareResult())
+    views = {name: view for name, view in OpenScene(dataset).views.items() if name != "aside"}
+    sweep = render_camera_sweep(seen(dataset, SceneMotion(dataset, 2), views), tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("left", "right")
@@ -163,7 +163,7 @@ def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(
     boards: Session, tmp_path: Path
 ) -> None:
     dataset = Dataset(boards)
-    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), {}, tmp_path, CompareResult())
+    sweep = render_camera_sweep(seen(dataset, SceneMotion(dataset, 2)), tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("aside", "left", "right")
@@ -221,7 +221,7 @@ class Still:
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path: Path) -> None:
-    sweep = render_camera_sweep(cast(Any, Odd()), cast(Any, Still()), {}, tmp_path, CompareResult())
+    sweep = render_camera_sweep(seen(Odd(), Still()), tmp_path, CompareResult())
 
     assert sweep is not None
     assert sweep.cameras == ("a", "b", "c")
@@ -238,15 +238,14 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
         def instants(self, camera: str) -> tuple[int, ...]:
             return (0,)
 
-    assert render_camera_sweep(cast(Any, Short()), cast(Any, Still()), {}, tmp_path, CompareResult()) is None
+    assert render_camera_sweep(seen(Short(), Still()), tmp_path, CompareResult()) is None
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
 def test_the_animation_has_views_between_cameras_that_have_depth(tmp_path: Path) -> None:
     dataset = Dataset.open(Path(__file__).parents[4] / "sample_sessions" / "jumper")
-    views = calibrated_views(dataset, dataset.calibration())
-    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path, CompareResult(), 1)
+    sweep = render_camera_sweep(OpenScene(dataset, step=2), tmp_path, CompareResult(), 1)
     assert sweep is not None
     assert len(sweep.synced) == 5
     done, animation = cv2.imreadanimation(str(tmp_path / sweep.file))

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.depth.matchers import Matcher
 from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT, fuse_by_colmap
@@ -30,9 +29,10 @@ from reconstruction.methods.multiview.matcher import (
 from reconstruction.methods.multiview.multiview_study import MultiviewStudy, save_clouds
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.report.embedding import view_clouds
+from reconstruction.scene.conditions import DISTINCT, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import DISTINCT, Condition
-from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.found import study, values
 from tests.reconstruction.methods.multiview.conftest import VIEWS
@@ -50,16 +50,14 @@ def multiview(
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
     options = {"max_multiview_instants": instants, "multiview_width": width}
-    rig = calibrated_rig(session, folder)
-    study = MultiviewStudy(Context(rig=rig, middle=middle, options=options))
+    opened = open_scene(session, folder)
+    study = MultiviewStudy(Context(scene=opened, middle=middle, options=options))
     study.matcher = matcher
     return study
 
 
-def calibrated_rig(session: Session, folder: Path) -> Rig:
-    rig = Rig(Dataset(session), folder, 2)
-    rig.calibrate()
-    return rig
+def open_scene(session: Session, folder: Path) -> OpenScene:
+    return OpenScene(Dataset(session), stages=folder, step=2)
 
 
 def medians(found: StudyResult[Any], side: str = "synced") -> dict[str, float]:

@@ -29,8 +29,8 @@ from reconstruction.methods.multiview.input_images import undistort_image, undis
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.truth import depth_shares
-from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.methods.multiview.conftest import VIEWS
 from tests.reconstruction.methods.multiview.true_workspace import write_true_workspace

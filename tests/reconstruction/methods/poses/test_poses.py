@@ -11,13 +11,13 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.study import Context
 from reconstruction.methods.poses.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
+from reconstruction.scene.conditions import DISTINCT, SYNCED, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
-from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 PINWHEEL = Path(__file__).resolve().parents[4] / "sample_sessions" / "pinwheel"
@@ -70,9 +70,7 @@ class FakePoses(PoseStudy):
 
 def study(session: Session, folder: Path, kind: type[PoseStudy] = PoseStudy) -> PoseStudy:
     dataset = Dataset(session)
-    rig = Rig(dataset, folder, 2)
-    rig.calibrate()
-    return kind(Context(rig=rig))
+    return kind(Context(scene=OpenScene(dataset, stages=folder, step=2)))
 
 
 def compared(poses: PoseStudy, condition: Condition) -> StudyResult[Any]:

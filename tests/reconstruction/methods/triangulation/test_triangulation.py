@@ -13,14 +13,14 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.methods.stereo.stereo_study import StereoStudy
 from reconstruction.methods.triangulation.triangulation_study import TriangulationStudy, triangulate
+from reconstruction.scene.conditions import SYNCED, Condition, nearest_frame_offset
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
-from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.found import study as found_study
 from tests.reconstruction.found import values
@@ -33,9 +33,8 @@ def study(
 ) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
-    rig = Rig(dataset, stages, offset.step)
-    rig.calibrate()
-    context = Context(rig=rig, offset=offset, max_instants=max_instants)
+    opened = OpenScene(dataset, stages=stages, step=offset.step)
+    context = Context(scene=opened, offset=offset, max_instants=max_instants)
     depth = StereoStudy(context)
     depth.prepare()
     points = TriangulationStudy(context)
@@ -49,9 +48,7 @@ def compared(points: TriangulationStudy, condition: Condition | None = None) -> 
 
 
 def test_points_lie_where_the_scene_is(boards: Session, tmp_path: Path) -> None:
-    rig = Rig(Dataset(boards), tmp_path)
-    rig.calibrate()
-    found = triangulate(rig, {"left": 2, "right": 2})
+    found = triangulate(OpenScene(Dataset(boards)), {"left": 2, "right": 2})
     assert len(found.points) > 100
     assert np.median(found.errors) < 0.5
     assert set(found.camera) == {0, 1}
@@ -68,9 +65,9 @@ def test_points_lie_where_the_scene_is(boards: Session, tmp_path: Path) -> None:
 def test_two_studies_that_begin_together_share_the_features_of_an_instant(
     boards: Session, tmp_path: Path
 ) -> None:
-    rig = Rig(Dataset(boards), tmp_path)
+    features = OpenScene(Dataset(boards)).features
     with ThreadPoolExecutor(2) as pool:
-        first, second = pool.map(rig.features, (2, 2))
+        first, second = pool.map(features.at_rest, (2, 2))
     assert first is second
 
 
@@ -148,9 +145,8 @@ def test_what_cannot_be_measured_is_said(
 def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, 33)
-    rig = Rig(dataset, stages, offset.step)
-    rig.calibrate()
-    return TriangulationStudy(Context(rig=rig, offset=offset, max_instants=1))
+    opened = OpenScene(dataset, stages=stages, step=offset.step)
+    return TriangulationStudy(Context(scene=opened, offset=offset, max_instants=1))
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import PERIOD_NS, Scene, make_view, write_session
 
 CAMERAS = {

@@ -54,6 +54,8 @@ class _OurMethods(ReconstructedSession):
         out: str | PathLike[str] | None = None,
         instant: int = 0,
         offset_ms: float | None = None,
+        pair: tuple[str, str] | None = None,
+        register_at: int | None = None,
     ) -> Made[PanoramaResult]: ...
     def splat(
         self,
@@ -63,6 +65,7 @@ class _OurMethods(ReconstructedSession):
         out: str | PathLike[str] | None = None,
         instant: int = 0,
         instants: tuple[int, ...] | None = None,
+        without: tuple[str, ...] = (),
         iterations: int = 50,
         width: int = 960,
         quick: bool = False,

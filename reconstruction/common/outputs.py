@@ -19,6 +19,7 @@ from reconstruction.common.geometry import Array
 METRICS = "metrics.json"
 STAGES = "stages"
 OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+OURS |= {"depth_checked.tiff", "difference.tiff", "registration.json"}
 VERSION = 11
 """Incremented whenever a stage's computation changes, so that old outputs are recomputed."""
 

@@ -144,13 +144,15 @@ class Comparison:
         self._began_s = time.monotonic()
         scene = Scene.open(session, options.time_shifts_ms)
         dataset = scene.dataset
+        scene = scene.staged(output.folder / STAGES)
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         for condition in options.conditions:
             condition.check(dataset)
         self.against = None if options.against is None else Scene(Dataset.open(options.against))
         self.output, self.options = output, options
         self.context = Context(
-            scene=scene.stepping(offset.step, output.folder / STAGES),
+            scene=scene,
+            step=offset.step,
             offset=offset,
             middle=offset.pairs[len(offset.pairs) // 2][0],
             max_instants=options.max_instants,
@@ -183,12 +185,14 @@ class Comparison:
         progress.total += sum(study.steps for study in self.chosen.values()) + len(self.options.conditions)
         progress.total += (self.against is not None) + (len(scene.dataset.cameras) > 2)
         progress.step(f"detecting motion in {scene.dataset.name}")
-        moving = scene.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
+        moving = self.context.compared.moving_share(
+            [k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)]
+        )
         self.known = structs.replace(self.known, moving_share=moving)
         progress.step("calibration")
         if not scene.problem:
             with suppress(BadInputError):
-                check = check_rig(scene.views, scene.features.middle)
+                check = check_rig(scene.views, self.context.compared.features.middle)
                 px = None if check.error_px is None else round(check.error_px, 3)
                 self.known = structs.replace(self.known, rest_error_px=px, rest_points=check.points)
         progress.step("choosing cameras")
@@ -289,7 +293,7 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
     """
     if context.scene.problem:
         return {}
-    offsets = PairOffsets(context.scene)
+    offsets = PairOffsets(context.compared)
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
     study = next(pairs, None)
     found: dict[str, Any] = {}
@@ -346,7 +350,7 @@ def _further_conditions(
         context.progress.step(f"session {other.name}")
         # The other session uses its own calibration if it has one, else this session's.
         known = against.given or (None if context.scene.problem else context.scene.calibration)
-        scene = against.stepping(context.scene.motion.step, context.scene.stages.folder).calibrated(known)
+        scene = against.staged(context.scene.stages.folder).calibrated(known)
         compared = tuple(study.compare_session(scene) for study in made)
         found.append(ConditionResult(name=other.name, session=str(other.session.folder), studies=compared))
     return tuple(found)

@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
@@ -12,7 +13,7 @@ from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
-from reconstruction.common.options import METHODS, STUDIES, checked, command_flag
+from reconstruction.common.options import METHODS, STUDIES, checked, command_flag, described
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
@@ -66,6 +67,23 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         many: Sequence[int] | None = getattr(self, "instants", None)
         return [self.instant] if many is None else many
 
+    def command_line(self, session: Path, condition: Condition, out: str) -> str:
+        """Return the command line that writes the results of `run`, in a loop if it takes one instant."""
+        flags = {one.field: one for one in described(type(self)) if one.own}
+        loop = "instants" not in flags and getattr(self, "instants", None)
+        words = ["reconstruct", self.name, str(session)]
+        for name, one in flags.items():
+            value = getattr(self, name)
+            if value != type(self).__struct_defaults__[type(self).__struct_fields__.index(name)]:
+                words += _typed(one.names[0], value)
+        if loop:
+            words += ["--instant", "$k"]
+        if condition != SYNCHRONIZED:
+            words += ["--condition", condition.option]
+        words += [*_times_typed(self.time_shifts_ms), "--out", f"{out}/$k" if loop else out]
+        line = " ".join(word if "$k" in word else quote(word) for word in words)
+        return f"for k in {' '.join(map(str, loop))}; do {line}; done" if loop else line
+
     def require(self) -> None:
         """Refuse impossible options before the session is read.
 
@@ -73,8 +91,16 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
             SimulshotError: a package or device is missing.
         """
 
-    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> Any:
-        """Reconstruct under a condition into `output.folder`, and return the result without its provenance.
+    def run(self, scene: "Scene", condition: Condition) -> Iterator[Any]:
+        """Yield the result of each of its instants under a condition, in memory; a comparison scores it.
+
+        Raises:
+            SimulshotError: the session, the condition or the options do not allow it.
+        """
+        raise NotImplementedError
+
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> Any:
+        """Run under a condition, write the result to `output.folder`, and return it without its provenance.
 
         Raises:
             SimulshotError: the session, the condition or the options do not allow it.
@@ -127,7 +153,7 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
 
     def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
         """Open the session and run on it; a method that takes images overrides this."""
-        return self.run(self.open_scene(sources[0], condition), condition, output)
+        return self.save(self.open_scene(sources[0], condition), condition, output)
 
     def open_scene(self, session: Path, condition: Condition) -> "Scene":
         """Open the session that it runs on, and check the condition.
@@ -140,6 +166,19 @@ class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         scene = Scene.open(session, self.time_shifts_ms)
         condition.check(scene.dataset)
         return scene
+
+
+def _typed(names: str, value: Any) -> list[str]:
+    """Return how an option with these names is typed."""
+    name, _, negative = names.partition("/")
+    if isinstance(value, bool):
+        return [name] if value else [negative] if negative else []
+    text = ",".join(map(str, value)) or "all" if isinstance(value, tuple) else str(value)
+    return [name, text]
+
+
+def _times_typed(time_shifts_ms: Mapping[str, float]) -> list[str]:
+    return [word for name, ms in time_shifts_ms.items() for word in ("--time-shift-ms", f"{name}={ms:g}")]
 
 
 @cache

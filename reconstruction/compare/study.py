@@ -17,6 +17,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.common.options import Pair, checked, compare_keywords
+from reconstruction.compare.method import Method
 from reconstruction.report.study_report import StudyReport
 from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
 from reconstruction.scene.instant_choice import choose_moving_instants, pair_instants
@@ -39,6 +40,8 @@ class Context:
     """Shared, constant context of all studies of a comparison."""
 
     scene: Scene
+    step: int = 1
+    """Number of instants between images of which differences are motion."""
     offset: FrameOffset | None = None
     """Offset of a pair's second camera; None = no offset."""
     middle: int = 0
@@ -51,6 +54,11 @@ class Context:
     folder: Path | None = None
     """Folder for pictures; None = no pictures."""
     progress: Progress = field(default_factory=lambda: Progress(0, silent=True))
+
+    @property
+    def compared(self) -> Scene:
+        """The scene in which moves what moves between compared instants: both conditions are scored by it."""
+        return self.scene.moving_over(self.step)
 
 
 class Study(StudyReport, ABC):
@@ -71,7 +79,7 @@ class Study(StudyReport, ABC):
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
         self.scene, self.dataset = context.scene, context.scene.dataset
-        self.motion = context.scene.motion
+        self.compared, self.motion = context.compared, context.compared.motion
         keywords = compare_keywords(self.Options)
         chosen = {keywords[k]: value for k, value in context.options.items() if k in keywords}
         self.options: Any = checked(self.Options(**chosen))
@@ -168,6 +176,15 @@ class ConditionStudy(Study):
         self.prepare()
         return self.compare(self.condition, self.context.folder)
 
+    def commands(self, method: Method, late: Condition) -> dict[str, str]:
+        """Return the command lines that write the results of a method in both conditions."""
+        timed = msgspec.structs.replace(method, time_shifts_ms=self.dataset.time_shifts_ms)
+        session = self.dataset.session.folder
+        return {
+            side: timed.command_line(session, condition, side)
+            for side, condition in zip(CONDITIONS, (SYNCHRONIZED, late), strict=True)
+        }
+
     def compare_condition(self, condition: Condition) -> StudyResult[Any]:
         """Compare a further condition, or return a skipped result with the reason."""
         if condition == self.condition:
@@ -184,9 +201,8 @@ class ConditionStudy(Study):
 
         Returns a skipped result with the reason if that is impossible.
         """
-        context = replace(
-            self.context, scene=scene, offset=None, folder=None, progress=Progress(0, silent=True)
-        )
+        quiet = Progress(0, silent=True)
+        context = replace(self.context, scene=scene, offset=None, folder=None, progress=quiet)
         twin = type(self)(replace(context, middle=len(scene.dataset.instants_ns) // 2))
         twin.condition = SYNCHRONIZED
         twin.adopt(self)
@@ -231,19 +247,25 @@ class PairStudy(ConditionStudy):
     def compare_instants(
         self,
         pairs: Sequence[tuple[int, int]],
+        condition: Condition,
         offsets_ms: dict[str, float],
         *,
-        range_instants: Sequence[int] = (),
         folder: Path | None = None,
     ) -> StudyResult[Any]:
         """Compare depth at `pairs` of instants: the first camera's, and the second's in the other condition.
-
-        The depth range is computed from `range_instants`, or from the pairs.
 
         Raises:
             ValueError: the two views overlap too little.
         """
         raise NotImplementedError
+
+    def late_condition(self, condition: Condition, offsets_ms: Mapping[str, float]) -> Condition:
+        """Return the condition by the actual delay, or one in which the first camera keeps its image."""
+        first, second = self.cameras
+        if not offsets_ms:
+            return condition.kept_at(first)
+        late_ms = offsets_ms[second] - offsets_ms[first]
+        return Condition(f"{second}={late_ms:g}ms", named_ms=((second, late_ms),))
 
     def use_pair(self, choice: PairChoice) -> None:
         """Use the chosen pair, with the second camera delayed by the context's offset.

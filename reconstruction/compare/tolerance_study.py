@@ -21,12 +21,14 @@ from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
+    SYNCHRONIZED,
     FrameOffset,
     nearest_frame_offset,
     pairs_with_images,
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import choose_moving_instants
+from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.provenance import with_provenance
 from reconstruction.scene.scene import Scene
 from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
@@ -155,20 +157,26 @@ def measure_tolerance(
         tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as output
     ):
         folder = Path(output) if isinstance(output, str) else output.folder
-        scene = opened.stepping(steps[-1].step, folder / STAGES)
+        scene = opened.staged(folder / STAGES)
         scene.check_pair(pair)
         progress = Progress(4)
         progress.step("calibration")
         scene.calibration  # noqa: B018  (may take long, and may fail)
         progress.step("choosing cameras")
         middle, _ = steps[-1].pairs[len(steps[-1].pairs) // 2]
-        context = Context(scene=scene, middle=middle, max_instants=max_instants, progress=progress)
+        context = Context(
+            scene=scene,
+            step=steps[-1].step,
+            middle=middle,
+            max_instants=max_instants,
+            progress=progress,
+        )
         study = _depth_study()(context)
         study.asked = pair
         try:
             study.prepare()
             progress.step("time offset of moving objects")
-            timing = measure_pair_timing(PairOffsets(scene), study.cameras)
+            timing = measure_pair_timing(PairOffsets(context.compared), study.cameras)
             curve = measure_curve(type(study), context, study.cameras, steps, timing)
         except ValueError as error:
             raise BadInputError(
@@ -240,7 +248,7 @@ def measure_curve(
     usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else sorted(set().union(*partners))
     if not usable:
         raise ValueError("no instant has its images at any of the offsets")
-    nows = choose_moving_instants(scene.motion, cameras, usable, context.max_instants)
+    nows = choose_moving_instants(context.compared.motion, cameras, usable, context.max_instants)
     context.progress.total += (len(nows) + 1) * len(steps)
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras
@@ -248,7 +256,7 @@ def measure_curve(
     pairs = [[(now, later[now]) for now in nows if now in later] for later in partners]
     compared = [
         structs.replace(
-            study.compare_instants(ours, {cameras[0]: 0.0, cameras[1]: step.actual_ms}, range_instants=nows),
+            study.compare_instants(ours, SYNCHRONIZED, {cameras[0]: 0.0, cameras[1]: step.actual_ms}),
             facts={"offset_frames": step.frames},
         )
         for step, ours in zip(steps, pairs, strict=True)
@@ -260,7 +268,7 @@ def measure_curve(
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
-    speed = _speed_px_per_ms(scene, cameras[0], nows)
+    speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
     own = scene.dataset.worst_residual_us()
     return OffsetTolerance(
         cameras=cameras,
@@ -278,14 +286,15 @@ def measure_curve(
     )
 
 
-def _speed_px_per_ms(scene: Scene, camera: str, nows: list[int]) -> float | None:
+def _speed_px_per_ms(motion: SceneMotion, camera: str, nows: list[int]) -> float | None:
     """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
-    times, grey = scene.dataset.instants_ns, scene.dataset.grey
+    dataset = motion.dataset
+    times, grey = dataset.instants_ns, dataset.grey
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     lengths = [np.zeros(0, np.float32)]
     for now in nows[:: max(1, len(nows) // 8)]:
-        moving = scene.motion.moving(camera, now)
-        near = next((k for k in (now + 1, now - 1) if scene.dataset.has_image(camera, k)), None)
+        moving = motion.moving(camera, now)
+        near = next((k for k in (now + 1, now - 1) if dataset.has_image(camera, k)), None)
         if near is not None and moving.any():
             found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
             lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))

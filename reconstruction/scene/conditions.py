@@ -31,15 +31,24 @@ class Condition:
     """One number: the delay of every second camera; else one for each camera, in the session's order."""
     named_ms: tuple[tuple[str, float], ...] = ()
     """Delays by camera; cameras that are not named have none."""
+    anchor: str = ""
+    """Camera that shows the instant itself, as delays count from its own; empty: they count from the instant.
+
+    Drawn delays are then drawn until the burst has all their images.
+    """
 
     @classmethod
     def parse(cls, text: str) -> "Condition":
         """Parse `synced`, `distinct`, `MS` (every second camera), `MS,MS,...` or `CAMERA=MS,CAMERA=MS,...`.
 
+        `@CAMERA` after it names the `anchor`.
+
         Raises:
             BadInputError: the text is none of these.
         """
-        text = text.strip()
+        text, at, anchor = text.strip().partition("@")
+        if at:
+            return cls.parse(text).kept_at(anchor.strip())
         if text in (SYNCED, DISTINCT):
             return cls(text)
         parts = [part.rpartition("=") for part in text.split(",")]
@@ -60,10 +69,23 @@ class Condition:
         named = tuple(zip(cameras, late_ms, strict=True))
         return cls("_".join(f"{camera}={ms:g}" for camera, ms in named) + "ms", named_ms=named)
 
+    def kept_at(self, camera: str) -> "Condition":
+        """Return the condition in which a camera shows the instant itself; the synchronized one stays."""
+        name = self.name.partition("@")[0]
+        return self if name == SYNCED else replace(self, name=f"{name}@{camera}", anchor=camera)
+
+    @property
+    def option(self) -> str:
+        """The text that `parse` reads."""
+        listed = ",".join(f"{ms:g}" for ms in self.listed_ms)
+        named = ",".join(f"{camera}={ms:g}" for camera, ms in self.named_ms)
+        text = listed or named or (DISTINCT if self.drawn else SYNCED)
+        return f"{text}@{self.anchor}" if self.anchor else text
+
     @property
     def drawn(self) -> bool:
         """Whether offsets are drawn separately for every instant."""
-        return self.name == DISTINCT
+        return self.name.partition("@")[0] == DISTINCT
 
     def offsets_ms(self, cameras: Sequence[str], instant: int, draw: int = 0) -> tuple[float, ...]:
         """Return each camera's delay, ms; empty if all are synchronized.
@@ -71,6 +93,13 @@ class Condition:
         Drawn delays depend only on the instant and the number of the draw. They all differ if possible:
         cameras with equal offsets agree with each other and hide the effect.
         """
+        found = self._offsets_ms(cameras, instant, draw)
+        if not self.anchor or not found:
+            return found
+        own_ms = found[cameras.index(self.anchor)]
+        return tuple(ms - own_ms for ms in found)
+
+    def _offsets_ms(self, cameras: Sequence[str], instant: int, draw: int) -> tuple[float, ...]:
         if self.drawn:
             source = random.Random(f"{DISTINCT} {instant}" + (f" {draw}" if draw else ""))
             rounds = -(-len(cameras) // len(DISTINCT_MS))
@@ -87,7 +116,7 @@ class Condition:
         Raises:
             BadInputError: it names unknown cameras, or has more or fewer.
         """
-        for name, _ in self.named_ms:
+        for name in (*dict(self.named_ms), *filter(None, [self.anchor])):
             dataset.session.camera(name)
         if len(self.listed_ms) > 1:
             dataset.require_offset_each(self.listed_ms)

@@ -65,25 +65,22 @@ def relative_offsets_ms(
     return {c: late_ms[c] - late_ms[reference] for c in cameras} if late_ms else {}
 
 
-def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
-    """Return the instant that each camera shows when the reference shows `instant`.
+def instants_shown(dataset: Dataset, condition: Condition, instant: int) -> dict[str, int]:
+    """Return the instant that each camera shows for an instant in a condition.
 
-    Only the differences of a condition's offsets matter. The reference therefore keeps its own image, so that
-    everything judged on its pixels is the same in every condition. Offsets are drawn until they fit into the
-    burst.
+    Delays that are drawn, and count from those of an `anchor`, are drawn until they fit into the burst.
 
     Raises:
-        ValueError: the burst is too short on one side of this instant.
+        BadInputError: there is no such instant, or the burst is too short on one side of it.
     """
-    place = dataset.cameras.index(reference)
-    for draw in range(MAX_DRAWS if condition.drawn else 1):
-        offsets = condition.offsets_ms(dataset.cameras, instant, draw)
+    draws = MAX_DRAWS if condition.drawn and condition.anchor else 1
+    for draw in range(draws):
         try:
-            return dataset.nearest_instants(instant, [ms - offsets[place] for ms in offsets])
-        except BadInputError as error:
-            problem = str(error)
-    too_short = f"the burst is too short to draw different offsets around instant {instant}"
-    raise ValueError(too_short if condition.drawn else problem)
+            return dataset.nearest_instants(instant, condition.offsets_ms(dataset.cameras, instant, draw))
+        except BadInputError:
+            if draws == 1:
+                raise
+    raise BadInputError(f"the burst is too short to draw different offsets around instant {instant}")
 
 
 def complete_instants(
@@ -91,7 +88,8 @@ def complete_instants(
 ) -> list[ShownInstant]:
     """Return the instants with images of the most cameras, both synchronized and in `condition`.
 
-    At least `min_cameras` cameras must have both images. Instants are numbered as the `reference` shows them.
+    At least `min_cameras` cameras must have both images. The reference keeps its own image, so that all that
+    is judged on its pixels is the same in every condition.
 
     Raises:
         ValueError: there is no such instant, or the condition is the synchronized one under another name.
@@ -100,8 +98,8 @@ def complete_instants(
     problem = "no instant has its pictures in both conditions"
     for instant in dataset.instants(reference):
         try:
-            shown = instants_shown(dataset, condition, reference, instant)
-        except ValueError as error:
+            shown = instants_shown(dataset, condition.kept_at(reference), instant)
+        except BadInputError as error:
             problem = str(error)
         else:
             with_images = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
@@ -149,8 +147,8 @@ def _drawn_pairs(
     dataset: Dataset, condition: Condition, first: str, second: str
 ) -> Iterator[tuple[int, int]]:
     for instant in range(len(dataset.instants_ns)):
-        with suppress(ValueError):
-            yield instant, instants_shown(dataset, condition, first, instant)[second]
+        with suppress(BadInputError):
+            yield instant, instants_shown(dataset, condition.kept_at(first), instant)[second]
 
 
 def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> FrameOffset:

@@ -1,9 +1,10 @@
 """Scene: a session and what is known of it, chosen once: images, calibration, views, motion, features."""
 
-from collections.abc import Container, Mapping, Sequence
-from functools import cached_property
+import threading
+from collections.abc import Callable, Container, Hashable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from reconstruction.scene.features_at_rest import SceneFeatures
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import PairChoice, choose_panorama_pair, choose_stereo_pair
 
+T = TypeVar("T")
+
 
 class Scene:
     """A session, its calibration and unit, the views of its cameras, and what moves.
@@ -32,12 +35,11 @@ class Scene:
         calibration: Calibration | None = None,
         *,
         stages: Path | None = None,
-        step: int = 1,
         scale_error: float = 0.0,
     ) -> None:
         """`calibration` replaces the session's own; `stages` is the folder of the stage cache, None = none.
 
-        `step` is as in `SceneMotion`. `scale_error` is the relative standard deviation of the calibration's
+        `scale_error` is the relative standard deviation of the calibration's
         scale; 0 = as exact as its poses.
         """
         self.dataset = dataset
@@ -45,8 +47,17 @@ class Scene:
         """The calibration of the session or its rig; None if there is none."""
         self.scale_error = scale_error
         self.stages = StageCache(stages, dataset.fingerprint(self.given))
-        self.motion = SceneMotion(dataset, step)
+        self.motion = SceneMotion(dataset, 1)
         self.features = SceneFeatures(self.motion)
+        self._made = dict[Hashable, Any]()
+        self._lock = threading.RLock()
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what `make` returns for a key; runs of one scene share it."""
+        with self._lock:
+            if key not in self._made:
+                self._made[key] = make()
+            return cast("T", self._made[key])
 
     @classmethod
     def open(cls, folder: Path, shifts_ms: Mapping[str, float] | None = None, **settings: Any) -> Self:
@@ -66,13 +77,23 @@ class Scene:
             self.dataset,
             calibration or self.given,
             stages=self.stages.folder,
-            step=self.motion.step,
             scale_error=scale_error,
         )
 
-    def stepping(self, step: int, stages: Path | None) -> "Scene":
-        """Return the scene with what moves within `step` instants, and a stage cache in a folder."""
-        return Scene(self.dataset, self.given, stages=stages, step=step, scale_error=self.scale_error)
+    def staged(self, stages: Path | None) -> "Scene":
+        """Return the scene with a stage cache in a folder."""
+        return Scene(self.dataset, self.given, stages=stages, scale_error=self.scale_error)
+
+    def moving_over(self, step: int) -> "Scene":
+        """Return the scene in which moves what moves within `step` instants: for scores, not for methods."""
+
+        def make() -> Scene:
+            other = copy(self)
+            other.motion = SceneMotion(self.dataset, step)
+            other.features = SceneFeatures(other.motion)
+            return other
+
+        return self.once(("moving over", step), make)
 
     def fitted(self, **work: Any) -> "Scene":
         """Return the scene at a size that fits the memory budget; see `Dataset.fitted`."""
@@ -83,7 +104,6 @@ class Scene:
             dataset,
             self.given,
             stages=self.stages.folder,
-            step=self.motion.step,
             scale_error=self.scale_error,
         )
 
@@ -95,16 +115,12 @@ class Scene:
             NotAvailableError: COLMAP is required and is not installed here.
             BadInputError: no calibration can be found.
         """
-        if isinstance(self._calibrated, Exception):
-            raise self._calibrated
-        return self._calibrated[0]
+        return self._require()[0]
 
     @property
     def views(self) -> Mapping[str, View]:
         """The views of the calibrated cameras; raises as `calibration`."""
-        if isinstance(self._calibrated, Exception):
-            raise self._calibrated
-        return self._calibrated[1]
+        return self._require()[1]
 
     @property
     def known_views(self) -> Mapping[str, View]:
@@ -119,7 +135,8 @@ class Scene:
     @property
     def problem(self) -> str:
         """Why no calibration can be found; empty if one is."""
-        return str(self._calibrated) if isinstance(self._calibrated, Exception) else ""
+        found = self._calibrated
+        return str(found) if isinstance(found, Exception) else ""
 
     @property
     def source(self) -> str:
@@ -131,8 +148,17 @@ class Scene:
         """The unit of length of every depth."""
         return "" if self.problem else self.calibration.unit
 
-    @cached_property
+    @property
     def _calibrated(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
+        return self.once("calibrated", self._calibrate)
+
+    def _require(self) -> tuple[Calibration, dict[str, View]]:
+        found = self._calibrated
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _calibrate(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
         try:
             found = self.given or self.stages.record("calibration", Calibration, self._guess)
             return found, calibrated_views(self.dataset, found)

@@ -88,6 +88,8 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
     """Whether it was skipped because it was not requested."""
     failed: bool = False
     """Whether it was skipped because of a bug."""
+    commands: dict[str, str] = {}
+    """Command line, by condition, that writes the files whose score the measures are; empty for a check."""
     measures: tuple[Measure, ...] = ()
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """Rows with `instant`, its facts, and each measure as `synced_*` and `offset_*`."""

@@ -21,7 +21,7 @@ class Average(Method, frozen=True, kw_only=True):
 
     count: Annotated[int, command_flag("--count", ge=1, metavar="N", help="Average this many images.")] = 4
 
-    def run(self, scene: Any, condition: Any, output: Any) -> AverageResult:
+    def save(self, scene: Any, condition: Any, output: Any) -> AverageResult:
         import numpy as np
 
         from reconstruction.common.image_files import save_picture

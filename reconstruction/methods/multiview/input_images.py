@@ -14,7 +14,7 @@ from reconstruction.common.worker_pool import SWEEP_BYTES, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
 from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.moving_pixels import dilate
+from reconstruction.scene.moving_pixels import SceneMotion, dilate
 from reconstruction.scene.pairs import detect_features
 from reconstruction.scene.scene import Scene
 
@@ -92,22 +92,25 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     return InputImage(camera, instant, colours, photo, view)
 
 
-def fit_depth(scene: Scene) -> Scene:
-    """Return the scene at a size at which depth of all cameras fits the memory budget.
+def prepare_images(scene: Scene, width_px: int | None = None) -> "InputImages":
+    """Return a scene's images at a width, None = one at which depth of all cameras fits the memory budget.
 
     Raises:
         NotApplicableError: it has one camera only.
-        BadInputError: it takes too much memory at any size.
+        BadInputError: it takes too much memory at any size, or has no calibration.
     """
     cameras = len(scene.dataset.cameras)
     scene.dataset.require_cameras(2, "depth needs two that see the same from different places")
+    if width_px is not None:
+        return InputImages(scene, width_px)
     workers = max_workers()
-    return scene.fitted(
+    fitted = scene.fitted(
         images=cameras,
         bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / cameras,
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         fraction=0.9,
     )
+    return InputImages(fitted)
 
 
 def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
@@ -130,15 +133,26 @@ class InputImages:
     Images wider than `width_px` are reduced to it; None = no limit.
     """
 
-    def __init__(self, scene: Scene, width_px: int | None = None, cached: int = 0) -> None:
-        """`cached`: number of images that are kept. Raises as `Scene.views`."""
-        self.scene, self.dataset, self.motion = scene, scene.dataset, scene.motion
+    def __init__(
+        self,
+        scene: Scene,
+        width_px: int | None = None,
+        cached: int = 0,
+        motion: SceneMotion | None = None,
+    ) -> None:
+        """`cached`: number of images that are kept. `motion`: what moves, for scores.
+
+        Raises as `Scene.views`.
+        """
+        self.scene, self.dataset, self.motion = scene, scene.dataset, motion or scene.motion
         self.views = {
             name: resize_view(view, width_px, round(view.height * (width_px / view.width)))
             if width_px is not None and view.width > width_px
             else view
             for name, view in scene.views.items()
         }
+        self.plain_views = {name: view.undistorted for name, view in self.views.items()}
+        """The views of undistorted images."""
         self._image = lru_cache(maxsize=cached)(self._load)
 
     def usable(self, shown: Mapping[str, int]) -> tuple[dict[str, InputImage], dict[str, str]]:
@@ -208,6 +222,6 @@ class InputImages:
         moving = None
         # Planes are fitted to blank walls, not to what moves in front; nor is that part of the still scene.
         if len(self.dataset.instants(camera)) > 1:
-            moving = self.undistort_mask(camera, self.motion.widened_moving(camera, instant))
+            moving = self.undistort_mask(camera, self.scene.motion.widened_moving(camera, instant))
         step_ns = self.dataset.steps_ns[camera]
         return replace(found, calibrated=replace(found.calibrated, moving=moving), step_ns=step_ns)

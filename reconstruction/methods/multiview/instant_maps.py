@@ -2,13 +2,14 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
@@ -31,6 +32,8 @@ from reconstruction.methods.multiview.matcher import (
 )
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import instants_shown
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,19 +77,60 @@ class InstantMaps:
         }
 
 
+def match_instants(
+    inputs: InputImages,
+    instants: Sequence[int],
+    condition: Condition,
+    matcher: ChosenMatcher,
+    *,
+    without: Collection[str] = (),
+    progress: Progress,
+) -> Iterator[InstantMaps]:
+    """Yield the depth of each instant under a condition; several share what stands still.
+
+    Of several, an instant that cannot be reconstructed is left out.
+
+    Raises:
+        BadInputError: there is no such instant, or none has depth.
+    """
+    still, seen, many = StillScene(), False, len(instants) > 1
+    if many:
+        progress.total = len(instants)
+    for instant in instants:
+        if many:
+            progress.step(f"instant {instant}")
+        try:
+            found = match_instant(
+                inputs,
+                instant,
+                condition,
+                matcher,
+                still,
+                Progress(0, silent=True) if many else progress,
+                without=without,
+            )
+        except BadInputError:
+            if seen or instant != instants[-1]:
+                continue
+            raise
+        seen = True
+        yield found
+
+
 def match_instant(
     inputs: InputImages,
     instant: int,
-    shown: Mapping[str, int],
+    condition: Condition,
     matcher: ChosenMatcher,
     still: StillScene,
     progress: Progress,
     *,
+    without: Collection[str] = (),
     later_steps: int = 0,
     workspace: Path | None = None,
     on_pair: Callable[[CalibratedImage, CalibratedImage, tuple[float, float]], None] | None = None,
 ) -> InstantMaps:
-    """Compute the depth of the images that cameras have `shown` for an instant, by those of their step.
+    """Compute the depth of an instant's images under a condition, by those of their step.
 
     `still` is the still scene found at earlier instants; it also stores the new results. COLMAP's workspace
     is written to `workspace` if given. `later_steps` is the number of progress lines after this.
@@ -96,7 +140,8 @@ def match_instant(
         BadInputError: no two cameras can measure depth.
     """
     begin_s = time.monotonic()
-    usable, left_out = inputs.usable(shown)
+    shown = instants_shown(inputs.dataset, condition, instant)
+    usable, left_out = inputs.usable({camera: k for camera, k in shown.items() if camera not in without})
     progress.total = len(usable) + later_steps
     progress.step("the scene's range of depth")
     calibrated = {camera: image.calibrated for camera, image in usable.items()}

@@ -1,7 +1,7 @@
 """Depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -38,36 +38,28 @@ from reconstruction.methods.multiview.matcher import (
     image_views,
 )
 from reconstruction.methods.multiview.mesh import build_mesh
-from reconstruction.methods.multiview.multiview_method import RESULT, Multiview
-from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
+from reconstruction.methods.multiview.result import (
+    CONFIDENCE,
+    FILES,
+    FUSED,
+    POINTS,
+    RESULT,
+    WORKSPACE,
+    MultiviewResult,
+    ViewResult,
+)
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.report.embedding import embed_image, view_clouds
-from reconstruction.report.page import REPORT, Section, render_page, write_page
+from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.wording import percentage
+from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.study_result import InstantClouds
 from reconstruction.scores.truth import DepthShares, depth_shares
 
-POINTS = "points.ply"
-FILES = (POINTS, REPORT)
-FUSED, WORKSPACE = "fused.ply", "workspace"
-CONFIDENCE = "confidence"
-"""Folder of the pictures of confidence, and the name of the maps in the files of depth."""
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
-OURS = {
-    *FILES,
-    PAIR_DEPTH,
-    RESULT,
-    "depth",
-    CONFIDENCE,
-    WORKSPACE,
-    FUSED,
-    "cloud.ply",
-    "mesh.ply",
-    "turntable.png",
-}
 
 
 class MadeMultiview(Made[MultiviewResult]):
@@ -105,73 +97,80 @@ class MadeMultiview(Made[MultiviewResult]):
 
 def model_instant(
     inputs: InputImages,
+    condition: Condition,
+    instant: int,
     matcher: ChosenMatcher,
-    options: Multiview,
     part: Path,
-    progress: Progress | None = None,
+    *,
+    without: Collection[str] = (),
+    mesh: bool = False,
+    cloud: bool = False,
+    workspace: bool = False,
+    check: bool = True,
+    quick: bool = False,
     still: StillScene | None = None,
     early: OutputFolder | None = None,
+    progress: Progress,
 ) -> MultiviewResult:
     """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
-    `still` is the still scene found at earlier instants. `early`: the output folder of `part`, which shows
-    two cameras' depth (`PAIR_DEPTH`) until all is done.
+    `cloud` also cleans the fused cloud; `workspace` writes COLMAP's; `check` checks the calibration, without
+    which maps have no confidence; `quick` does not score the cloud. `still` is the still scene found at
+    earlier instants. `early`: the output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`)
+    until all is done, and then a page.
 
     Raises:
-        BadInputError: the instant or the offsets cannot be used, or nothing was found.
+        BadInputError: the instant or the condition cannot be used, or nothing was found.
     """
-    scene, dataset, progress = inputs.scene, inputs.dataset, progress or Progress(0, silent=True)
+    scene, dataset = inputs.scene, inputs.dataset
     found = match_instant(
         inputs,
-        options.instant,
-        options.shown(dataset),
+        instant,
+        condition,
         matcher,
         still or StillScene(),
         progress,
-        later_steps=3 if options.mesh or options.cloud else 2,
-        workspace=part / WORKSPACE if options.workspace else None,
+        without=without,
+        later_steps=3 if mesh or cloud else 2,
+        workspace=part / WORKSPACE if workspace else None,
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = found.images, found.sources, found.rough, found.maps
     marks = {"begin": time.monotonic()}
-    check = check_images(found.usable) if options.check else None
-    misfit_px = None if check is None else check.error_px
-    confidence = (
-        measure_confidence(images, sources, maps, misfit_px, scene.scale_error) if options.check else {}
-    )
+    checked = check_images(found.usable) if check else None
+    misfit_px = None if checked is None else checked.error_px
+    confidence = measure_confidence(images, sources, maps, misfit_px, scene.scale_error) if check else {}
     marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
-    cloud = found.cloud
-    if not len(cloud.points):
+    fused = found.cloud
+    if not len(fused.points):
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
             hint="cameras must see the same things, at the same time, from different places, "
             "and their calibration must be this rig's",
         )
-    write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
+    write_ply(part / FUSED, PointCloud(fused.points, fused.colours), fused.normals)
     marks["fusion"] = time.monotonic()
     scored = tuple(
         write_view(dataset, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
     )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    moving_score = (
-        None if options.quick else score_moving(dataset, images, scene.unit, options.instant, cloud)
-    )
+    moving_score = None if quick else score_moving(dataset, images, scene.unit, instant, fused)
     marks["judging"] = time.monotonic()
-    points, triangles = len(cloud.points), 0
+    points, triangles = len(fused.points), 0
     files: tuple[str, ...] = ()
-    if options.mesh or options.cloud:
-        progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(cloud, part, views, maps, pictures, mesh=bool(options.mesh))
+    if mesh or cloud:
+        progress.step("cloud, mesh and pictures" if mesh else "cleaning the cloud")
+        points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=mesh)
         marks["mesh"] = time.monotonic()
     reference = found.reference
     image, depth = images[reference], maps[reference].depth
     ranges = [rough.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
-        instant=options.instant,
-        offsets_ms=options.offsets_ms,
+        instant=instant,
+        offsets_ms=condition.offsets_ms(dataset.cameras, instant),
         matcher=matcher.name,
         matcher_note=matcher.note,
         calibration=scene.source,
@@ -179,28 +178,28 @@ def model_instant(
         reference=reference,
         **_figures(next(view for view in scored if view.camera == reference)),
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
-        rest_points=0 if check is None else check.points,
+        rest_points=0 if checked is None else checked.points,
         scale_error=round(scene.scale_error, 4),
         movers_1cm=moving_score,
-        moving_measured=measured_fraction(image, depth) if options.page else None,
+        moving_measured=measured_fraction(image, depth) if early is not None else None,
         nearest=min(nearest for nearest, _ in ranges),
         farthest=max(farthest for _, farthest in ranges),
         views=scored,
         left_out=dict(found.left_out),
-        fused_points=len(cloud.points),
+        fused_points=len(fused.points),
         cloud_points=points,
         mesh_triangles=triangles,
         files=(
             FUSED,
             *files,
-            *(FILES if options.page else ()),
-            *((WORKSPACE,) if options.workspace else ()),
+            *(FILES if early is not None else ()),
+            *((WORKSPACE,) if workspace else ()),
             RESULT,
         ),
         seconds_of={name: round(s, 3) for name, s in found.seconds_of.items()} | _stage_seconds(marks),
     )
-    if options.page:
-        write_moment(result, image, depth, cloud, part)
+    if early is not None:
+        write_moment(result, image, depth, fused, part)
     return result
 
 

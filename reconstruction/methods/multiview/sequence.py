@@ -16,7 +16,6 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.exported_burst import mask_path
@@ -27,14 +26,10 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
-from reconstruction.depth.seen_moment import SeenInstant
-from reconstruction.methods.multiview.input_images import InputImages, fit_depth
-from reconstruction.methods.multiview.instant_maps import match_instant
-from reconstruction.methods.multiview.instant_model import FUSED, model_instant
-from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
-from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import refine_calibration
-from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
+from reconstruction.methods.multiview.input_images import InputImages, prepare_images
+from reconstruction.methods.multiview.instant_model import model_instant
+from reconstruction.methods.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.result import FUSED, SequenceInstant, SequenceResult
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
@@ -87,6 +82,8 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     depth: bool
     quick: bool = False
     whole: bool = True
+    without: tuple[str, ...] = ()
+    width: int | None = None
 
     def difference(self, earlier: "SequencePlan") -> str:
         """Describe the first setting in which an earlier plan differs; empty if they are equal."""
@@ -191,66 +188,76 @@ def _read(path: Path, form: type[Form]) -> Form | None:
         return None
 
 
-def model_sequence(scene: Scene, out: Path, options: Multiview, condition: Condition) -> SequenceResult:
-    """Compute a cloud of each of the options' instants in `out`; existing clouds are reused.
+def model_sequence(
+    scene: Scene,
+    out: Path,
+    condition: Condition,
+    matcher: ChosenMatcher,
+    *,
+    instants: Sequence[int] = (),
+    without: Sequence[str] = (),
+    width: int | None = None,
+    mesh: bool = False,
+    depth: bool = False,
+    quick: bool = False,
+    whole: bool = False,
+    rrd: bool = False,
+    time_shifts_ms: dict[str, float],
+    progress: Progress,
+) -> SequenceResult:
+    """Compute a cloud of each of the instants (none = all) in `out`; existing clouds are reused.
 
-    An instant that cannot be reconstructed is left out, with the reason.
+    An instant that cannot be reconstructed is left out, with the reason. `mesh` and `depth` also write meshes
+    and maps; `whole` matches the still scene again at every instant; `rrd` writes a recording for Rerun.
 
     Raises:
         BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
             a cloud.
-        NotAvailableError: the requested matcher, COLMAP, Open3D or Rerun is not available.
         TryAgainError: another run is writing to `out`.
     """
     began = time.monotonic()
-    if options.mesh:
-        require_reconstruction("open3d", "making meshes")
-    if options.rrd:
-        load_optional("rerun", "rerun", "the .rrd format")
-    matcher = choose_matcher(options.matcher, quick=options.quick)
-    chosen = scene.dataset.chosen_instants(options.instants)
-    if options.refine:
-        scene = refine_calibration(scene)
-    dataset = scene.dataset
+    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(instants)
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        time_shifts_ms=dict(options.time_shifts_ms),
+        time_shifts_ms=time_shifts_ms,
         matcher=matcher.name,
-        mesh=bool(options.mesh),
-        depth=options.depth,
-        quick=options.quick,
-        whole=options.whole,
+        mesh=mesh,
+        depth=depth,
+        quick=quick,
+        whole=whole,
+        without=tuple(without),
+        width=width,
     )
     with SequenceFolder.opened(out, plan) as folder:
-        progress, still = options.progress, StillScene()
+        still = StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
-        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + rrd
         if missing_masks:
             write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
         scene = _calibrated(scene, folder)
-        inputs = InputImages(fit_depth(scene))
+        inputs = prepare_images(scene, width)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
         progress.done += len(earlier)
         every = []
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            if options.whole:
+            if whole:
                 still = StillScene()
             every.append(
-                earlier.get(instant) or _make(inputs, still, matcher, options, condition, instant, folder)
+                earlier.get(instant) or _make(inputs, still, matcher, plan, condition, instant, folder)
             )
         if not any(one.cloud for one in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
                 hint="choose other --instants, or calibrate the rig again",
             )
-        if options.rrd:
+        if rrd:
             progress.step("the recording")
             clouds = [one for one in every if one.cloud]
             write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
@@ -261,44 +268,9 @@ def model_sequence(scene: Scene, out: Path, options: Multiview, condition: Condi
             masks=masks,
             files=folder.files,
         )
-        result = with_provenance(result, began, options.time_shifts_ms)
+        result = with_provenance(result, began, time_shifts_ms)
         write_atomic(out / RESULT, pretty_json(result))
     return result
-
-
-def see_instants(inputs: InputImages, options: Multiview, condition: Condition) -> Iterator[SeenInstant]:
-    """Yield each of the options' instants with depth, in memory; several share what stands still.
-
-    Of several, an instant that cannot be reconstructed is left out.
-
-    Raises:
-        BadInputError: there is no such instant, or none has depth.
-    """
-    dataset, progress, still = inputs.dataset, options.progress, StillScene()
-    chosen = dataset.chosen_instants(options.listed_instants)
-    matcher, silent, seen = options.chosen_matcher, Progress(0, silent=True), False
-    if len(chosen) > 1:
-        progress.total = len(chosen)
-    for instant in chosen:
-        if len(chosen) > 1:
-            progress.step(f"instant {instant}")
-        offsets_ms = condition.offsets_ms(dataset.cameras, instant)
-        each = Multiview(instant=instant, offsets_ms=offsets_ms, without=options.without)
-        try:
-            found = match_instant(
-                inputs,
-                instant,
-                each.shown(dataset),
-                matcher,
-                still,
-                silent if len(chosen) > 1 else progress,
-            )
-        except BadInputError:
-            if not seen and instant == chosen[-1]:
-                raise
-            continue
-        seen = True
-        yield SeenInstant(instant, found.moment, found.left_out)
 
 
 def cloud_file(instant: int) -> str:
@@ -320,7 +292,7 @@ def _make(
     inputs: InputImages,
     still: StillScene,
     matcher: ChosenMatcher,
-    options: Multiview,
+    plan: SequencePlan,
     condition: Condition,
     instant: int,
     folder: SequenceFolder,
@@ -329,24 +301,27 @@ def _make(
     work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        each = Multiview(
-            instant=instant,
-            offsets_ms=options.offsets_ms or condition.offsets_ms(dataset.cameras, instant),
-            mesh=options.mesh,
-            cloud=False,
-            workspace=False,
-            quick=options.quick,
+        found = model_instant(
+            inputs,
+            condition,
+            instant,
+            matcher,
+            work,
+            without=plan.without,
+            mesh=plan.mesh,
+            quick=plan.quick,
             # Only saved maps have a confidence, which needs the check.
-            check=options.depth,
+            check=plan.depth,
+            still=still,
+            progress=Progress(0, silent=True),
         )
-        found = model_instant(inputs, matcher, each, work, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
         _place(work / FUSED, out / cloud_file(instant))
-        if options.mesh and found.mesh_triangles:
+        if plan.mesh and found.mesh_triangles:
             _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
-        for view in found.views if options.depth else ():
+        for view in found.views if plan.depth else ():
             _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
         done = SequenceInstant(
             instant=instant,

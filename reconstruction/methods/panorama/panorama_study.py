@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
@@ -11,7 +12,7 @@ from reconstruction.compare.study import PairStudy, write_pictures
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.panorama_method import Panorama
-from reconstruction.methods.panorama.registration import PanoramaStitcher
+from reconstruction.methods.panorama.panorama_run import RegisteredInstant, register_at
 from reconstruction.report import wording
 from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
 from reconstruction.report.study_report import Claim, MeasureText, StudyText
@@ -131,18 +132,15 @@ class PanoramaStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or their images cannot be stitched.
         """
-        self.use_pair(self.scene.choose_panorama_pair(self.asked, self.context.middle))
+        self.use_pair(self.compared.choose_panorama_pair(self.asked, self.context.middle))
         first, second = self.cameras
         self.progress.step(f"registering {first} and {second}")
         instants, _ = self.instant_pairs(SYNCHRONIZED)
         now, _ = min(instants, key=lambda pair: abs(pair[0] - self.context.middle))
-        images, moving = (
-            {name: read(name, now) for name in self.cameras}
-            for read in (self.dataset.image, self.motion.widened_moving)
-        )
-        known = {name: view for name, view in self.scene.known_views.items() if name in self.cameras}
-        self.stitcher = PanoramaStitcher(images, moving, known)
+        self.stitcher = register_at(self.scene, self.cameras, now)
         """Registers, projects and composes the pair."""
+        self.register_at = now
+        images = {name: self.dataset.image(name, now) for name in self.cameras}
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
@@ -150,10 +148,19 @@ class PanoramaStudy(PairStudy):
         """Measure a condition in the overlap, before seams and blending; see `ConditionStudy.compare`."""
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
-        tally = Tally()
-        for now, later in pairs:
+        options: Panorama = self.options
+        nows = tuple(now for now, _ in pairs)
+        method = msgspec.structs.replace(
+            options, pair=self.cameras, instants=nows, register_at=self.register_at
+        )
+        tally, late = Tally(), self.late_condition(condition, offsets_ms)
+        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        for synced, offset in zip(*both, strict=True):
+            now, later = synced.instant, offset.shown[second]
             self.progress.step(f"panorama {first}-{second}, instant {now}")
-            measured = {"synced": self._measure(now, later, now), "offset": self._measure(now, later, later)}
+            measured = {
+                side: self._measure(one, later) for side, one in (("synced", synced), ("offset", offset))
+            }
             tally.add(measured, {"instant": now, "offset_instant": later})
         moving = [measured["synced"].shares["mover_found"][1] for measured, _ in tally.rows]
         return StudyResult(
@@ -161,6 +168,7 @@ class PanoramaStudy(PairStudy):
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,
+            commands=self.commands(method, late),
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
@@ -173,12 +181,13 @@ class PanoramaStudy(PairStudy):
             {first: self.dataset.image(first, now), second: self.dataset.image(second, shown)}
         )
 
-    def _measure(self, now: int, later: int, shown: int) -> Measurements:
-        """Measure misalignment where the first camera's image at `now` overlaps the second's at `shown`.
+    def _measure(self, one: RegisteredInstant, later: int) -> Measurements:
+        """Measure misalignment where both cameras' images overlap, without a seam.
 
-        It is measured on movers and on the control: pixels that are still at both `now` and `later`.
+        It is measured on movers and on the control: pixels that are still at both the instant and `later`.
         """
         first, second = self.cameras
+        now, shown = one.shown[first], one.shown[second]
         a, b = self._layers(now, shown).values()
         overlap = overlap_of(a, b)
         assert overlap is not None

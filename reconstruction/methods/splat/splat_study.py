@@ -10,14 +10,12 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.moments import see_moments
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
-from reconstruction.methods.splat.optimization import optimize
+from reconstruction.methods.splat.gaussians import render_gaussians
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.report.findings import EACH_DELAYED
 from reconstruction.report.study_report import MeasureText, StudyText
-from reconstruction.scene.conditions import Condition
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
@@ -172,7 +170,7 @@ class SplatStudy(ConditionStudy):
             centres = {name: self.scene.views[name].centre for name in self.cameras}
             middle = np.mean(list(centres.values()), axis=0)
             self.reference = min(centres, key=lambda name: float(np.linalg.norm(centres[name] - middle)))
-        self.made = dict[tuple[tuple[str, int], ...], _Splat]()
+        self.made = dict[tuple[object, ...], _Splat]()
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
         """Compare a condition at the instant with most motion; see `ConditionStudy.compare`.
@@ -181,7 +179,11 @@ class SplatStudy(ConditionStudy):
             ValueError: the burst does not contain this condition, or no three cameras have depth.
         """
         shown = self._instant(condition)
-        splats = {side: self._splat(side, one, shown.instant) for side, one in shown.by_condition.items()}
+        late = condition.kept_at(self.reference)
+        splats = {
+            "synced": self._splat("synced", shown, SYNCHRONIZED),
+            "offset": self._splat("offset", shown, late),
+        }
         view = self.scene.views[self.reference]
         truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
         moving, still = self._masks(view, shown)
@@ -197,6 +199,7 @@ class SplatStudy(ConditionStudy):
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
+            commands=self.commands(self.method(shown), late),
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
@@ -219,20 +222,27 @@ class SplatStudy(ConditionStudy):
             max(chosen, key=lambda k: float(self.motion.detected_moving(self.reference, k).mean()))
         ]
 
-    def _splat(self, side: str, shown: Mapping[str, int], instant: int) -> _Splat:
-        """Return the splat of the pictures shown, without the reference; the same one is made once."""
-        if (known := self.made.get(key := tuple(shown.items()))) is not None:
+    def method(self, one: ShownInstant) -> SplatMethod:
+        """Return the method whose results are scored, with the options of its command."""
+        options: SplatMethod = self.options
+        return msgspec.structs.replace(
+            options,
+            instants=(one.instant,),
+            without=tuple(c for c in self.dataset.cameras if c == self.reference or c not in one.shown),
+            iterations=ITERATIONS,
+            width=WIDTH_PX,
+            quick=True,
+        )
+
+    def _splat(self, side: str, one: ShownInstant, condition: Condition) -> _Splat:
+        """Return the splat of an instant's pictures without the reference; the same one is made once."""
+        shown = one.by_condition[side]
+        if (known := self.made.get(key := (one.instant, *shown.items()))) is not None:
             return known
         self.progress.step(f"a splat without {self.reference}, {side}")
-        times = self.dataset.instants_ns
-        late = tuple((name, (times[k] - times[instant]) / 1e6) for name, k in shown.items())
-        without = [name for name in self.dataset.cameras if name == self.reference or name not in shown]
-        condition = Condition(side, named_ms=late)
-        (seen,) = see_moments(self.scene, [instant], condition, without=without, quick=True)
-        moment = {name: one.resized(WIDTH_PX) for name, one in seen.moment.items()}
-        splat, _ = optimize(make_gaussians(moment), moment, ITERATIONS)
-        picture = render_gaussians(splat, self.scene.views[self.reference].undistorted)
-        self.made[key] = _Splat(picture, len(splat))
+        (found,) = self.method(one).run(self.scene, condition)
+        picture = render_gaussians(found.splat, self.scene.views[self.reference].undistorted)
+        self.made[key] = _Splat(picture, len(found.splat))
         return self.made[key]
 
     def _masks(self, view: View, shown: ShownInstant) -> tuple[Array, Array]:

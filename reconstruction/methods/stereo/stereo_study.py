@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from reconstruction.common.drawing import (
@@ -19,15 +20,15 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import Context, PairStudy, write_pictures
 from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import (
     DepthMap,
     StereoPair,
     epipolar_errors,
-    find_disparity_range,
 )
+from reconstruction.methods.stereo.stereo_run import prepare_pair
 from reconstruction.report import wording
 from reconstruction.report.findings import (
     CLEAR_FRACTION,
@@ -46,7 +47,7 @@ from reconstruction.report.study_report import (
     MeasureText,
     StudyText,
 )
-from reconstruction.scene.conditions import Condition
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
@@ -61,9 +62,6 @@ from reconstruction.scores.truth import (
     true_depth_in_unit,
 )
 
-RANGE_INSTANTS = 8
-BYTES_PER_PIXEL = 150
-"""Memory of an instant's matching and checks, per pixel, beside what the matcher reserves."""
 FALLEN_CONTROL = 0.1
 """Lost fraction of still pixels from which timing is not the only cause."""
 WHY = """
@@ -291,49 +289,47 @@ class StereoStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or one of them has no calibration.
         """
-        self.use_pair(self.scene.choose_stereo_pair(self.asked, self.context.middle))
+        self.use_pair(self.compared.choose_stereo_pair(self.asked, self.context.middle))
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
         """Compare a condition at its instants; see `ConditionStudy.compare`."""
         pairs, offsets_ms = self.instant_pairs(condition)
-        return self.compare_instants(pairs, offsets_ms, folder=folder)
+        return self.compare_instants(pairs, condition, offsets_ms, folder=folder)
 
     def compare_instants(
         self,
         pairs: Sequence[tuple[int, int]],
+        condition: Condition,
         offsets_ms: dict[str, float],
         *,
-        range_instants: Sequence[int] = (),
         folder: Path | None = None,
     ) -> StudyResult[None]:
         """Compare depth at pairs of instants; see `PairStudy.compare_instants`."""
         reference, other = self.cameras
         self.progress.step(f"depth range of {reference} and {other}")
-        try:
-            disparities = self._disparities(tuple(range_instants or dict(pairs)))
-        except ValueError as error:
-            raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = StereoPair(self.scene.views[reference], self.scene.views[other], disparities)
-
-        def depth(pair: tuple[int, int]) -> dict[str, DepthMap]:
-            now, later = pair
-            self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            return {"synced": self._depth(matcher, now, now), "offset": self._depth(matcher, now, later)}
+        options: Stereo = self.options
+        method = msgspec.structs.replace(options, pair=self.cameras, instants=tuple(now for now, _ in pairs))
+        late = self.late_condition(condition, offsets_ms)
 
         def measure(one: StereoInstant) -> tuple[dict[str, Measurements], dict[str, float]]:
             facts: dict[str, float] = {"instant": one.now, "offset_instant": one.shown["offset"]}
             facts["mover_pixels"] = int(one.moving.sum())
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
-        size = BYTES_PER_PIXEL * self.scene.views[reference].width * self.scene.views[reference].height
-        with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
-            instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
+        found = []
+        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        for synced, offset in zip(*both, strict=True):
+            self.progress.step(f"stereo {reference}-{other}, instant {synced.instant}")
+            found.append({"synced": synced.checked, "offset": offset.checked})
+        with worker_pool() as pool:
+            instants = self._instants(pairs, found, prepare_pair(self.scene, self.cameras))
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,
+            commands=self.commands(method, late),
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
@@ -345,38 +341,6 @@ class StereoStudy(PairStudy):
         reference, other = (self.scene.views[name] for name in self.cameras)
         depth = np.frombuffer(still, np.float32).reshape(reference.height, reference.width)
         return project_into_other(reference, other, depth)
-
-    def _disparities(self, nows: tuple[int, ...]) -> tuple[float, float]:
-        """Return the pair's disparity range from synchronized images, cached on disk."""
-        grey, (reference, other) = self.dataset.grey, self.cameras
-        views = self.scene.views[reference], self.scene.views[other]
-
-        def find() -> tuple[float, float]:
-            moving = self.motion.detected_moving
-            chosen = nows[:: max(1, len(nows) // RANGE_INSTANTS)]
-            images = [(grey(reference, k), grey(other, k), moving(reference, k)) for k in chosen]
-            return find_disparity_range(views, images)
-
-        return self.scene.stages.record(
-            "disparities", tuple[float, float], find, reference, other, nows, repr(views)
-        )
-
-    def _depth(self, matcher: StereoPair, now: int, shown: int) -> DepthMap:
-        """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
-        reference, other = self.cameras
-        return self.scene.stages.arrays(
-            "depth",
-            DepthMap,
-            lambda: matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown)),
-            reference,
-            other,
-            repr((self.scene.views[reference], self.scene.views[other])),
-            # Ranges that round to the same search, such as the tolerance curve's, share their depth.
-            (matcher.min_disparity, matcher.num_disparities),
-            matcher.scale,
-            now,
-            shown,
-        )
 
     def _instants(
         self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair

@@ -42,8 +42,8 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
 
         return OutputFolder(out, replaces_only({TABLE, self.result_file}))
 
-    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
-        """Find the object in all frames, and fit its path; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
+        """Find the object in all frames, and fit its path; see `Method.save`."""
         from reconstruction.methods.trajectory.trajectory_run import follow
 
         return follow(scene, self.instants, output.folder, self.progress)

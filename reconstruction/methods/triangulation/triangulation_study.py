@@ -325,7 +325,7 @@ class TriangulationStudy(ConditionStudy):
         return self.scene.stages.arrays(
             "triangulation",
             SeenPoints,
-            lambda: triangulate(self.scene, shown),
+            lambda: triangulate(self.compared, shown),
             tuple(shown.items()),
             [repr(self.scene.views[camera]) for camera in shown],
             library_versions()["pycolmap"],

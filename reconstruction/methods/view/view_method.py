@@ -107,11 +107,22 @@ class ViewMethod(Method, frozen=True, kw_only=True):
             write_film(out, Path(scratch, "made"), result)
         return result
 
-    def run(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "ViewResult":
-        """Compute depth, and render the views; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "ViewResult":
+        """Compute depth, and render the views; see `Method.save`."""
         from reconstruction.methods.view.view_run import render_views
 
-        return render_views(scene, condition, self, output.folder, self.progress)
+        return render_views(
+            scene,
+            condition,
+            output.folder,
+            path=self.path,
+            frames=self.frames,
+            fps=self.fps,
+            instants=self.listed_instants,
+            quick=self.quick,
+            page=self.page,
+            progress=self.progress,
+        )
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""

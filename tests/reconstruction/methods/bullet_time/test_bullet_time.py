@@ -245,7 +245,7 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_animation_has_views_between_cameras_that_have_depth(tmp_path: Path) -> None:
     dataset = Dataset.open(Path(__file__).parents[4] / "sample_sessions" / "jumper")
-    sweep = render_camera_sweep(OpenScene(dataset, step=2), tmp_path, CompareResult(), 1)
+    sweep = render_camera_sweep(OpenScene(dataset), tmp_path, CompareResult(), 1)
     assert sweep is not None
     assert len(sweep.synced) == 5
     done, animation = cv2.imreadanimation(str(tmp_path / sweep.file))

@@ -70,7 +70,7 @@ class FakePoses(PoseStudy):
 
 def study(session: Session, folder: Path, kind: type[PoseStudy] = PoseStudy) -> PoseStudy:
     dataset = Dataset(session)
-    return kind(Context(scene=OpenScene(dataset, stages=folder, step=2)))
+    return kind(Context(scene=OpenScene(dataset, stages=folder), step=2))
 
 
 def compared(poses: PoseStudy, condition: Condition) -> StudyResult[Any]:

@@ -33,8 +33,8 @@ def study(
 ) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
-    opened = OpenScene(dataset, stages=stages, step=offset.step)
-    context = Context(scene=opened, offset=offset, max_instants=max_instants)
+    opened = OpenScene(dataset, stages=stages)
+    context = Context(scene=opened, step=offset.step, offset=offset, max_instants=max_instants)
     depth = StereoStudy(context)
     depth.prepare()
     points = TriangulationStudy(context)
@@ -145,8 +145,8 @@ def test_what_cannot_be_measured_is_said(
 def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, 33)
-    opened = OpenScene(dataset, stages=stages, step=offset.step)
-    return TriangulationStudy(Context(scene=opened, offset=offset, max_instants=1))
+    opened = OpenScene(dataset, stages=stages)
+    return TriangulationStudy(Context(scene=opened, step=offset.step, offset=offset, max_instants=1))
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ def test_colmaps_command_reads_it(exported: tuple[Session, Path], tmp_path: Path
 
 
 def test_a_gltf_library_has_the_cameras(exported: tuple[Session, Path]) -> None:
-    pygltflib = pytest.importorskip("pygltflib")
+    pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed")
     session, out = exported
     calibration = session.calibration()
     assert calibration is not None

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, read_splats, write_splats
+from tests.project import ROOT
 from tests.unit.reconstruction.depth.moments import moment
 
 PLY = "splat.ply"
+SPLAT_TRANSFORM = shutil.which("splat-transform") or shutil.which(
+    "splat-transform", path=str(ROOT / ".venv/readers/node_modules/.bin")
+)
 SPZ_STEP = 1 / 4096
 """Resolution of places in a .spz file, in the calibration's unit."""
 
@@ -23,7 +27,7 @@ def splat(tmp_path: Path) -> Gaussians:
 
 
 def test_gsply_reads_it_and_its_spz_keeps_the_places(splat: Gaussians, tmp_path: Path) -> None:
-    gsply = pytest.importorskip("gsply")
+    gsply = pytest.importorskip("gsply", reason="gsply is not installed")
     shown = gsply.plyread(str(tmp_path / PLY))
     assert np.array_equal(shown.means, splat.places)
     assert np.allclose(np.exp(shown.scales), splat.sizes, rtol=1e-5)
@@ -32,10 +36,10 @@ def test_gsply_reads_it_and_its_spz_keeps_the_places(splat: Gaussians, tmp_path:
     assert np.abs(gsply.read_spz(str(tmp_path / "splat.spz")).means - splat.places).max() <= SPZ_STEP
 
 
-@pytest.mark.skipif(shutil.which("splat-transform") is None, reason="splat-transform is not installed")
+@pytest.mark.skipif(SPLAT_TRANSFORM is None, reason="splat-transform is not installed")
 def test_splat_transform_reads_it_and_writes_spz(splat: Gaussians, tmp_path: Path) -> None:
     for name in ("splat.csv", "splat.spz"):
-        subprocess.run(["splat-transform", tmp_path / PLY, tmp_path / name], check=True, capture_output=True)
+        subprocess.run([SPLAT_TRANSFORM, tmp_path / PLY, tmp_path / name], check=True, capture_output=True)
     with (tmp_path / "splat.csv").open() as file:
         rows = list(csv.DictReader(file))
     places = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])

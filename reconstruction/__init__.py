@@ -18,7 +18,7 @@ _PUBLIC = {
 
 def _methods() -> dict[str, Any]:
     """Return the installed methods that have a command, by the names of their classes."""
-    from reconstruction.compare.method import methods
+    from reconstruction.method.interface import methods
 
     return {method.__name__: method for method in methods().values() if method.help}
 

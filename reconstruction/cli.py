@@ -21,7 +21,7 @@ from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
-from reconstruction.compare.method import methods
+from reconstruction.method.interface import methods
 
 
 class _Application(click.Group):

@@ -21,14 +21,14 @@ from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions, compare
-from reconstruction.compare.method import Method, methods
 from reconstruction.depth.live_depth import LiveDepth
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.interface import Method, methods
 from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
 
 

@@ -27,6 +27,7 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.method.truth import right_depth
 from reconstruction.methods.multiview.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.methods.multiview.input_images import (
     InputImage,
@@ -39,7 +40,6 @@ from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.truth import right_depth
 
 FITTED = "plain", "blank-attic"
 SESSIONS = tuple(Path("sample_sessions") / name for name in ("jumper", "pinwheel", "naive"))

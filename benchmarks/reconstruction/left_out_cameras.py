@@ -14,13 +14,13 @@ from typing import Any
 from benchmarks.reconstruction.novel_views import turned
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.errors import NotApplicableError
-from reconstruction.compare.moments import see_moments
 from reconstruction.depth.seen_moment import find_subject
 from reconstruction.depth.view_blending import render
+from reconstruction.method.moments import see_moments
+from reconstruction.method.picture_quality import psnr, ssim
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.picture_quality import psnr, ssim
 
 ITERATIONS = 50
 

@@ -28,10 +28,10 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
 from reconstruction.depth.view_blending import render
+from reconstruction.method.picture_quality import psnr, ssim
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.scores.picture_quality import psnr, ssim
 
 MARGIN_PX = 9
 ITERATIONS = 10, 25, 50

@@ -27,9 +27,9 @@ from benchmarks.reconstruction.verdict_takes import (
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.compare.tolerance_study import measure_tolerance
+from reconstruction.method.timing import Timing, measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.timing import Timing, measure_pair_timing
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 SAME_FRAMES = 0.1

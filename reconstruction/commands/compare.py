@@ -9,11 +9,11 @@ import click
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
-from reconstruction.compare.method import compare_options, study_names
+from reconstruction.method.interface import compare_options, study_names
 from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
-    from reconstruction.scores.comparison_results import OffsetTolerance
+    from reconstruction.method.comparison_results import OffsetTolerance
 
 
 def _refuse_synced(

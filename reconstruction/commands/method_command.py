@@ -16,7 +16,7 @@ from reconstruction.commands.command_options import (
     out_option,
     time_shift_option,
 )
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import SYNCED, Condition
 
 

@@ -18,13 +18,15 @@ from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.method import compare_options
-from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
+from reconstruction.method.comparison_results import CompareResult, ConditionResult
+from reconstruction.method.interface import compare_options
+from reconstruction.method.study import TIMING, ConditionStudy, Context, PairStudy, Study
+from reconstruction.method.study_report import study_reports
+from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
+from reconstruction.pages.page import REPORT
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
-from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import study_reports
 from reconstruction.scene.calibration.consistency import check_rig
 from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
@@ -36,8 +38,6 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import fixed_offsets_ms
 from reconstruction.scene.provenance import with_provenance
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 T = TypeVar("T")

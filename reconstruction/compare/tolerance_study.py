@@ -15,9 +15,19 @@ from msgspec import structs
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
-from reconstruction.compare.study import Context, PairStudy
-from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import study_reports
+from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
+from reconstruction.method.study import Context, PairStudy
+from reconstruction.method.study_report import study_reports
+from reconstruction.method.study_result import Interval, StudyResult
+from reconstruction.method.tally import MIN_COUNT, MIN_FOR_INTERVAL
+from reconstruction.method.timing import (
+    Timing,
+    measure_pair_timing,
+    with_curve_peak,
+    with_depth,
+    with_depth_runs,
+)
+from reconstruction.pages.page import REPORT
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
@@ -31,16 +41,6 @@ from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.provenance import with_provenance
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
-from reconstruction.scores.study_result import Interval, StudyResult
-from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
-from reconstruction.scores.timing import (
-    Timing,
-    measure_pair_timing,
-    with_curve_peak,
-    with_depth,
-    with_depth_runs,
-)
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 Point = StudyResult[dict[str, int]]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from reconstruction.common.options import command_flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.provenance import Provenance
 
 

@@ -5,12 +5,12 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.options import flag
-from reconstruction.compare.study import Study
-from reconstruction.report import wording
-from reconstruction.report.study_report import MeasureText, StudyText
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.method.study import Study
+from reconstruction.method.study_report import MeasureText, StudyText
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.tally import Measurements, Tally
 
 SECTION = """
 <section aria-labelledby="{{ section.anchor }}">

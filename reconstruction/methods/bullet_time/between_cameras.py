@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.compare.moments import see_moments
 from reconstruction.depth.view_blending import render
+from reconstruction.method.moments import see_moments
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.scene import Scene
 

@@ -15,21 +15,21 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
+from reconstruction.common import wording
 from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.study import TIMING, Study
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.study import TIMING, Study
+from reconstruction.method.study_report import read_words
+from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.bullet_time.between_cameras import film_between
 from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
-from reconstruction.report import wording
-from reconstruction.report.study_report import StudyText
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
 
 MAX_CAMERAS = 20
 PANEL_PX = 400
@@ -54,56 +54,6 @@ MAX_CANDIDATES = 6
 """Number of candidate instants, of which the one with the most motion is chosen."""
 MIN_MOVING_PX = 40
 """Minimum number of moving pixels in an image that locate the subject."""
-SECTION = """
-{% set sweep = view.found.facts %}
-{% macro reel(tone, title, paths, times) %}
-<div class="side {{ tone }}"><span class="tag">{{ title }}<span class="now"></span></span>
-<div class="reel">
-{%- for camera in sweep.cameras %}
-{% set picture = image(paths[loop.index0]) %}
-{% set time = times[loop.index0] if times else "" %}
-{% set words = camera + ", " + time if time else camera %}
-<span class="frame" data-camera="{{ camera }}" data-time="{{ time }}">
-<img alt="{{ words }}" width="{{ picture.width }}" height="{{ picture.height }}"
- src="{{ picture.address }}"><small>{{ words }}</small></span>
-{%- endfor -%}
-</div></div>
-{% endmacro %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>Time stands still while the view goes from camera to camera,
-{{ "in the order of their positions" if sweep.ordered_by_position else "by name" }}: the effect called bullet
-time. It takes synchronized cameras{{ "; these were not, so what moves jumps" if view.conditions.apart }}.
-Beside it, each camera is late or early by a different time, as without synchronization (its picture is from
-another instant of the burst): what stands still looks the same, what moves jumps.</p>
-<figure class="sweep" aria-label="{{ section.title }}">
-<div class="reels">
-{{ reel("synced", view.conditions.first, sweep.synced, ()) }}
-{{ reel("offset", "Unsynchronized", sweep.offset, sweep.offsets_ms|map("timeliness")|list) }}
-</div>
-<div class="controls">
-<button type="button" class="play">Play</button>
-<button type="button" class="step" data-step="-1" aria-label="Previous camera">◂</button>
-<input class="at" type="range" min="0" max="{{ sweep.cameras|length - 1 }}" step="1" value="0"
- aria-label="Camera">
-<button type="button" class="step" data-step="1" aria-label="Next camera">▸</button>
-<span class="where" aria-hidden="true"></span>
-</div>
-{% set before, after = sweep.synced_step_px, sweep.offset_step_px %}
-<figcaption>Instant {{ sweep.instant }}.
-{% if sweep.stabilized %}
-Each picture is turned and zoomed as a whole so that what moves stays in its place; no pixel is invented.
-{% else %}
-The pictures are as the cameras took them.
-{% endif %}
-{% if before is not none and after is not none and after >= 1.5 * before %}
-The largest moving thing shifts by at most {{ before|quantity("px") }} from one picture to the next; without
-synchronization, {{ after|quantity("px") }}.
-{% endif %}
-As a file to share: <code>{{ sweep.file }}</code>.</figcaption>
-</figure>
-</section>
-"""
 
 
 class BulletTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -261,14 +211,7 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
 class BulletTimeStudy(Study):
     """One instant from camera to camera, beside delayed cameras."""
 
-    text = StudyText(
-        name="bullet_time",
-        subject="bullet time",
-        place=60,
-        section=SECTION,
-        title="From camera to camera",
-        section_place=20,
-    )
+    text = read_words(__package__)
     needs = (TIMING,)
     Options = BulletTimeSweep
 

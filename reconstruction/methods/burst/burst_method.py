@@ -1,6 +1,6 @@
 """Pictures of the burst: the method."""
 
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 
 
 class PictureGrid(Method, frozen=True, kw_only=True):

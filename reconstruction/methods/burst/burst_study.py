@@ -8,53 +8,20 @@ import cv2
 import numpy as np
 
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.study import Study
-from reconstruction.report.study_report import StudyText
+from reconstruction.method.study import Study
+from reconstruction.method.study_report import read_words
+from reconstruction.method.study_result import StudyResult
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scores.study_result import StudyResult
 
 MAX_CAMERAS, MAX_INSTANTS = 20, 8
 WIDTH_PX = 160
-SECTION = """
-{% set burst = view.found.facts %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>Each row is a camera, each column an instant. The pictures of one column were recorded as one instant; an
-offset takes one camera's picture from another column.</p>
-<div class="wide" role="region" aria-label="Pictures of the burst">
-<table class="burst">
-<tr><td></td>{% for ms in burst.times_ms %}<th scope="col">{{ ms|round|milliseconds }}</th>{% endfor %}</tr>
-{% for camera in burst.cameras %}
-<tr><th scope="row">{{ camera }}</th>
-{% for path in burst.thumbnails[loop.index0] %}
-{% if path %}
-{% set picture = image(path) %}
-{% set label = camera + ", instant " + burst.instants[loop.index0]|string %}
-<td><img alt="{{ label }}" title="{{ label }}" width="{{ picture.width }}" height="{{ picture.height }}"
- src="{{ picture.address }}"></td>
-{% else %}
-<td>none</td>
-{% endif %}
-{% endfor %}
-</tr>
-{% endfor %}
-</table></div>
-</section>
-"""
 
 
 class BurstStudy(Study):
     """Study with small pictures of the burst, which show the source of delayed images."""
 
-    text = StudyText(
-        name="burst",
-        subject="pictures of the burst",
-        place=70,
-        section=SECTION,
-        title="The burst",
-        section_place=30,
-    )
+    text = read_words(__package__)
 
     @classmethod
     def files(cls, found: StudyResult[dict[str, Any]]) -> dict[str, Sequence[str]]:

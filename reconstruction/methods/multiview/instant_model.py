@@ -19,9 +19,12 @@ from reconstruction.common.drawing import colour_confidence, colour_depth, displ
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.outputs import Made
+from reconstruction.common.wording import percentage
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.plane_sweep import PlaneSweep
+from reconstruction.method.study_result import InstantClouds
+from reconstruction.method.truth import DepthShares, depth_shares
 from reconstruction.methods.multiview.confidence import measure_support
 from reconstruction.methods.multiview.fusion import FusedCloud
 from reconstruction.methods.multiview.input_images import (
@@ -50,13 +53,10 @@ from reconstruction.methods.multiview.result import (
 )
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.report.embedding import embed_image, view_clouds
-from reconstruction.report.page import Section, render_page, write_page
-from reconstruction.report.wording import percentage
+from reconstruction.pages.embedding import embed_image, view_clouds
+from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scores.study_result import InstantClouds
-from reconstruction.scores.truth import DepthShares, depth_shares
 
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""

@@ -8,6 +8,8 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.kernels import call_kernel, floats
+from reconstruction.method.tally import Measurements, measure_depth
+from reconstruction.method.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
 from reconstruction.methods.multiview.fusion import FusedCloud, project_points, surface_points
 from reconstruction.methods.multiview.input_images import InputImage, InputImages, undistorted_truth
 from reconstruction.methods.multiview.instant_depth import InstantDepth, confirm
@@ -15,8 +17,6 @@ from reconstruction.methods.multiview.result import CloudScore
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import dilate
-from reconstruction.scores.tally import Measurements, measure_depth
-from reconstruction.scores.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
 
 TOLERANCE_M = 0.01
 """Distance within which a point is right, and a true surface is found."""

@@ -13,13 +13,22 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.common import wording
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
+from reconstruction.method.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.method.study_report import (
+    read_words,
+)
+from reconstruction.method.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.method.tally import CONDITIONS, Tally
+from reconstruction.method.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.input_images import InputImages
 from reconstruction.methods.multiview.instant_depth import InstantDepth
@@ -27,10 +36,7 @@ from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
 from reconstruction.methods.multiview.mesh import draw_clouds
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.report import wording
-from reconstruction.report.embedding import view_clouds
-from reconstruction.report.findings import EACH_DELAYED, depth_sentence
-from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText, StudyText
+from reconstruction.pages.embedding import view_clouds
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -38,10 +44,6 @@ from reconstruction.scene.instant_choice import (
     complete_instants,
     relative_offsets_ms,
 )
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
-from reconstruction.scores.tally import CONDITIONS, Tally
-from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 
 MIN_POINTS = 500
 """Minimum points of a synchronized cloud worth showing."""
@@ -62,28 +64,6 @@ FUSED = Picture(
     caption="The same distances, fused into points by COLMAP's stereo fusion, from six places. Dense "
     "matching is by our sweep, or by COLMAP's PatchMatch where there is CUDA.",
 )
-SECTION = """
-{% from "figures.html" import figure with context %}
-{% from "tables.html" import table, folded %}
-{% set many = view.found %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>Distance from {{ many.cameras|length|count("camera") }} at once: it counts only where several of
-them agree. {{ view.delays|keep_units }}</p>
-{% set cloud = view.cloud %}
-{% if cloud %}
-{% include "cloud.html" %}
-{% endif %}
-{% for picture in many.pictures %}
-{{ figure(picture, view.conditions, view.engine if loop.first) }}
-{% endfor %}
-{{ table(view.table) }}
-{% for camera, why in view.found.facts.left_out.items() %}
-<p class="quiet">No depth of {{ camera }}: {{ why }}.</p>
-{% endfor %}
-{{ folded("Every instant, all cameras", view.instants) }}
-</section>
-"""
 
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
@@ -137,64 +117,7 @@ class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
 class MultiviewStudy(ConditionStudy):
     """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
 
-    text = StudyText(
-        name="multiview",
-        subject="depth from all cameras",
-        place=10,
-        replaces="stereo",
-        term="All cameras",
-        caption="Depth from {cameras}, as {reference} sees it",
-        measures=(
-            *CORRECT,
-            MeasureText(
-                "coverage",
-                COVERAGE,
-                "Share for which at least three cameras agree on a distance. More is better.",
-            ),
-            MeasureText(
-                "consistency",
-                "Confirmed by other cameras",
-                "Share whose distance two other cameras find independently, before other checks. "
-                "More is better.",
-            ),
-            MeasureText(
-                "photometric_error",
-                "Brightness mismatch",
-                "The other pictures are laid over this one by the distances found; this is how far the "
-                "brightness differs, of 255. Less is better.",
-                wording.PLAIN,
-            ),
-            MeasureText(
-                "points",
-                POINTS,
-                "In the cloud fused from all cameras, the median over the instants.",
-                wording.COUNT,
-            ),
-            MeasureText(
-                "f_score",
-                "Reconstructed surface",
-                "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
-                "and nothing else. More is better.",
-            ),
-            MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
-            MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
-        ),
-        condition_columns=(
-            ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
-            ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
-        ),
-        instant_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("mover_points", POINTS),
-        ),
-        section=SECTION,
-        title="With all cameras at once",
-        section_place=50,
-        scripts=("cloud.js",),
-        engine="Distances are found by {matcher}.",
-        details="pictures {width} px wide",
-    )
+    text = read_words(__package__)
     Options = Multiview
 
     @classmethod

@@ -3,10 +3,10 @@
 from msgspec import Struct, field
 
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
-from reconstruction.report.page import REPORT
+from reconstruction.method.truth import DepthShares
+from reconstruction.pages.page import REPORT
 from reconstruction.scene.calibration.consistency import describe_misfit
 from reconstruction.scene.provenance import Provenance
-from reconstruction.scores.truth import DepthShares
 
 RESULT = "multiview.json"
 POINTS = "points.ply"

@@ -8,7 +8,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.options import Pair, command_flag, flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import MAX_OFFSET_MS, SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:

@@ -6,21 +6,21 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import PairStudy, write_pictures
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import CLEAR_FRACTION, late_text, percent
+from reconstruction.method.study import PairStudy, write_pictures
+from reconstruction.method.study_report import Claim, read_words
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import Measurements, Tally
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.panorama_method import Panorama
 from reconstruction.methods.panorama.panorama_run import RegisteredInstant, register_at
-from reconstruction.report import wording
-from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
-from reconstruction.report.study_report import Claim, MeasureText, StudyText
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.moving_pixels import dilate
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
 
 MIN_GREY_LEVELS = 12
 """Difference between the conditions below which it is noise."""
@@ -46,51 +46,12 @@ TEXTS = (
         "leaving one of them out or by cutting through it.",
     ),
 )
-WHY = """
-<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
-there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_offset_ms|walking_distance }}</p>
-"""
 
 
 class PanoramaStudy(PairStudy):
     """Panorama of two cameras, synchronized and offset, registered once by the still scene."""
 
-    text = StudyText(
-        name="panorama",
-        subject="panorama",
-        place=40,
-        term="Panorama",
-        caption="Panorama of cameras {names}",
-        measures=(
-            MeasureText(
-                "misfit_px",
-                "Misfit",
-                "How far apart the two pictures show the same point, without a seam; the median. "
-                "Less is better.",
-                wording.PIXELS,
-            ),
-            MeasureText(
-                "found",
-                "Found again",
-                "Share of the points with structure that the other picture shows within reach. "
-                "More is better.",
-            ),
-            MeasureText(
-                "points",
-                "Points measured",
-                "Number of points of an instant that were found again.",
-                wording.COUNT,
-            ),
-            MeasureText(
-                "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
-            ),
-        ),
-        condition_columns=(("mover_misfit_px", "Panorama: misfit of moving things"),),
-        missing="No panorama was made",
-        hero="panorama",
-        why=WHY,
-        engine="The panorama is put together by OpenCV.",
-    )
+    text = read_words(__package__)
     Options = Panorama
     needs_calibration = False
 

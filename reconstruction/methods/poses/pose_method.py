@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from reconstruction.common.options import flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 
 
 class PoseEstimation(Method, frozen=True, kw_only=True):

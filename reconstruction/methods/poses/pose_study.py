@@ -11,21 +11,21 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
-from reconstruction.compare.study import UNASKED, ConditionStudy
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED, percent
+from reconstruction.method.study import UNASKED, ConditionStudy
+from reconstruction.method.study_report import read_words
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.tally import Measurements, Tally
 from reconstruction.methods.poses.pose_method import PoseEstimation
-from reconstruction.report import wording
-from reconstruction.report.charts import Axes
-from reconstruction.report.findings import EACH_DELAYED, percent
-from reconstruction.report.study_report import MeasureText, StudyText
+from reconstruction.pages.charts import Axes
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import complete_instants, relative_offsets_ms
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.tally import Measurements, Tally
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
@@ -35,37 +35,6 @@ MAX_INSTANTS = 5
 IMAGES = "images"
 DATABASE = "database.db"
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
-SECTION = """
-{% from "charts.html" import frame %}
-{% from "tables.html" import table %}
-{% set poses = view.found %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>Nothing can be measured before it is known where the cameras stand. Here that is estimated from the
-pictures of one instant alone, as it must be for cameras that move.
-{% if poses.facts.degraded %}
-So much of these pictures moves that delays put the cameras in wrong places.
-{% else %}
-Enough of these pictures stands still to place the cameras equally well without synchronization.
-{% endif %}
-</p>
-<div class="curve">
-{% set chart = view.chart %}
-{% if chart.bars %}
-{% call frame(chart) %}
-{% for tone, x, y, height in chart.bars %}
-<rect x="{{ x }}" y="{{ y }}" width="{{ chart.bar_width }}" height="{{ height }}" fill="var(--{{ tone }})"/>
-{% endfor %}
-{% endcall %}
-{% endif %}
-<div><p class="key"><span class="tag synced">{{ view.conditions.first }}</span>
-<span class="tag offset">{{ view.conditions.late_head }}</span></p>
-<p>{{ view.delays|keep_units }}</p>
-<p class="quiet">Compared with: {{ poses.facts.truth_source|keep_units }}.
-{%- if poses.reason %} Reason for this test: {{ poses.reason|keep_units }}.{% endif %}</p></div></div>
-{{ table(view.table) }}
-</section>
-"""
 Pose = tuple[Array, Array]
 """Rotation 3x3 and translation (3,), camera from world."""
 ImageKey = tuple[str, int]
@@ -219,44 +188,7 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
 class PoseStudy(ConditionStudy):
     """Camera poses of single instants, compared with the calibration."""
 
-    text = StudyText(
-        name="poses",
-        subject="poses",
-        place=50,
-        term="Poses by instant",
-        caption="Poses of {cameras}, each instant by itself",
-        measures=(
-            MeasureText(
-                "registered",
-                "Cameras placed",
-                "Of {number}, the median over the instants. More is better.",
-                wording.PLAIN,
-            ),
-            MeasureText(
-                "correct_pairs",
-                "Camera pairs placed correctly",
-                "Share of all pairs whose angle and direction are correct within {tolerance}. "
-                "More is better.",
-            ),
-            MeasureText(
-                "rotation_deg",
-                "Angle error",
-                "Of the angle between two placed cameras, the median over the pairs. Less is better.",
-                wording.DEGREES,
-            ),
-            MeasureText(
-                "direction_deg",
-                "Direction error",
-                "Of the direction from one camera to the other, the median over the pairs. Less is better.",
-                wording.DEGREES,
-            ),
-        ),
-        control=False,
-        condition_columns=(("correct_pairs", "Camera pairs placed correctly"),),
-        section=SECTION,
-        title="Where the cameras stand",
-        section_place=60,
-    )
+    text = read_words(__package__)
     packages = ("pycolmap",)
     Options = PoseEstimation
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
 from reconstruction.common.options import command_flag, flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
 
     def run(self, scene: "Scene", condition: Condition) -> "Iterator[SplatMoment]":
         """Yield the splat of each instant; see `Method.run`."""
-        from reconstruction.compare.moments import see_moments
+        from reconstruction.method.moments import see_moments
         from reconstruction.methods.splat.splat_run import optimize_moments
 
         scene.require_calibration()
@@ -122,7 +122,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
         if self.page:
-            from reconstruction.report.walk_page import PAGE
+            from reconstruction.pages.walk_page import PAGE
 
             yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

@@ -16,6 +16,7 @@ from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
 from reconstruction.depth.seen_moment import Moment, SeenInstant, find_subject
+from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,
@@ -25,10 +26,9 @@ from reconstruction.methods.splat.gaussians import (
 )
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_page import write_splat_page
-from reconstruction.report.walk_page import PAGE
+from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.picture_quality import psnr
 
 SPLATS = "splats"
 OURS = {SPLATS, PAGE}

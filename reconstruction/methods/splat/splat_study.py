@@ -10,11 +10,15 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED
+from reconstruction.method.picture_quality import psnr, ssim
+from reconstruction.method.study import UNASKED, ConditionStudy, write_pictures
+from reconstruction.method.study_report import read_words
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import Measurements, Tally
 from reconstruction.methods.splat.gaussians import render_gaussians
 from reconstruction.methods.splat.splat_method import SplatMethod
-from reconstruction.report.findings import EACH_DELAYED
-from reconstruction.report.study_report import MeasureText, StudyText
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -23,10 +27,6 @@ from reconstruction.scene.instant_choice import (
     relative_offsets_ms,
 )
 from reconstruction.scene.moving_pixels import dilate
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.picture_quality import psnr, ssim
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
 
 MIN_CAMERAS = 4
 """Depth takes three; the fourth is left out."""
@@ -49,21 +49,6 @@ CLOSE_UP = Picture(
     caption="Left: the picture of {reference}, which the splat never saw. Right: the splat.",
     panels=2,
 )
-SECTION = """
-{% from "figures.html" import figure with context %}
-{% from "tables.html" import table %}
-{% set splat = view.found %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>A Gaussian splat of instant {{ splat.facts.instant }}, made from
-{{ splat.facts.made_from|length|count("camera") }} and seen from the place of {{ splat.facts.reference }},
-whose picture was left out. {{ view.delays|keep_units }}</p>
-{% for picture in splat.pictures %}
-{{ figure(picture, view.conditions) }}
-{% endfor %}
-{{ table(view.table) }}
-</section>
-"""
 
 
 class SplatFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -90,26 +75,7 @@ class _Splat(NamedTuple):
 class SplatStudy(ConditionStudy):
     """A splat of one instant in any condition, judged by the picture of a camera that was left out."""
 
-    text = StudyText(
-        name="splat",
-        subject="splats",
-        place=55,
-        term="Splats",
-        caption="A splat of {made_from}, beside the picture of {reference}",
-        measures=(
-            MeasureText(
-                "psnr",
-                "PSNR of the view",
-                "Of the splat, against the picture of {reference}, which it never saw. More is better.",
-                DECIBEL,
-            ),
-        ),
-        condition_columns=(("mover_psnr", "Splat: PSNR of what moves"),),
-        section=SECTION,
-        title="The moment as a splat",
-        section_place=25,
-        details="{iterations} iterations",
-    )
+    text = read_words(__package__)
     needs_calibration = True
     min_cameras = MIN_CAMERAS
     Options = SplatMethod

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.errors import BadInputError
 from reconstruction.common.options import Pair, command_flag, flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:

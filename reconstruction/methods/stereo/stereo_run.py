@@ -15,6 +15,7 @@ from reconstruction.common.image_files import save_picture, write_image
 from reconstruction.common.options import Pair
 from reconstruction.common.outputs import Made
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
+from reconstruction.method.truth import fraction_right
 from reconstruction.methods.stereo.stereo_pair import (
     DepthMap,
     FilledDepthMap,
@@ -27,7 +28,6 @@ from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.truth import fraction_right
 
 DEPTH, FILLED, CHECKED, DIFFERENCE = (
     "depth.tiff",

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.drawing import (
     EMPTY,
     box_around,
@@ -21,39 +22,17 @@ from reconstruction.common.drawing import (
 )
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.study import Context, PairStudy, write_pictures
-from reconstruction.methods.stereo.stereo_method import Stereo
-from reconstruction.methods.stereo.stereo_pair import (
-    DepthMap,
-    StereoPair,
-    epipolar_errors,
-)
-from reconstruction.methods.stereo.stereo_run import prepare_pair
-from reconstruction.report import wording
-from reconstruction.report.findings import (
-    CLEAR_FRACTION,
-    DEPTH_MEASURES,
-    depth_sentence,
-    late_text,
-    percent,
-)
-from reconstruction.report.study_report import (
-    CORRECT,
-    COVERAGE,
-    EPIPOLAR,
-    STILL_COVERAGE,
-    WITHIN,
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import CLEAR_FRACTION, DEPTH_MEASURES, depth_sentence, late_text, percent
+from reconstruction.method.study import Context, PairStudy, write_pictures
+from reconstruction.method.study_report import (
     Claim,
-    MeasureText,
-    StudyText,
+    read_words,
 )
-from reconstruction.scene.conditions import SYNCHRONIZED, Condition
-from reconstruction.scene.dataset import Dataset
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import CONDITIONS, Measurements, Tally, measure_depth
-from reconstruction.scores.timing import found_shares
-from reconstruction.scores.truth import (
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import CONDITIONS, Measurements, Tally, measure_depth
+from reconstruction.method.timing import found_shares
+from reconstruction.method.truth import (
     TOLERANCE_TEXT,
     median_still_depth,
     project_into_other,
@@ -61,16 +40,18 @@ from reconstruction.scores.truth import (
     still_pixels,
     true_depth_in_unit,
 )
+from reconstruction.methods.stereo.stereo_method import Stereo
+from reconstruction.methods.stereo.stereo_pair import (
+    DepthMap,
+    StereoPair,
+    epipolar_errors,
+)
+from reconstruction.methods.stereo.stereo_run import prepare_pair
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.dataset import Dataset
 
 FALLEN_CONTROL = 0.1
 """Lost fraction of still pixels from which timing is not the only cause."""
-WHY = """
-<p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
-the other, the nearer it is: that shift is how distance is measured, point by point.</p>
-<p>A camera that fires late spoils this. Meanwhile a moving thing has moved by itself, and nothing in the
-pictures tells the one shift from the other: its distance comes out wrong, or not at all. Things at rest
-come out right either way. {{ result.actual_offset_ms|walking_distance }}</p>
-"""
 
 
 @dataclass(frozen=True)
@@ -161,51 +142,7 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
 class StereoStudy(PairStudy):
     """Depth of a pair, synchronized and offset; synchronized images determine what both share."""
 
-    text = StudyText(
-        name="stereo",
-        subject="depth",
-        place=20,
-        term="Depth",
-        caption="Depth from cameras {names}",
-        measures=(
-            *CORRECT,
-            MeasureText(
-                "coverage",
-                COVERAGE,
-                "Share for which the two pictures agree on a distance; it may still be wrong. "
-                "More is better.",
-            ),
-            MeasureText(
-                "epipolar_px",
-                EPIPOLAR,
-                "A point should lie in the same row of both pictures; this is how far off it is. "
-                "Less is better.",
-                wording.PIXELS,
-            ),
-            MeasureText(
-                "photometric_error",
-                "Brightness mismatch",
-                "One picture is laid over the other by the distances found; this is how far the brightness "
-                "differs, of 255. Less is better.",
-                wording.PLAIN,
-            ),
-        ),
-        condition_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("static_coverage", STILL_COVERAGE),
-        ),
-        instant_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("mover_epipolar_px", EPIPOLAR),
-        ),
-        missing="Depth was not measured",
-        hero="stereo_depth",
-        why=WHY,
-        diagram="diagram.svg",
-        engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
-    )
+    text = read_words(__package__)
     Options = Stereo
     measures_delay = True
 

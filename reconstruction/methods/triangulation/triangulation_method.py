@@ -1,6 +1,6 @@
 """Points by COLMAP: the method."""
 
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 
 
 class Triangulation(Method, frozen=True, kw_only=True):

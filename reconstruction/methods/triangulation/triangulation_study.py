@@ -13,9 +13,11 @@ import numpy as np
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.compare.study import ConditionStudy, write_pictures
-from reconstruction.report import wording
-from reconstruction.report.study_report import POINTS, MeasureText, StudyText
+from reconstruction.method.study import ConditionStudy, write_pictures
+from reconstruction.method.study_report import read_words
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.truth import right_depth
 from reconstruction.scene.conditions import ALL_APART, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -26,9 +28,6 @@ from reconstruction.scene.instant_choice import (
 from reconstruction.scene.moving_pixels import dilate
 from reconstruction.scene.pairs import Features, size_above_features
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.scores.truth import right_depth
 
 MAX_ERROR_PX = 2.0
 """Maximum match and reprojection error, in the image that features are detected in.
@@ -188,32 +187,7 @@ def _depth_at(view: View, found: SeenPoints, camera: int) -> tuple[Array, Array]
 class TriangulationStudy(ConditionStudy):
     """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
-    text = StudyText(
-        name="triangulation",
-        subject="points by COLMAP",
-        place=30,
-        term="Points by COLMAP",
-        caption="Points by COLMAP from {cameras}",
-        measures=(
-            MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
-            MeasureText(
-                "reprojection_px",
-                "Reprojection error",
-                "Distance of a placed point's projection from where the cameras see it. Less is better.",
-                wording.PIXELS,
-            ),
-            MeasureText(
-                "precision",
-                "Correct points",
-                "Share of the points whose distance is within 2 % of the truth.",
-            ),
-        ),
-        condition_columns=(("mover_points", "Points by COLMAP"),),
-        missing="No points were placed by COLMAP",
-        note="COLMAP, a program for reconstruction from photographs, looks for single points that several "
-        "pictures show and works out where each of them is: what has moved between the pictures seldom fits "
-        "together, so most of its points are lost, and those that fit by chance are in the wrong place.",
-    )
+    text = read_words(__package__)
     needs = ("stereo",)
     needs_calibration = True
     packages = ("pycolmap",)

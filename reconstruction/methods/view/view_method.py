@@ -10,7 +10,7 @@ from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import count
 from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.options import command_flag
-from reconstruction.compare.method import Method
+from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ class ViewMethod(Method, frozen=True, kw_only=True):
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
         if self.page:
-            from reconstruction.report.walk_page import PAGE
+            from reconstruction.pages.walk_page import PAGE
 
             yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

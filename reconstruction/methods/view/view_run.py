@@ -17,11 +17,11 @@ from reconstruction.common.camera_paths import orbit, read_path, stand_still, sw
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import see_moments
 from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
+from reconstruction.method.moments import see_moments
 from reconstruction.methods.view.walk_page import write_moments
-from reconstruction.report.walk_page import PAGE
+from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.provenance import Provenance

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
+from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 

@@ -122,8 +122,8 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
 BUGGY = """
 import os
 from pathlib import Path
-from reconstruction.compare.study import Study
-from reconstruction.report.study_report import StudyText
+from reconstruction.method.study import Study
+from reconstruction.method.study_report import StudyText
 
 class Buggy(Study):
     text = StudyText(name="buggy", subject="something new")

@@ -11,9 +11,9 @@ from capture_app.session.importing.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
+from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view
 from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart

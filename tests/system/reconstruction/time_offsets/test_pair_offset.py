@@ -8,9 +8,9 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
+from reconstruction.method.timing import measure_pair_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
 

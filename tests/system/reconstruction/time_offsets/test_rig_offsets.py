@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 

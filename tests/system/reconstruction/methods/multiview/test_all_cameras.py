@@ -12,6 +12,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.depth.matchers import Matcher
+from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT
 from reconstruction.methods.multiview.input_images import InputImages
 from reconstruction.methods.multiview.matcher import (
@@ -21,7 +22,6 @@ from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.conditions import DISTINCT, Condition
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.study_result import StudyResult
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
 from tests.unit.reconstruction.found import study, values
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS

@@ -11,14 +11,14 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.compare.study import Context
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.study import Context
+from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.stereo.stereo_study import StereoStudy
 from reconstruction.methods.triangulation.triangulation_study import TriangulationStudy
 from reconstruction.scene.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
 from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 from tests.unit.reconstruction.found import study as found_study
 from tests.unit.reconstruction.found import values

@@ -12,6 +12,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.geometry import View
+from reconstruction.method.comparison_results import CompareResult
 from reconstruction.methods.bullet_time.between_cameras import views_between
 from reconstruction.methods.bullet_time.bullet_time_study import (
     LONG_SIDE_PX,
@@ -28,7 +29,6 @@ from reconstruction.methods.bullet_time.bullet_time_study import (
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene as OpenScene
-from reconstruction.scores.comparison_results import CompareResult
 from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, jump, make_view
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.compare.study import Context
 from reconstruction.depth.matchers import Matcher
+from reconstruction.method.study import Context
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.instant_scoring import (
@@ -17,7 +17,7 @@ from reconstruction.methods.multiview.instant_scoring import (
     true_surfaces,
 )
 from reconstruction.methods.multiview.multiview_study import MultiviewStudy, save_clouds
-from reconstruction.report.embedding import view_clouds
+from reconstruction.pages.embedding import view_clouds
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from tests.unit.reconstruction.conftest import Scene, make_view, write_session

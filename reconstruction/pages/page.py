@@ -10,10 +10,10 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Te
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.files.durable import write_atomic
+from reconstruction.common import wording
 from reconstruction.common.outputs import METRICS
-from reconstruction.report import wording
 
-PACKAGE, TEMPLATES = "reconstruction.report", "template"
+PACKAGE, TEMPLATES = "reconstruction.pages", "template"
 REPORT = "report.html"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,

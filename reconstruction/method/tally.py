@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.study_result import Interval, Measure
-from reconstruction.scores.truth import TOLERANCES, right_depth
+from reconstruction.method.study_result import Interval, Measure
+from reconstruction.method.truth import TOLERANCES, right_depth
 
 CONDITIONS = ("synced", "offset")
 """The conditions: synchronized, and the other one."""

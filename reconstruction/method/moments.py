@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 
 from capture_app.console.terminal import Progress
-from reconstruction.compare.method import SILENT, find_method
 from reconstruction.depth.seen_moment import SeenInstant
+from reconstruction.method.interface import SILENT, find_method
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.scene import Scene
 

@@ -1,24 +1,25 @@
 """Description of a study in a report: its names, measures, sentences and section of the page."""
 
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, ClassVar
 
+import msgspec
+
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
+from reconstruction.common import wording
 from reconstruction.common.options import METHODS, STUDIES
-from reconstruction.report import wording
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.study_result import StudyResult
 
-WITHIN = "Measured correctly"
-COVERAGE = "Given a distance"
-EPIPOLAR = "Vertical mismatch"
-STILL_COVERAGE = "At rest: given a distance"
-POINTS = "Points in space"
+WORDS, SECTION, WHY = "words.toml", "section.html", "why.html"
+"""Files of words beside a method's code."""
 
 
 @dataclass(frozen=True)
@@ -42,18 +43,6 @@ class Claim:
     what: str
     unit: str = wording.PERCENT
     note: str = ""
-
-
-CORRECT = (
-    MeasureText(
-        "within_2pct",
-        WITHIN,
-        "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
-    ),
-    MeasureText("within_1pct", "The same, more strictly", "Within 1 % of the truth."),
-    MeasureText("within_5pct", "The same, less strictly", "Within 5 % of the truth."),
-)
-"""Rows of every depth study."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +98,16 @@ class StudyText:
     def unit(self, measure: str) -> str:
         """Return the unit of a measure by its full name."""
         return next(one.unit for one in self.measures if measure.endswith(one.key))
+
+
+def read_words(package: str) -> StudyText:
+    """Read the words of a method from the files in its package: `WORDS`, and `SECTION` and `WHY` if there."""
+    folder = files(package)
+    found = tomllib.loads((folder / WORDS).read_text("utf-8"))
+    for name, file in (("section", SECTION), ("why", WHY)):
+        if (template := folder / file).is_file():
+            found[name] = template.read_text("utf-8")
+    return msgspec.convert(found, StudyText)
 
 
 class StudyReport:

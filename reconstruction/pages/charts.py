@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reconstruction.report import wording
-from reconstruction.scores.comparison_results import OffsetTolerance
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import OffsetTolerance
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from typing import Any
 
 from msgspec import Struct
 
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.scene.provenance import Provenance
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import SessionTiming, Timing
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):

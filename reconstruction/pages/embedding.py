@@ -11,7 +11,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array
-from reconstruction.scores.study_result import InstantClouds
+from reconstruction.method.study_result import InstantClouds
 
 MAX_POINTS = 400_000
 """Maximum points of all conditions, drawn at random: 4.8 MB of the page."""

@@ -17,15 +17,15 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.common.options import Pair, checked, compare_keywords
-from reconstruction.compare.method import Method
-from reconstruction.report.study_report import StudyReport
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.interface import Method
+from reconstruction.method.study_report import StudyReport
+from reconstruction.method.study_result import Measure, Picture, StudyResult
+from reconstruction.method.tally import CONDITIONS
 from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
 from reconstruction.scene.instant_choice import choose_moving_instants, pair_instants
 from reconstruction.scene.pairs import PairChoice
 from reconstruction.scene.scene import Scene
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Measure, Picture, StudyResult
-from reconstruction.scores.tally import CONDITIONS
 
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""

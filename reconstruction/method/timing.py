@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import Struct, structs
 
 from capture_app.common.instants import is_same_instant
-from reconstruction.scores.study_result import StudyResult
+from reconstruction.method.study_result import StudyResult
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import (
     MIN_INSTANTS,

@@ -21,8 +21,7 @@ from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.method.interface import compare_options
-from reconstruction.method.study import TIMING, ConditionStudy, Context, PairStudy, Study
-from reconstruction.method.study_report import study_reports
+from reconstruction.method.score import TIMING, Context, Score, study_reports
 from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.pages.page import REPORT
 from reconstruction.report.comparison_report import report_words, write_report
@@ -83,9 +82,9 @@ class CompareOptions:
         return cls(**own, of_studies=options)
 
 
-def installed_studies() -> list[type[Study]]:
+def installed_studies() -> list[type[Score]]:
     """Return the classes of the studies that a comparison makes, in order."""
-    return [kind for kind in study_reports().values() if issubclass(kind, Study)]
+    return list(study_reports().values())
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
@@ -204,7 +203,7 @@ class Comparison:
             NotAvailableError: nothing could be made, as the calibration needs a package that is missing.
         """
         # A pair's depth gives the first pictures soon; the others begin with the last, which are quick.
-        pairs = [name for name, study in self.chosen.items() if isinstance(study, PairStudy)]
+        pairs = [name for name, study in self.chosen.items() if study.of_pair]
         names = [*pairs, *(name for name in reversed([*self.chosen]) if name not in pairs)]
         needs = {name: [one for one in self.chosen[name].needs if one in (*names, TIMING)] for name in names}
         left = {name: self.chosen[name].text.subject for name in names} | {TIMING: "time offsets"}
@@ -267,7 +266,7 @@ class Comparison:
         return structs.replace(result, verdict=verdict(result), words=report_words(result))
 
 
-def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
+def _chosen(studies: Mapping[str, Score], names: Sequence[str]) -> dict[str, Score]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
     if unknown := [name for name in names if name not in studies and name != TIMING]:
         raise BadInputError(
@@ -279,14 +278,14 @@ def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Stu
     return {name: study for name, study in studies.items() if name in requested}
 
 
-def _limited(known: CompareResult, study: Study) -> CompareResult:
+def _limited(known: CompareResult, study: Score) -> CompareResult:
     """Return the known results without those that a study does not need."""
     needed = tuple(one for one in known.studies if one.name in study.needs)
     unneeded = {} if TIMING in study.needs else dict.fromkeys(("timing", "rig_timing", "tolerance"))
     return structs.replace(known, studies=needed, **unneeded)
 
 
-def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str, Any]:
+def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str, Any]:
     """Measure the time offsets on the first pair studied, and the delay that its depth tolerates.
 
     Returns these fields of `CompareResult`; none without a calibration.
@@ -294,7 +293,7 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
     if context.scene.problem:
         return {}
     offsets = PairOffsets(context.compared)
-    pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
+    pairs = (one for one in studies.values() if one.of_pair and not one.found.skipped)
     study = next(pairs, None)
     found: dict[str, Any] = {}
     with worker_pool(1) as pool:
@@ -308,10 +307,10 @@ def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str,
     return found
 
 
-def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStudy) -> dict[str, Any]:
+def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -> dict[str, Any]:
     """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
     context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
-    timing = measure_pair_timing(offsets, study.cameras)
+    timing = measure_pair_timing(offsets, study.pair)
     if not study.measures_delay:
         return {"timing": timing}
     timing = with_depth(timing, study.found)
@@ -324,16 +323,16 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStud
             progress=Progress(0, silent=True),
         )
         steps = whole_frame_offsets(context.scene.dataset, delay_ms)
-        curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
+        curve = measure_curve(type(study), quiet, study.pair, steps, timing)
         return {"tolerance": curve, "timing": curve.timing}
     return {"timing": timing}
 
 
 def _further_conditions(
-    context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Scene | None
+    context: Context, studies: Sequence[Score], conditions: Sequence[Condition], against: Scene | None
 ) -> tuple[ConditionResult, ...]:
     """Compare the requested conditions, and another session, with every study."""
-    made = [one for one in studies if isinstance(one, ConditionStudy) and not one.found.skipped]
+    made = [one for one in studies if one.has_conditions and not one.found.skipped]
     found = []
     for condition in conditions:
         context.progress.step(f"condition {condition.name}")

@@ -16,8 +16,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
-from reconstruction.method.study import Context, PairStudy
-from reconstruction.method.study_report import study_reports
+from reconstruction.method.score import Context, Score, study_reports
 from reconstruction.method.study_result import Interval, StudyResult
 from reconstruction.method.tally import MIN_COUNT, MIN_FOR_INTERVAL
 from reconstruction.method.timing import (
@@ -176,8 +175,8 @@ def measure_tolerance(
         try:
             study.prepare()
             progress.step("time offset of moving objects")
-            timing = measure_pair_timing(PairOffsets(context.compared), study.cameras)
-            curve = measure_curve(type(study), context, study.cameras, steps, timing)
+            timing = measure_pair_timing(PairOffsets(context.compared), study.pair)
+            curve = measure_curve(type(study), context, study.pair, steps, timing)
         except ValueError as error:
             raise BadInputError(
                 f"no depth can be made from {session}: {error}",
@@ -220,16 +219,16 @@ def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
     return [*(one.reversed for one in reversed(late)), *late]
 
 
-def _depth_study() -> type[PairStudy]:
+def _depth_study() -> type[Score]:
     """Return the installed study whose depth the tolerance curve uses."""
-    studies = (one for one in study_reports().values() if issubclass(one, PairStudy) and one.measures_delay)
+    studies = (one for one in study_reports().values() if one.of_pair and one.measures_delay)
     if study := next(studies, None):
         return study
     raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")
 
 
 def measure_curve(
-    kind: type[PairStudy],
+    kind: type[Score],
     context: Context,
     cameras: tuple[str, str],
     steps: list[FrameOffset],

@@ -8,7 +8,7 @@ from typing import Any
 from capture_app.common.text import count
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import UNSYNCHRONIZED
-from reconstruction.method.study_report import reported, study_reports
+from reconstruction.method.score import reported, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.pages.embedding import embed_image
 from reconstruction.pages.page import Section, as_template, render_page, write_page

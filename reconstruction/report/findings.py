@@ -9,9 +9,10 @@ from capture_app.common.text import count
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED, late_text
-from reconstruction.method.study_report import Claim, reported, study_reports
+from reconstruction.method.score import reported, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.timing import SessionTiming, Timing
+from reconstruction.method.words import Claim
 from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
 from reconstruction.scene.calibration.structure_from_motion import GUESS
 

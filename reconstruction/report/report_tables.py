@@ -8,7 +8,7 @@ from typing import Any
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED
-from reconstruction.method.study_report import study_reports
+from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import Interval, StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming

@@ -4,11 +4,9 @@ from pathlib import Path
 
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import OffsetTolerance
-from reconstruction.method.study_report import (
-    StudyText,
-    study_reports,
-)
+from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import StudyResult
+from reconstruction.method.words import StudyText
 from reconstruction.pages.charts import tolerance_chart
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.report.findings import motion_sentence, timing_sentences

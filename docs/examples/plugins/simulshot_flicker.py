@@ -7,10 +7,10 @@ import numpy as np
 
 from reconstruction.common import wording
 from reconstruction.common.options import flag
-from reconstruction.method.study import Study
-from reconstruction.method.study_report import MeasureText, StudyText
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import MeasureText, StudyText
 
 SECTION = """
 <section aria-labelledby="{{ section.anchor }}">
@@ -32,7 +32,7 @@ class FlickerFacts(msgspec.Struct, frozen=True, kw_only=True):
     brightest_instant: int
 
 
-class FlickerStudy(Study):
+class FlickerStudy(Score):
     text = StudyText(
         name="flicker",
         subject="flicker of the light",

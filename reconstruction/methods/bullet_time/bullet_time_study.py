@@ -21,9 +21,9 @@ from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.study import TIMING, Study
-from reconstruction.method.study_report import read_words
+from reconstruction.method.score import TIMING, Score
 from reconstruction.method.study_result import StudyResult
+from reconstruction.method.words import read_words
 from reconstruction.methods.bullet_time.between_cameras import film_between
 from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
@@ -208,7 +208,7 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
     )
 
 
-class BulletTimeStudy(Study):
+class BulletTimeStudy(Score):
     """One instant from camera to camera, beside delayed cameras."""
 
     text = read_words(__package__)
@@ -217,14 +217,14 @@ class BulletTimeStudy(Study):
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
-        """Return the animation and its single pictures; see `StudyReport.files`."""
+        """Return the animation and its single pictures; see `Score.files`."""
         return {
             "from camera to camera, to share": [found.facts.file],
             "from camera to camera, picture by picture": [*found.facts.synced, *found.facts.offset],
         }
 
     def measure(self) -> StudyResult[Any]:
-        """Render the sweep; see `Study.measure`."""
+        """Render the sweep; see `Score.measure`."""
         assert self.context.folder is not None
         sweep = render_camera_sweep(
             self.scene,

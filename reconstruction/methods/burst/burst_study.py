@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from reconstruction.common.image_files import save_picture
-from reconstruction.method.study import Study
-from reconstruction.method.study_report import read_words
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import StudyResult
+from reconstruction.method.words import read_words
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
@@ -18,18 +18,18 @@ MAX_CAMERAS, MAX_INSTANTS = 20, 8
 WIDTH_PX = 160
 
 
-class BurstStudy(Study):
+class BurstStudy(Score):
     """Study with small pictures of the burst, which show the source of delayed images."""
 
     text = read_words(__package__)
 
     @classmethod
     def files(cls, found: StudyResult[dict[str, Any]]) -> dict[str, Sequence[str]]:
-        """Return the grid's pictures; see `StudyReport.files`."""
+        """Return the grid's pictures; see `Score.files`."""
         return {"the burst": [path for row in found.facts["thumbnails"] for path in row if path]}
 
     def measure(self) -> StudyResult[Any]:
-        """Write the grid; see `Study.measure`."""
+        """Write the grid; see `Score.measure`."""
         assert self.context.folder is not None
         grid = _render(self.dataset, self.context.folder)
         return StudyResult(

@@ -22,13 +22,11 @@ from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
-from reconstruction.method.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.method.study_report import (
-    read_words,
-)
+from reconstruction.method.score import UNASKED, Score, write_pictures
 from reconstruction.method.study_result import InstantClouds, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Tally
 from reconstruction.method.truth import TOLERANCE_TEXT, right_depth
+from reconstruction.method.words import read_words
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.input_images import InputImages
 from reconstruction.methods.multiview.instant_depth import InstantDepth
@@ -114,7 +112,7 @@ class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Why other cameras take no part."""
 
 
-class MultiviewStudy(ConditionStudy):
+class MultiviewStudy(Score):
     """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
 
     text = read_words(__package__)
@@ -122,7 +120,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
-        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `Score.placeholders`."""
         facts, tolerance_m = found.facts, found.facts.tolerance_m
         return super().placeholders(found) | {
             "reference": facts.reference,
@@ -135,7 +133,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
-        """Return the sentence on depth; see `StudyReport.verdict`."""
+        """Return the sentence on depth; see `Score.verdict`."""
         cameras = f"all {len(found.cameras)} cameras"
         when = (
             f"{cameras} show the same instant"
@@ -146,13 +144,13 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return the cloud for the page's 3D view; see `StudyReport.view`."""
+        """Return the cloud for the page's 3D view; see `Score.view`."""
         facts, number = found.facts, len(found.cameras)
         return {"cloud": facts.clouds and view_clouds(facts.clouds, out, facts.reference, number)}
 
     @classmethod
     def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
-        """Return the paths of both clouds; see `StudyReport.files`."""
+        """Return the paths of both clouds; see `Score.files`."""
         clouds = found.facts.clouds
         return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
 
@@ -166,11 +164,11 @@ class MultiviewStudy(ConditionStudy):
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
-        """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
+        """Return a reason if the options allow the study no instants, else empty; see `Score.unasked`."""
         return "" if self.options.max_multiview_instants else UNASKED
 
     def check(self) -> None:
-        """Reject a matcher that this machine cannot run; see `Study.check`."""
+        """Reject a matcher that this machine cannot run; see `Score.check`."""
         if self.options.matcher.engine is not Matcher.SWEEP:
             self.matcher  # noqa: B018
 
@@ -189,7 +187,7 @@ class MultiviewStudy(ConditionStudy):
         return InputImages(self.scene, self.options.multiview_width, CACHED_IMAGES, self.motion)
 
     def prepare(self) -> None:
-        """Choose the cameras; see `ConditionStudy.prepare`.
+        """Choose the cameras; see `Score.prepare`.
 
         Raises:
             ValueError: fewer than three calibrated cameras have overlapping views, or the middle camera is

@@ -11,10 +11,10 @@ from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_
 from reconstruction.common.geometry import Array
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import CLEAR_FRACTION, late_text, percent
-from reconstruction.method.study import PairStudy, write_pictures
-from reconstruction.method.study_report import Claim, read_words
+from reconstruction.method.score import Score, write_pictures
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import Claim, read_words
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.panorama_method import Panorama
@@ -48,16 +48,18 @@ TEXTS = (
 )
 
 
-class PanoramaStudy(PairStudy):
+class PanoramaStudy(Score):
     """Panorama of two cameras, synchronized and offset, registered once by the still scene."""
+
+    of_pair = True
+    min_cameras = 2
 
     text = read_words(__package__)
     Options = Panorama
-    needs_calibration = False
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the panorama's main result; see `StudyReport.claim`."""
+        """Return the panorama's main result; see `Score.claim`."""
         if (known := found.first_known(*MEASURES)) is None:
             return None
         if known[0] == "mover_found":
@@ -70,7 +72,7 @@ class PanoramaStudy(PairStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the panorama; see `StudyReport.verdict`."""
+        """Return the sentence on the panorama; see `Score.verdict`."""
         when = "at the same instant" if result.together(found.cameras) else "as recorded"
         late = late_text(result)
         error = found.first_known(MEASURES[0])
@@ -106,14 +108,12 @@ class PanoramaStudy(PairStudy):
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """Measure a condition in the overlap, before seams and blending; see `ConditionStudy.compare`."""
+        """Measure a condition in the overlap, before seams and blending; see `Score.compare`."""
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
         options: Panorama = self.options
         nows = tuple(now for now, _ in pairs)
-        method = msgspec.structs.replace(
-            options, pair=self.cameras, instants=nows, register_at=self.register_at
-        )
+        method = msgspec.structs.replace(options, pair=self.pair, instants=nows, register_at=self.register_at)
         tally, late = Tally(), self.late_condition(condition, offsets_ms)
         both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
         for synced, offset in zip(*both, strict=True):

@@ -17,10 +17,10 @@ from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, percent
-from reconstruction.method.study import UNASKED, ConditionStudy
-from reconstruction.method.study_report import read_words
+from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import read_words
 from reconstruction.methods.poses.pose_method import PoseEstimation
 from reconstruction.pages.charts import Axes
 from reconstruction.scene.conditions import Condition, evenly_spaced
@@ -185,7 +185,7 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
     return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}
 
 
-class PoseStudy(ConditionStudy):
+class PoseStudy(Score):
     """Camera poses of single instants, compared with the calibration."""
 
     text = read_words(__package__)
@@ -196,7 +196,7 @@ class PoseStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[PoseFacts]) -> dict[str, str]:
-        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `Score.placeholders`."""
         tolerance = wording.measured(found.facts.tolerance_deg, wording.DEGREES)
         return super().placeholders(found) | {"tolerance": tolerance}
 
@@ -221,7 +221,7 @@ class PoseStudy(ConditionStudy):
 
     @classmethod
     def view(cls, found: StudyResult[PoseFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return the chart of every instant's pairs; see `StudyReport.view`."""
+        """Return the chart of every instant's pairs; see `Score.view`."""
         return {"chart": pose_chart(found, heads)}
 
     reason = ""
@@ -256,7 +256,7 @@ class PoseStudy(ConditionStudy):
             raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
-        """Compare a condition, without pictures; see `ConditionStudy.compare`."""
+        """Compare a condition, without pictures; see `Score.compare`."""
         tally = Tally()
         instants = complete_instants(
             self.dataset, condition, self.cameras[0], self.cameras, min_cameras=len(self.cameras)

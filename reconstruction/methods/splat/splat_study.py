@@ -13,10 +13,10 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED
 from reconstruction.method.picture_quality import psnr, ssim
-from reconstruction.method.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.method.study_report import read_words
+from reconstruction.method.score import UNASKED, Score, write_pictures
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import read_words
 from reconstruction.methods.splat.gaussians import render_gaussians
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
@@ -72,7 +72,7 @@ class _Splat(NamedTuple):
     gaussians: int
 
 
-class SplatStudy(ConditionStudy):
+class SplatStudy(Score):
     """A splat of one instant in any condition, judged by the picture of a camera that was left out."""
 
     text = read_words(__package__)
@@ -85,7 +85,7 @@ class SplatStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[SplatFacts]) -> dict[str, str]:
-        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `Score.placeholders`."""
         facts = found.facts
         return super().placeholders(found) | {
             "reference": facts.reference,
@@ -112,7 +112,7 @@ class SplatStudy(ConditionStudy):
         return 0 if self.unasked() else 2
 
     def unasked(self) -> str:
-        """Return a reason unless splats are asked for, as they take a while; see `Study.unasked`."""
+        """Return a reason unless splats are asked for, as they take a while; see `Score.unasked`."""
         asked = self.options.splats or self.text.name in self.context.studies
         return "" if asked else f"{UNASKED} (--splats makes it)"
 
@@ -139,7 +139,7 @@ class SplatStudy(ConditionStudy):
         self.made = dict[tuple[object, ...], _Splat]()
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
-        """Compare a condition at the instant with most motion; see `ConditionStudy.compare`.
+        """Compare a condition at the instant with most motion; see `Score.compare`.
 
         Raises:
             ValueError: the burst does not contain this condition, or no three cameras have depth.

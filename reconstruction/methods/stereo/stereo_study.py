@@ -24,11 +24,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import CLEAR_FRACTION, DEPTH_MEASURES, depth_sentence, late_text, percent
-from reconstruction.method.study import Context, PairStudy, write_pictures
-from reconstruction.method.study_report import (
-    Claim,
-    read_words,
-)
+from reconstruction.method.score import Context, Score, write_pictures
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally, measure_depth
 from reconstruction.method.timing import found_shares
@@ -40,6 +36,7 @@ from reconstruction.method.truth import (
     still_pixels,
     true_depth_in_unit,
 )
+from reconstruction.method.words import Claim, read_words
 from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import (
     DepthMap,
@@ -139,8 +136,12 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     return draw_rows(a, b, [int(y) for y in np.linspace(top, bottom, 3)] if on.any() else [])
 
 
-class StereoStudy(PairStudy):
+class StereoStudy(Score):
     """Depth of a pair, synchronized and offset; synchronized images determine what both share."""
+
+    of_pair = True
+    needs_calibration = True
+    min_cameras = 2
 
     text = read_words(__package__)
     Options = Stereo
@@ -148,7 +149,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the main result on moving objects; see `StudyReport.claim`."""
+        """Return the main result on moving objects; see `Score.claim`."""
         if (known := found.first_known(*DEPTH_MEASURES)) is None:
             return None
         if known[0] == DEPTH_MEASURES[0]:
@@ -161,7 +162,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """Return the sentence on the images as recorded; see `StudyReport.as_recorded`."""
+        """Return the sentence on the images as recorded; see `Score.as_recorded`."""
         moving, still = found_shares(found)
         if moving is None or still is None:
             return ""
@@ -198,7 +199,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the still control; see `StudyReport.control_sentence`."""
+        """Return the sentence on the still control; see `Score.control_sentence`."""
         if result.cameras_moved:
             return "The cameras moved while they recorded, so nothing in the pictures is a control."
         if (still := found.first_known("static_within_2pct", "static_coverage")) is None:
@@ -229,7 +230,7 @@ class StereoStudy(PairStudy):
         self.use_pair(self.compared.choose_stereo_pair(self.asked, self.context.middle))
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """Compare a condition at its instants; see `ConditionStudy.compare`."""
+        """Compare a condition at its instants; see `Score.compare`."""
         pairs, offsets_ms = self.instant_pairs(condition)
         return self.compare_instants(pairs, condition, offsets_ms, folder=folder)
 
@@ -241,11 +242,11 @@ class StereoStudy(PairStudy):
         *,
         folder: Path | None = None,
     ) -> StudyResult[None]:
-        """Compare depth at pairs of instants; see `PairStudy.compare_instants`."""
+        """Compare depth at pairs of instants; see `Score.compare_instants`."""
         reference, other = self.cameras
         self.progress.step(f"depth range of {reference} and {other}")
         options: Stereo = self.options
-        method = msgspec.structs.replace(options, pair=self.cameras, instants=tuple(now for now, _ in pairs))
+        method = msgspec.structs.replace(options, pair=self.pair, instants=tuple(now for now, _ in pairs))
         late = self.late_condition(condition, offsets_ms)
 
         def measure(one: StereoInstant) -> tuple[dict[str, Measurements], dict[str, float]]:
@@ -259,7 +260,7 @@ class StereoStudy(PairStudy):
             self.progress.step(f"stereo {reference}-{other}, instant {synced.instant}")
             found.append({"synced": synced.checked, "offset": offset.checked})
         with worker_pool() as pool:
-            instants = self._instants(pairs, found, prepare_pair(self.scene, self.cameras))
+            instants = self._instants(pairs, found, prepare_pair(self.scene, self.pair))
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(
             name=self.text.name,
@@ -270,7 +271,7 @@ class StereoStudy(PairStudy):
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
-            pictures=stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else (),
+            pictures=stereo_pictures(self.dataset, self.pair, instants, folder) if folder else (),
         )
 
     def _project_still(self, still: bytes) -> tuple[Array, Array]:

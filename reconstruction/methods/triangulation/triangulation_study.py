@@ -13,11 +13,11 @@ import numpy as np
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.method.study import ConditionStudy, write_pictures
-from reconstruction.method.study_report import read_words
+from reconstruction.method.score import Score, write_pictures
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.truth import right_depth
+from reconstruction.method.words import read_words
 from reconstruction.scene.conditions import ALL_APART, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -184,7 +184,7 @@ def _depth_at(view: View, found: SeenPoints, camera: int) -> tuple[Array, Array]
     return pixels, (points @ view.rotation.T + view.translation)[:, 2]
 
 
-class TriangulationStudy(ConditionStudy):
+class TriangulationStudy(Score):
     """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
     text = read_words(__package__)
@@ -204,7 +204,7 @@ class TriangulationStudy(ConditionStudy):
         self.cameras = ours.cameras
 
     def prepare(self) -> None:
-        """Choose the cameras and the condition; see `ConditionStudy.prepare`.
+        """Choose the cameras and the condition; see `Score.prepare`.
 
         Raises:
             ValueError: fewer than two cameras are calibrated, or the burst does not contain the offset.

@@ -122,10 +122,10 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
 BUGGY = """
 import os
 from pathlib import Path
-from reconstruction.method.study import Study
-from reconstruction.method.study_report import StudyText
+from reconstruction.method.score import Score
+from reconstruction.method.words import StudyText
 
-class Buggy(Study):
+class Buggy(Score):
     text = StudyText(name="buggy", subject="something new")
     needs = ("stereo",)
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import reconstruction
-from reconstruction.method.study_report import SECTION, WORDS, read_words, study_reports
+from reconstruction.method.score import study_reports
+from reconstruction.method.words import SECTION, WORDS, read_words
 
 FOLDER = Path(reconstruction.__file__).parent / "methods"
 TAG = re.compile(r"</[a-z]+>|<(p|div|section|table|dl|figure)\b")

@@ -14,7 +14,7 @@ from reconstruction.method.comparison_results import (
     ConditionResult,
     OffsetTolerance,
 )
-from reconstruction.method.study_report import study_reports
+from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import (
     InstantClouds,
     Interval,

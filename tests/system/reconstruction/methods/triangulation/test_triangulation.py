@@ -12,7 +12,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.study import Context
+from reconstruction.method.score import Context
 from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.stereo.stereo_study import StereoStudy
 from reconstruction.methods.triangulation.triangulation_study import TriangulationStudy

@@ -12,7 +12,7 @@ import pytest
 from capture_app.common.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
-from reconstruction.method.study import Context
+from reconstruction.method.score import Context
 from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.poses.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
 from reconstruction.scene.conditions import DISTINCT, SYNCED, Condition

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.method.study import Context
+from reconstruction.method.score import Context
 from reconstruction.methods.splat.splat_study import SplatStudy, _close_up
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene

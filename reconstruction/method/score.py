@@ -1,37 +1,44 @@
-"""Base classes of a comparison's studies: context, needs, options, skipping, and pictures."""
+"""Score of a method, or of a check: results of two conditions in, measures, sentences and pictures out."""
 
 import logging
 import os
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
 import msgspec
 
-from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
+from capture_app.common.errors import DiskFullError, IncompleteError, SimulshotError
 from capture_app.common.optional_packages import require_reconstruction
+from capture_app.common.plugins import load_plugins
+from capture_app.common.text import count
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
-from reconstruction.common.options import Pair, checked, compare_keywords
+from reconstruction.common.options import METHODS, STUDIES, Pair, checked, compare_keywords
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method
-from reconstruction.method.study_report import StudyReport
 from reconstruction.method.study_result import Measure, Picture, StudyResult
-from reconstruction.method.tally import CONDITIONS
+from reconstruction.method.tally import CONDITIONS, Measurements, Tally
+from reconstruction.method.words import Claim, StudyText
 from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
-from reconstruction.scene.instant_choice import choose_moving_instants, pair_instants
+from reconstruction.scene.instant_choice import (
+    ShownInstant,
+    choose_moving_instants,
+    complete_instants,
+    pair_instants,
+    relative_offsets_ms,
+)
 from reconstruction.scene.pairs import PairChoice
 from reconstruction.scene.scene import Scene
 
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not requested"
-IMPOSSIBLE = (ValueError, ForeignError, NotAvailableError, BadInputError)
-"""Errors for which one study is left out with its reason; a damaged file of true depth is such a one."""
 _log = logging.getLogger(__name__)
 
 
@@ -61,20 +68,36 @@ class Context:
         return self.scene.moving_over(self.step)
 
 
-class Study(StudyReport, ABC):
-    """One study of a comparison: what it needs, its options, how it is made, and how it is reported."""
+class Score:
+    """What a comparison makes of one method, or of a check that only compares: measures, words and pictures.
 
+    A score of a method sets `text` and `Options`, its method, and overrides `measure_instant`. Others
+    override `compare`, or `measure` if they compare nothing.
+    """
+
+    text: ClassVar[StudyText]
     needs: ClassVar[Sequence[str]] = ()
-    """Names of the studies whose results it reads, made or skipped, or `TIMING`.
+    """Names of the scores whose results it reads, made or skipped, or `TIMING`.
 
-    Independent studies run side by side, in threads.
+    Independent ones are made side by side, in threads.
     """
     needs_calibration: ClassVar[bool] = False
     min_cameras: ClassVar[int] = 1
     packages: ClassVar[Sequence[str]] = ()
     """Required packages of the extra `reconstruction`."""
     Options: ClassVar[type[msgspec.Struct]] = msgspec.Struct
-    """Struct of the study's options; `common/options.py` defines how each is typed."""
+    """The method that is scored, or another struct of options; `common/options.py` says how each is typed."""
+    of_pair: ClassVar[bool] = False
+    """Whether it is of two cameras, with a delayed second one; its option `pair` names them."""
+    measures_delay: ClassVar[bool] = False
+    """Whether `compare_instants` measures depth of a pair, from which a tolerance curve is made."""
+
+    condition = ALL_APART
+    """Default condition that is compared with the synchronized one."""
+    cameras: tuple[str, ...] = ()
+    """Cameras that are compared; the first keeps its own images."""
+    reason = ""
+    """Why these cameras were chosen."""
 
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
@@ -84,13 +107,67 @@ class Study(StudyReport, ABC):
         chosen = {keywords[k]: value for k, value in context.options.items() if k in keywords}
         self.options: Any = checked(self.Options(**chosen))
         self.known = CompareResult()
-        """Results available to the study when it runs: a first look at the session, and what it needs."""
+        """Results available when it is made: a first look at the session, and what it needs."""
+        named = getattr(self.options, self.text.name, None)
+        self.asked: Pair | None = getattr(self.options, "pair", named) if self.of_pair else None
+        """The requested cameras of a pair; None = chosen from the images."""
         self.found = self.skipped(UNASKED, unasked=True)
+
+    @classmethod
+    def placeholders(cls, found: StudyResult[Any]) -> dict[str, str]:
+        """Return the values that replace names in braces in the score's caption, measures and engine."""
+        return {
+            "subject": cls.text.subject[0].upper() + cls.text.subject[1:],
+            "names": " and ".join(found.cameras),
+            "cameras": count(len(found.cameras), "camera"),
+            "number": f"{len(found.cameras)}",
+            "reference": found.cameras[0],
+        }
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """Return the score's sentence of the verdict; empty if the conditions do not clearly differ."""
+        return ""
+
+    @classmethod
+    def as_recorded(cls, found: StudyResult[Any]) -> str | None:
+        """Return the score's sentence on images that were not synchronized; None if it has none."""
+        return None
+
+    @classmethod
+    def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """Return a sentence on whether the control shows that timing alone made the difference, if known."""
+        return ""
+
+    @classmethod
+    def claim(cls, found: StudyResult[Any]) -> Claim | None:
+        """Return the score's main result for the first screen."""
+        return None
+
+    @classmethod
+    def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
+        """Return the data that the score's section of the page shows besides the results.
+
+        `heads` are both conditions with their column heads, `out` the report's folder.
+        """
+        return {}
+
+    @classmethod
+    def files(cls, found: StudyResult[Any]) -> dict[str, Sequence[str]]:
+        """Return the score's files other than pictures, by their description."""
+        return {}
+
+    @property
+    def pair(self) -> Pair:
+        """The cameras of a pair."""
+        first, second = self.cameras
+        return first, second
 
     @property
     def steps(self) -> int:
-        """Maximum number of progress lines that the study prints."""
-        return 0
+        """Maximum number of progress lines that it prints."""
+        offset = self.context.offset
+        return 1 + min(len(offset.pairs) if offset else 0, self.context.max_instants) if self.of_pair else 0
 
     def check(self) -> None:
         """Reject options that this session cannot satisfy, before anything is computed.
@@ -98,41 +175,39 @@ class Study(StudyReport, ABC):
         Raises:
             SimulshotError: an option cannot be used.
         """
+        self.scene.check_pair(self.asked)
 
     def unasked(self) -> str:
-        """Return why the study is not to be made, by its options and `known`; empty if it is."""
+        """Return why it is not to be made, by its options and `known`; empty if it is."""
         return ""
 
-    @abstractmethod
-    def measure(self) -> StudyResult[Any]:
-        """Make the study.
-
-        Raises:
-            ValueError: these cameras do not allow it.
-            NotAvailableError: a package is not installed.
-        """
-
     def run(self, known: CompareResult) -> StudyResult[Any]:
-        """Make the study, or return a skipped result with the reason; a bug fails this study alone."""
+        """Make it, or return a skipped result with the reason; a bug fails this score alone."""
         self.known = known
         why = self.unasked()
-        self.found = self.skipped(why, unasked=True) if why else self._measured()
+        self.found = self.skipped(why, unasked=True) if why else self._guarded(self._measured)
         return self.found
 
     def _measured(self) -> StudyResult[Any]:
+        if self.needs_calibration and self.scene.problem:
+            raise ValueError(self.scene.problem)
+        if len(self.dataset.cameras) < self.min_cameras:
+            raise ValueError(f"it needs {self.min_cameras} cameras")
+        for package in self.packages:
+            require_reconstruction(package, self.text.subject)
+        return self.measure()
+
+    def _guarded(self, make: Callable[[], StudyResult[Any]]) -> StudyResult[Any]:
+        """Return what is made, or a skipped result with the reason: what fails does not end a comparison."""
         try:
-            if self.needs_calibration and self.scene.problem:
-                raise ValueError(self.scene.problem)
-            if len(self.dataset.cameras) < self.min_cameras:
-                raise ValueError(f"it needs {self.min_cameras} cameras")
-            for package in self.packages:
-                require_reconstruction(package, self.text.subject)
             with opencv_calls(self.text.subject):
-                return self.measure()
-        except IMPOSSIBLE as error:
+                return make()
+        except (ValueError, ForeignError) as error:
             return self.skipped(str(error))
-        except (SimulshotError, OSError):
+        except (IncompleteError, DiskFullError, OSError):
             raise
+        except SimulshotError as error:
+            return self.skipped(str(error))
         except Exception as error:
             if os.environ.get(TRACEBACK):
                 raise
@@ -144,22 +219,24 @@ class Study(StudyReport, ABC):
         """Return a result without measures, with `why` as its reason."""
         return StudyResult(name=self.text.name, skipped=why, unasked=unasked, failed=failed)
 
+    def measure(self) -> StudyResult[Any]:
+        """Prepare it and compare its default condition.
 
-class ConditionStudy(Study):
-    """Study that measures any condition against the synchronized one, all else equal."""
+        Raises:
+            ValueError: these cameras do not allow it.
+            NotAvailableError: a package is not installed.
+        """
+        self.prepare()
+        return self.compare(self.condition, self.context.folder)
 
-    condition = ALL_APART
-    """Default condition that is compared with the synchronized one."""
-
-    @abstractmethod
     def prepare(self) -> None:
-        """Compute everything that all conditions share, from images around the context's middle instant.
+        """Choose what all conditions share, such as `cameras`; by default all that the session has.
 
         Raises:
             ValueError: these cameras do not allow the measurement.
         """
+        self.cameras = self.dataset.cameras
 
-    @abstractmethod
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[Any]:
         """Compare a condition with the synchronized one; write pictures if a folder is given.
 
@@ -167,14 +244,32 @@ class ConditionStudy(Study):
             ValueError: the burst does not contain this condition.
             NotAvailableError: a package is not installed.
         """
+        first, late, tally = self.cameras[0], condition.kept_at(self.cameras[0]), Tally()
+        complete = {
+            one.instant: one for one in complete_instants(self.dataset, condition, first, self.cameras)
+        }
+        nows = choose_moving_instants(self.motion, (first,), list(complete), self.context.max_instants)
+        method = msgspec.structs.replace(self.options, instants=tuple(nows))
+        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        for now, *results in zip(nows, *both, strict=True):
+            measured = {
+                side: self.measure_instant(result, complete[now], side)
+                for side, result in zip(CONDITIONS, results, strict=True)
+            }
+            tally.add(measured, {"instant": now, **complete[now].delays_ms(self.dataset)})
+        return StudyResult(
+            name=self.text.name,
+            cameras=self.cameras,
+            instants=tally.instants,
+            offsets_ms=relative_offsets_ms(condition, self.dataset, first, self.cameras),
+            commands=self.commands(method, late),
+            measures=tally.measures,
+            per_instant=tally.per_instant,
+        )
 
-    def adopt(self, ours: Self) -> None:
-        """Adopt what both sessions must share from `ours`: the same study of the comparison's own session."""
-
-    def measure(self) -> StudyResult[Any]:
-        """Prepare the study and compare its default condition; see `Study.measure`."""
-        self.prepare()
-        return self.compare(self.condition, self.context.folder)
+    def measure_instant(self, result: Any, one: ShownInstant, side: str) -> Measurements:
+        """Return the measures of what the method yielded for an instant in a condition (`side`)."""
+        raise NotImplementedError
 
     def commands(self, method: Method, late: Condition) -> dict[str, str]:
         """Return the command lines that write the results of a method in both conditions."""
@@ -185,16 +280,22 @@ class ConditionStudy(Study):
             for side, condition in zip(CONDITIONS, (SYNCHRONIZED, late), strict=True)
         }
 
+    @property
+    def has_conditions(self) -> bool:
+        """Whether it measures any condition, and not only shows the session."""
+        return type(self).measure is Score.measure
+
+    def adopt(self, ours: Self) -> None:
+        """Adopt what both sessions must share from `ours`: the same score of the comparison's own session."""
+        if self.of_pair:
+            self.asked, self.reason = ours.pair, ours.reason
+
     def compare_condition(self, condition: Condition) -> StudyResult[Any]:
         """Compare a further condition, or return a skipped result with the reason."""
         if condition == self.condition:
             return self.found
         self.progress = Progress(0, silent=True)
-        try:
-            with opencv_calls(self.text.subject):
-                return self.compare(condition)
-        except IMPOSSIBLE as error:
-            return self.skipped(str(error))
+        return self._guarded(lambda: self.compare(condition))
 
     def compare_session(self, scene: Scene) -> StudyResult[Any]:
         """Compare with another session's synchronized images, not paired by instant.
@@ -212,37 +313,6 @@ class ConditionStudy(Study):
         names = dict.fromkeys(one.name for one in (*self.found.measures, *found.measures))
         measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
         return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())
-
-
-class PairStudy(ConditionStudy):
-    """Study of two cameras with a delayed second one; its option `pair` names them."""
-
-    needs_calibration = True
-    min_cameras = 2
-    measures_delay: ClassVar[bool] = False
-    """Whether `compare_instants` measures depth, from which a tolerance curve is made."""
-    reason = ""
-    """Why these cameras were chosen."""
-
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        named = getattr(self.options, self.text.name, None)
-        self.asked: Pair | None = getattr(self.options, "pair", named)
-        """The requested cameras; None = chosen from the images."""
-
-    @property
-    def steps(self) -> int:
-        """Number of progress lines: one for the choice of cameras, and one for each instant."""
-        offset = self.context.offset
-        return 1 + min(len(offset.pairs) if offset else 0, self.context.max_instants)
-
-    def check(self) -> None:
-        """Reject requested cameras that the session does not have; see `Study.check`."""
-        self.scene.check_pair(self.asked)
-
-    def adopt(self, ours: Self) -> None:
-        """Use the pair of cameras that this study chose in the comparison's own session."""
-        self.asked, self.reason = ours.cameras, ours.reason
 
     def compare_instants(
         self,
@@ -299,6 +369,21 @@ class PairStudy(ConditionStudy):
         nows = choose_moving_instants(self.motion, self.cameras, list(dict(found)), self.context.max_instants)
         pairs = [pair for pair in found if pair[0] in nows]
         return pairs, {} if late_ms is None else {first: 0.0, second: late_ms}
+
+
+@cache
+def study_reports() -> Mapping[str, type[Score]]:
+    """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
+    # Ours come with their methods. Other packages may have studies without a method.
+    scored = (one.study for one in load_plugins(METHODS, "study").values() if one.study)
+    studies = [*load_plugins(STUDIES, "text", "placeholders").values(), *map(resolve_name, scored)]
+    studies.sort(key=lambda one: (one.text.place, one.text.name))
+    return {one.text.name: one for one in studies}
+
+
+def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
+    """Return the studies that were made, each with its result."""
+    return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]
 
 
 def write_pictures(

@@ -1,22 +1,13 @@
-"""Description of a study in a report: its names, measures, sentences and section of the page."""
+"""Words of a score: its names, measures and section of the page, read from files beside its code."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
-from pathlib import Path
-from pkgutil import resolve_name
-from typing import Any, ClassVar
 
 import msgspec
 
-from capture_app.common.plugins import load_plugins
-from capture_app.common.text import count
 from reconstruction.common import wording
-from reconstruction.common.options import METHODS, STUDIES
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.study_result import StudyResult
 
 WORDS, SECTION, WHY = "words.toml", "section.html", "why.html"
 """Files of words beside a method's code."""
@@ -108,68 +99,3 @@ def read_words(package: str) -> StudyText:
         if (template := folder / file).is_file():
             found[name] = template.read_text("utf-8")
     return msgspec.convert(found, StudyText)
-
-
-class StudyReport:
-    """Text about one study for the page, the screen and the verdict; studies override what they need."""
-
-    text: ClassVar[StudyText]
-
-    @classmethod
-    def placeholders(cls, found: StudyResult[Any]) -> dict[str, str]:
-        """Return the values that replace names in braces in the study's caption, measures and engine."""
-        return {
-            "subject": cls.text.subject[0].upper() + cls.text.subject[1:],
-            "names": " and ".join(found.cameras),
-            "cameras": count(len(found.cameras), "camera"),
-            "number": f"{len(found.cameras)}",
-            "reference": found.cameras[0],
-        }
-
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the study's sentence of the verdict; empty if the conditions do not clearly differ."""
-        return ""
-
-    @classmethod
-    def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """Return the study's sentence on images that were not synchronized; None if it has none."""
-        return None
-
-    @classmethod
-    def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return a sentence on whether the control shows that timing alone made the difference, if known."""
-        return ""
-
-    @classmethod
-    def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the study's main result for the first screen."""
-        return None
-
-    @classmethod
-    def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return the data that the study's section of the page shows besides the results.
-
-        `heads` are both conditions with their column heads, `out` the report's folder.
-        """
-        return {}
-
-    @classmethod
-    def files(cls, found: StudyResult[Any]) -> dict[str, Sequence[str]]:
-        """Return the study's files other than pictures, by their description."""
-        return {}
-
-
-@cache
-def study_reports() -> Mapping[str, type[StudyReport]]:
-    """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    # Ours come with their methods. Other packages may have studies without a method.
-    scored = (one.study for one in load_plugins(METHODS, "study").values() if one.study)
-    studies = [*load_plugins(STUDIES, "text", "placeholders").values(), *map(resolve_name, scored)]
-    studies.sort(key=lambda one: (one.text.place, one.text.name))
-    return {one.text.name: one for one in studies}
-
-
-def reported(result: CompareResult) -> list[tuple[type[StudyReport], StudyResult[Any]]]:
-    """Return the studies that were made, each with its result."""
-    return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]

@@ -20,7 +20,7 @@ def _methods() -> dict[str, Any]:
     """Return the installed methods that have a command, by the names of their classes."""
     from reconstruction.method.interface import methods
 
-    return {method.__name__: method for method in methods().values() if method.help}
+    return {method.__name__: method for method in methods().values()}
 
 
 def __dir__() -> list[str]:

@@ -59,8 +59,7 @@ def _add(command: click.Command, earlier_names: Sequence[str] = ()) -> None:
 
 # Before the others, which no method of another package replaces.
 for method in methods().values():
-    if method.help:
-        _add(method_command(method), method.aliases)
+    _add(method_command(method), method.aliases)
 for command in (batch, board, calibrate, compare, live, movers, time_command):
     _add(command)
 _add(tolerance, ["dose"])

@@ -60,12 +60,12 @@ class ReconstructedSession(OpenSession):
 
         def __getattr__(self, name: str) -> Callable[..., Any]:
             """Return the method of this name, bound to the session; AttributeError if there is none."""
-            if name.startswith("_") or not (method := methods().get(name)) or not method.help:
+            if name.startswith("_") or not (method := methods().get(name)):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             return partial(self._run, method)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *(name for name, method in methods().items() if method.help)]
+        return [*super().__dir__(), *methods()]
 
     def _run(
         self,

@@ -9,7 +9,7 @@ import click
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
-from reconstruction.method.interface import compare_options, study_names
+from reconstruction.method.interface import scored, study_names
 from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class _CompareCommand(click.Command):
             show_default="all",
             help="Make only this study and the studies it needs. Repeat for several.",
         )
-        own = [one for options in compare_options() for one in command_options.click_options(options)]
+        own = [one for options in scored() for one in command_options.click_options(options)]
         params = super().get_params(ctx)
         out = [one.name for one in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]

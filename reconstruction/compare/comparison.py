@@ -20,7 +20,7 @@ from reconstruction.common.outputs import STAGES, comparison_folder, write_metri
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
-from reconstruction.method.interface import compare_options
+from reconstruction.method.interface import scored
 from reconstruction.method.score import TIMING, Context, Score, study_reports
 from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.pages.page import REPORT
@@ -73,7 +73,7 @@ class CompareOptions:
             BadInputError: no installed study has such an option.
         """
         own = {name: options.pop(name) for name in cls.__dataclass_fields__ if name in options}
-        known = [keyword for kind in compare_options() for keyword in compare_keywords(kind)]
+        known = [keyword for kind in scored() for keyword in compare_keywords(kind)]
         if unknown := [name for name in options if name not in known]:
             raise BadInputError(
                 f"{unknown[0]} is not an option of a comparison",

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import msgspec
 
-from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
+from capture_app.common.plugins import load_plugin, load_plugins
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
-from reconstruction.common.options import METHODS, STUDIES, checked, command_flag, described
+from reconstruction.common.options import CHECKS, METHODS, checked, command_flag, described
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
@@ -24,19 +24,27 @@ if TYPE_CHECKING:
 SILENT = Progress(0, silent=True)
 
 
-class Method(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+class Check(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+    """What only a comparison makes, and its options there; each field is an option.
+
+    The class is loaded for every `--help`, so its score imports slow modules.
+    """
+
+    name: ClassVar[str]
+    """Name of the method or check, its plugin, and of a method its command and its method in Python."""
+    study: ClassVar[str] = ""
+    """Its score in a comparison, as module:class; empty for none."""
+
+
+class Method(Check, frozen=True, kw_only=True, dict=True):
     """One way to reconstruct a session, with its options: its words, and how it runs under a condition.
 
     Each field is an option. The class is loaded for every `--help`, so its methods import slow modules
     themselves.
     """
 
-    name: ClassVar[str]
-    """Name of the method, its command, its method in Python and its plugin."""
-    study: ClassVar[str] = ""
-    """The study that scores it in a comparison, as module:class; empty for none."""
-    help: ClassVar[str] = ""
-    """Help of its command; empty: it has no command, and is only a part of comparisons."""
+    help: ClassVar[str]
+    """Help of its command."""
     examples: ClassVar[Sequence[str]] = ()
     """Command lines for the help, without `reconstruct`."""
     aliases: ClassVar[Sequence[str]] = ()
@@ -187,16 +195,16 @@ def methods() -> Mapping[str, type[Method]]:
     return load_plugins(METHODS, "name", "study", "help", "make")
 
 
-def study_names() -> list[str]:
-    """Return the names of all studies that a comparison can make, without loading ours."""
-    return sorted({*plugin_names(STUDIES), *(name for name, method in methods().items() if method.study)})
-
-
 @cache
-def compare_options() -> Sequence[type[msgspec.Struct]]:
-    """Return what has options of a comparison: all methods, and the `Options` of other packages' studies."""
-    others = load_plugins(STUDIES, "text", "placeholders").values()
-    return [*methods().values(), *(one.Options for one in others if hasattr(one, "Options"))]
+def scored() -> Sequence[type[Check]]:
+    """Return all methods and checks that are parts of a comparison."""
+    checks: Mapping[str, type[Check]] = load_plugins(CHECKS, "name", "study")
+    return [one for one in (*methods().values(), *checks.values()) if one.study]
+
+
+def study_names() -> list[str]:
+    """Return the names of all scores that a comparison can make, without loading them."""
+    return sorted(one.name for one in scored())
 
 
 def find_method(name: str, **options: Any) -> Method:

@@ -13,15 +13,14 @@ import msgspec
 
 from capture_app.common.errors import DiskFullError, IncompleteError, SimulshotError
 from capture_app.common.optional_packages import require_reconstruction
-from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
-from reconstruction.common.options import METHODS, STUDIES, Pair, checked, compare_keywords
+from reconstruction.common.options import Pair, checked, compare_keywords
 from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.interface import Method
+from reconstruction.method.interface import Method, scored
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
 from reconstruction.method.words import Claim, StudyText
@@ -373,12 +372,10 @@ class Score:
 
 @cache
 def study_reports() -> Mapping[str, type[Score]]:
-    """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    # Ours come with their methods. Other packages may have studies without a method.
-    scored = (one.study for one in load_plugins(METHODS, "study").values() if one.study)
-    studies = [*load_plugins(STUDIES, "text", "placeholders").values(), *map(resolve_name, scored)]
-    studies.sort(key=lambda one: (one.text.place, one.text.name))
-    return {one.text.name: one for one in studies}
+    """Return all installed scores by name, in their order."""
+    found: list[type[Score]] = [resolve_name(one.study) for one in scored()]
+    found.sort(key=lambda one: (one.text.place, one.text.name))
+    return {one.text.name: one for one in found}
 
 
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:

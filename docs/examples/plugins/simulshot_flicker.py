@@ -1,4 +1,4 @@
-"""A study of the light: how much the brightness of two cameras differs."""
+"""A check of the light: how much the brightness of two cameras differs."""
 
 from typing import Annotated, Any
 
@@ -7,6 +7,7 @@ import numpy as np
 
 from reconstruction.common import wording
 from reconstruction.common.options import flag
+from reconstruction.method.interface import Check
 from reconstruction.method.score import Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
@@ -22,7 +23,10 @@ SECTION = """
 """
 
 
-class FlickerOptions(msgspec.Struct, frozen=True, kw_only=True):
+class Flicker(Check, frozen=True, kw_only=True):
+    name = "flicker"
+    study = f"{__name__}:FlickerScore"
+
     flicker_instants: Annotated[
         int, flag("--flicker-instants", metavar="N", help="Compare the light at this many instants.")
     ] = 8
@@ -32,7 +36,7 @@ class FlickerFacts(msgspec.Struct, frozen=True, kw_only=True):
     brightest_instant: int
 
 
-class FlickerStudy(Score):
+class FlickerScore(Score):
     text = StudyText(
         name="flicker",
         subject="flicker of the light",
@@ -45,7 +49,7 @@ class FlickerStudy(Score):
         title="How the light flickers",
     )
     min_cameras = 2
-    Options = FlickerOptions
+    Options = Flicker
 
     @classmethod
     def verdict(cls, result: Any, found: StudyResult[FlickerFacts]) -> str:

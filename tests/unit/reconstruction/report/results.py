@@ -9,6 +9,8 @@ import msgspec
 import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.checks.bullet_time.bullet_time_study import BulletTime
+from reconstruction.checks.poses.pose_study import PoseFacts
 from reconstruction.method.comparison_results import (
     CompareResult,
     ConditionResult,
@@ -23,9 +25,7 @@ from reconstruction.method.study_result import (
     StudyResult,
 )
 from reconstruction.method.timing import SessionTiming, Timing
-from reconstruction.methods.bullet_time.bullet_time_study import BulletTime
 from reconstruction.methods.multiview.multiview_study import MultiviewFacts
-from reconstruction.methods.poses.pose_study import PoseFacts
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(

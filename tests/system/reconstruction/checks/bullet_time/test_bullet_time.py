@@ -5,10 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.methods.bullet_time.bullet_time_study import (
+from reconstruction.checks.bullet_time.bullet_time_study import (
     render_camera_sweep,
 )
+from reconstruction.method.comparison_results import CompareResult
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from tests.project import JUMPER

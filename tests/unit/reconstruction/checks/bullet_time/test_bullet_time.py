@@ -10,11 +10,8 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.common.camera_paths import order_by_place
-from reconstruction.common.geometry import View
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.methods.bullet_time.between_cameras import views_between
-from reconstruction.methods.bullet_time.bullet_time_study import (
+from reconstruction.checks.bullet_time.between_cameras import views_between
+from reconstruction.checks.bullet_time.bullet_time_study import (
     LONG_SIDE_PX,
     MANY_CAMERAS,
     SMALLER_PX,
@@ -26,6 +23,9 @@ from reconstruction.methods.bullet_time.bullet_time_study import (
     stabilize_views,
     triangulate_subject,
 )
+from reconstruction.common.camera_paths import order_by_place
+from reconstruction.common.geometry import View
+from reconstruction.method.comparison_results import CompareResult
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene as OpenScene

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.reading.reader import Session
-from reconstruction.methods.triangulation.triangulation_study import triangulate
+from reconstruction.checks.triangulation.triangulation_study import triangulate
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
 from tests.unit.reconstruction.conftest import VIEWS

@@ -1,12 +1,12 @@
-"""Bullet time: the method and its option."""
+"""Bullet time: the check and its option."""
 
 from typing import Annotated
 
 from reconstruction.common.options import flag
-from reconstruction.method.interface import Method
+from reconstruction.method.interface import Check
 
 
-class BulletTimeSweep(Method, frozen=True, kw_only=True):
+class BulletTimeSweep(Check, frozen=True, kw_only=True):
     """One instant from camera to camera, beside delayed cameras."""
 
     name = "bullet_time"

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 
+from reconstruction.checks.poses.pose_check import PoseEstimation
 from reconstruction.common import wording
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
@@ -21,7 +22,6 @@ from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import read_words
-from reconstruction.methods.poses.pose_method import PoseEstimation
 from reconstruction.pages.charts import Axes
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.dataset import Dataset

@@ -15,6 +15,8 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
+from reconstruction.checks.bullet_time.between_cameras import film_between
+from reconstruction.checks.bullet_time.bullet_time_check import BulletTimeSweep
 from reconstruction.common import wording
 from reconstruction.common.camera_paths import order_by_place
 from reconstruction.common.drawing import EMPTY
@@ -24,8 +26,6 @@ from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.score import TIMING, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.words import read_words
-from reconstruction.methods.bullet_time.between_cameras import film_between
-from reconstruction.methods.bullet_time.bullet_time_method import BulletTimeSweep
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion

@@ -1,12 +1,12 @@
-"""Camera poses of single instants: the method and its options."""
+"""Camera poses of single instants: the check and its options."""
 
 from typing import Annotated
 
 from reconstruction.common.options import flag
-from reconstruction.method.interface import Method
+from reconstruction.method.interface import Check
 
 
-class PoseEstimation(Method, frozen=True, kw_only=True):
+class PoseEstimation(Check, frozen=True, kw_only=True):
     """Camera poses of single instants, compared with the calibration."""
 
     name = "poses"

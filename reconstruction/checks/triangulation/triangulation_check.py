@@ -1,9 +1,9 @@
 """Points by COLMAP: the method."""
 
-from reconstruction.method.interface import Method
+from reconstruction.method.interface import Check
 
 
-class Triangulation(Method, frozen=True, kw_only=True):
+class Triangulation(Check, frozen=True, kw_only=True):
     """COLMAP's points on moving and still objects."""
 
     name = "triangulation"

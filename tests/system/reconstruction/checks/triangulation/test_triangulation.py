@@ -11,11 +11,11 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
+from reconstruction.checks.triangulation.triangulation_study import TriangulationStudy
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.score import Context
 from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.stereo.stereo_study import StereoStudy
-from reconstruction.methods.triangulation.triangulation_study import TriangulationStudy
 from reconstruction.scene.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene

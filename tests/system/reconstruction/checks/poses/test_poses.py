@@ -5,7 +5,7 @@ from pathlib import Path
 from capture_app.session.reading.reader import Session
 from reconstruction.scene.conditions import DISTINCT, Condition
 from tests.project import SAMPLES
-from tests.unit.reconstruction.methods.poses.test_poses import compared, study
+from tests.unit.reconstruction.checks.poses.test_poses import compared, study
 
 PINWHEEL = SAMPLES / "pinwheel"
 

@@ -11,10 +11,10 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
+from reconstruction.checks.poses.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
 from reconstruction.common.geometry import View
 from reconstruction.method.score import Context
 from reconstruction.method.study_result import StudyResult
-from reconstruction.methods.poses.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
 from reconstruction.scene.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene

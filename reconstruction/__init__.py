@@ -32,13 +32,6 @@ def __getattr__(name: str) -> Any:
         return sorted([*_PUBLIC, *_methods()])
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    if not name[0].isupper() or (method := _find_method(name)) is None:
+    if not name[0].isupper() or (method := _methods().get(name)) is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return method
-
-
-def _find_method(name: str) -> Any:
-    """Return a method by its class's name, or by that of its options before; None for no method."""
-    known = _methods()
-    earlier = {f"{method.name.capitalize()}Options": method for method in known.values()}
-    return known.get(name, earlier.get(name))

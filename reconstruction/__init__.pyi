@@ -19,13 +19,6 @@ from reconstruction.scene.calibration.calibration_run import CalibrateOptions as
 from reconstruction.scene.calibration.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.scene.conditions import Condition as Condition
 
-# Earlier names.
-MultiviewOptions = Multiview
-PanoramaOptions = Panorama
-SplatOptions = SplatMethod
-StereoOptions = Stereo
-ViewOptions = ViewMethod
-
 class _OurMethods(ReconstructedSession):
     """The session with the types of the methods of this package, which it finds by their entry points."""
 

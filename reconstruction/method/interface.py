@@ -47,8 +47,6 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
     """Help of its command."""
     examples: ClassVar[Sequence[str]] = ()
     """Command lines for the help, without `reconstruct`."""
-    aliases: ClassVar[Sequence[str]] = ()
-    """Earlier names of its command."""
     takes_images: ClassVar[bool] = False
     """Whether image files and folders may take the place of a session."""
     result_file: ClassVar[str] = "metrics.json"

@@ -13,9 +13,10 @@ import numpy as np
 
 from reconstruction.checks.poses.pose_check import PoseEstimation
 from reconstruction.common import wording
+from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.common.native_libraries import library_versions, load_pycolmap
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, percent
 from reconstruction.method.score import UNASKED, Score

@@ -10,9 +10,10 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
+from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
+from reconstruction.common.native_libraries import foreign_calls, library_versions
 from reconstruction.method.score import Score, write_pictures
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally

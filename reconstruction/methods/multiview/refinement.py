@@ -8,8 +8,9 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import NotApplicableError
+from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
+from reconstruction.common.native_libraries import foreign_calls
 from reconstruction.scene.calibration.consistency import (
     Track,
     check_rig,

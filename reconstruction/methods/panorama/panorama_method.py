@@ -34,7 +34,6 @@ class Panorama(Method, frozen=True, kw_only=True):
         "panorama sessions/burst-001 --out panorama",
         "panorama left.jpg right.jpg --out panorama",
     )
-    aliases = ("stitch",)
     takes_images = True
 
     offset_ms: Annotated[
@@ -63,7 +62,6 @@ class Panorama(Method, frozen=True, kw_only=True):
         Pair | None,
         command_flag("--pair", show_default="all cameras", help="Stitch these two cameras only."),
         flag("--panorama-pair", "panorama", help="The two cameras for the panorama."),
-        flag("--stitch-pair", "panorama", hidden=True),
     ] = None
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "PanoramaResult":

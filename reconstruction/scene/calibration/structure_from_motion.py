@@ -15,10 +15,11 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.decoding import read_exif
+from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget, usable_cores
-from reconstruction.common.native_libraries import ForeignError, load_pycolmap
+from reconstruction.common.native_libraries import ForeignError
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 

@@ -328,6 +328,25 @@ class Score:
         """
         raise NotImplementedError
 
+    def write_pictures(
+        self, drawn: Mapping[str, Mapping[str, Array]], out: Path, *, flat: str = "", **words: str
+    ) -> tuple[Picture, ...]:
+        """Write pictures, drawn by condition and key, into out/pictures; return their texts with their paths.
+
+        The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
+        `words` replace names in braces in the captions.
+        """
+        texts = [one for one in self.text.pictures if one.key in drawn[CONDITIONS[0]]]
+        suffixes = {one.key: "png" if one.key == flat else "jpg" for one in texts}
+        paths = {
+            key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
+            for key, suffix in suffixes.items()
+        }
+        captions = {one.key: one.caption.format(**words) for one in texts}
+        return tuple(
+            msgspec.structs.replace(one, caption=captions[one.key], **paths[one.key]) for one in texts
+        )
+
     def late_condition(self, condition: Condition, offsets_ms: Mapping[str, float]) -> Condition:
         """Return the condition by the actual delay, or one in which the first camera keeps its image."""
         first, second = self.cameras
@@ -381,18 +400,3 @@ def study_reports() -> Mapping[str, type[Score]]:
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
     """Return the studies that were made, each with its result."""
     return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]
-
-
-def write_pictures(
-    drawn: Mapping[str, Mapping[str, Array]], texts: Sequence[Picture], out: Path, *, flat: str = ""
-) -> tuple[Picture, ...]:
-    """Write pictures, drawn by condition and key, into out/pictures; return the texts with their paths.
-
-    The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
-    """
-    suffixes = {one.key: "png" if one.key == flat else "jpg" for one in texts}
-    paths = {
-        key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
-        for key, suffix in suffixes.items()
-    }
-    return tuple(msgspec.structs.replace(one, **paths[one.key]) for one in texts)

@@ -8,6 +8,7 @@ from importlib.resources import files
 import msgspec
 
 from reconstruction.common import wording
+from reconstruction.method.study_result import Picture
 
 WORDS, SECTION, WHY = "words.toml", "section.html", "why.html"
 """Files of words beside a method's code."""
@@ -54,6 +55,8 @@ class StudyText:
     caption: str = "{subject}, {cameras}"
     """Caption of the study's table."""
     measures: Sequence[MeasureText] = ()
+    pictures: Sequence[Picture] = ()
+    """Its pictures, without their files; captions may contain words in braces that the score knows."""
     control: bool = True
     """Whether the measures are taken both on moving things (`mover_`) and on the control (`static_`)."""
     condition_columns: Sequence[tuple[str, str]] = ()

@@ -14,7 +14,7 @@ from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions
-from reconstruction.method.score import Score, write_pictures
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.truth import right_depth
@@ -46,12 +46,6 @@ INSTANT_LIMITS = (3, 8)
 CONTROL_MARGIN_PX = 4
 """Distance from a moving object below which points are left out of the control."""
 PURPOSE = "triangulating points"
-POINTS_PICTURE = Picture(
-    key="triangulation_points",
-    title="Points by COLMAP",
-    caption="Each dot is a point that COLMAP matched and placed: bright is near, blue is far. What moves is "
-    "orange: with pictures of different instants its points are gone, or in the wrong place.",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,8 +287,8 @@ class TriangulationStudy(Score):
             colours = colour_depth(depth[None], *limits)[0].tolist()
             for place in np.argsort(-depth):
                 cv2.circle(picture, pixels[place].tolist(), radius, colours[place], -1, cv2.LINE_AA)
-            drawn[side] = {POINTS_PICTURE.key: picture}
-        return write_pictures(drawn, (POINTS_PICTURE,), folder)
+            drawn[side] = {"triangulation_points": picture}
+        return self.write_pictures(drawn, folder)
 
     def _points(self, shown: Mapping[str, int]) -> SeenPoints:
         return self.scene.stages.arrays(

@@ -22,7 +22,7 @@ from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
-from reconstruction.method.score import UNASKED, Score, write_pictures
+from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import InstantClouds, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Tally
 from reconstruction.method.truth import TOLERANCE_TEXT, right_depth
@@ -53,15 +53,6 @@ AT_A_TIME = 2
 CACHED_IMAGES = 32
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
-TURNTABLE = Picture(
-    key="multiview_turntable", title="All around", caption="The points of all cameras, from six places."
-)
-FUSED = Picture(
-    key="multiview_colmap",
-    title="Fused by COLMAP",
-    caption="The same distances, fused into points by COLMAP's stereo fusion, from six places. Dense "
-    "matching is by our sweep, or by COLMAP's PatchMatch where there is CUDA.",
-)
 
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
@@ -366,13 +357,19 @@ class MultiviewStudy(Score):
         best = max(range(len(found)), key=lambda k: (moving[k] & (depth[k]["synced"] > 0)).sum())
         one, mask, maps = instants[best], moving[best], found[best]
         shot = self.shots.image(reference, one.instant)
-        pictures = _draw_depth(shot.colours, depth[best], mask, scorer.true_depth(one.instant), folder)
+        truth = scorer.true_depth(one.instant)
+        judged = "the other cameras agree" if truth is None else f"it is right {TOLERANCE_TEXT}"
+        pictures = self.write_pictures(
+            _draw_depth(shot.colours, depth[best], mask, truth), folder, flat="multiview_depth", judged=judged
+        )
         if len(maps["synced"].points) < MIN_POINTS:
             return pictures, None
         clouds = {side: (found.points, found.colours) for side, found in maps.items()}
         places = [views[camera] for camera in one.shown]
-        drawn = {side: {TURNTABLE.key: picture} for side, picture in draw_clouds(clouds, places).items()}
-        pictures += write_pictures(drawn, (TURNTABLE,), folder)
+        drawn = {
+            side: {"multiview_turntable": picture} for side, picture in draw_clouds(clouds, places).items()
+        }
+        pictures += self.write_pictures(drawn, folder)
         pictures += self._show_by_colmap(one, maps, places, folder)
         return pictures, save_clouds(
             one.instant, maps, depth[best]["synced"], shot.calibrated.view, mask, folder
@@ -393,14 +390,14 @@ class MultiviewStudy(Score):
             clouds[side] = fuse_by_colmap(views, colours, all_maps, min(MIN_CAMERAS, len(views)))
         if len(clouds["synced"][0]) < MIN_POINTS:
             return ()
-        drawn = {side: {FUSED.key: picture} for side, picture in draw_clouds(clouds, places).items()}
-        return write_pictures(drawn, (FUSED,), folder)
+        drawn = {side: {"multiview_colmap": picture} for side, picture in draw_clouds(clouds, places).items()}
+        return self.write_pictures(drawn, folder)
 
 
 def _draw_depth(
-    photo: Array, maps: Mapping[str, Array], moving: Array, truth: Array | None, out: Path
-) -> tuple[Picture, ...]:
-    """Draw depth and motion (bool) of one instant in both conditions into out/pictures.
+    photo: Array, maps: Mapping[str, Array], moving: Array, truth: Array | None
+) -> dict[str, dict[str, Array]]:
+    """Draw depth and motion (bool) of one instant in both conditions.
 
     `photo` (BGR) is the reference's undistorted image. `truth` is in the maps' unit, NaN = unknown.
     """
@@ -412,19 +409,4 @@ def _draw_depth(
             "multiview_depth": colour_depth(found, *limits),
             "multiview_movers": mark_moving(photo, moving, right),
         }
-    judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
-    texts = (
-        Picture(
-            key="multiview_depth",
-            title="Distance from all cameras",
-            caption="Bright is near, blue is far; dark means that no distance was found. On one side are the "
-            "pictures that were recorded as one instant, on the other each camera is off by a different "
-            "delay.",
-        ),
-        Picture(
-            key="multiview_movers",
-            title="What moves, by all cameras",
-            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
-        ),
-    )
-    return write_pictures(drawn, texts, out, flat="multiview_depth")
+    return drawn

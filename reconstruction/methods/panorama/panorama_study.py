@@ -11,7 +11,7 @@ from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_
 from reconstruction.common.geometry import Array
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import CLEAR_FRACTION, late_text, percent
-from reconstruction.method.score import Score, write_pictures
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import Claim, read_words
@@ -31,21 +31,6 @@ MIN_POINTS, MIN_PIXELS = 5, 50
 MEASURES = ("mover_misfit_px", "mover_found")
 """Measures in order of preference: residual of moving objects, else the fraction found again."""
 CLEAR_RATIO = 1.5
-TEXTS = (
-    Picture(key="panorama", title="Panorama", caption="Two pictures in one, the seam where they agree best."),
-    Picture(
-        key="panorama_closeup",
-        title="The panorama, close up",
-        caption="Where most differs between the two conditions.",
-    ),
-    Picture(
-        key="panorama_overlap",
-        title="The two pictures laid over each other",
-        caption="The same place without a seam, before one of the two is chosen for every spot. A thing that "
-        "is elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
-        "leaving one of them out or by cutting through it.",
-    ),
-)
 
 
 class PanoramaStudy(Score):
@@ -180,7 +165,7 @@ class PanoramaStudy(Score):
         for one in drawn.values():
             one["panorama_closeup"] = enlarge_crop(one["panorama"], box)
             one["panorama_overlap"] = enlarge_crop(one["panorama_overlap"], box)
-        return write_pictures(drawn, TEXTS, out)
+        return self.write_pictures(drawn, out)
 
 
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:

@@ -13,7 +13,7 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED
 from reconstruction.method.picture_quality import psnr, ssim
-from reconstruction.method.score import UNASKED, Score, write_pictures
+from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import read_words
@@ -37,18 +37,6 @@ MARGIN_PX = 4
 CLOSE = 1.3
 """Side of the close-up, relative to what moves."""
 WORSE_DB = 1.0
-DECIBEL = "dB"
-WHOLE = Picture(
-    key="splat",
-    title="From the camera that was left out",
-    caption="What {reference} would see. Its own picture is below.",
-)
-CLOSE_UP = Picture(
-    key="splat_close",
-    title="Close up: the camera's own picture, and the splat",
-    caption="Left: the picture of {reference}, which the splat never saw. Right: the splat.",
-    panels=2,
-)
 
 
 class SplatFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -227,17 +215,12 @@ class SplatStudy(Score):
         self, splats: Mapping[str, _Splat], truth: Array, moving: Array, folder: Path
     ) -> tuple[Picture, ...]:
         """Write the whole splats, and close-ups of what moves beside the reference's own picture."""
-        drawn, texts = {side: {WHOLE.key: one.picture} for side, one in splats.items()}, [WHOLE]
+        drawn = {side: {"splat": one.picture} for side, one in splats.items()}
         if moving.any():
             close = _close_up(moving)
             for side, one in splats.items():
-                drawn[side][CLOSE_UP.key] = np.hstack([truth[close], one.picture[close]])
-            texts.append(CLOSE_UP)
-        named = [
-            msgspec.structs.replace(one, caption=one.caption.format(reference=self.reference))
-            for one in texts
-        ]
-        return write_pictures(drawn, named, folder)
+                drawn[side]["splat_close"] = np.hstack([truth[close], one.picture[close]])
+        return self.write_pictures(drawn, folder, reference=self.reference)
 
 
 def _scores(picture: Array, truth: Array, moving: Array, still: Array) -> Measurements:

@@ -24,7 +24,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import CLEAR_FRACTION, DEPTH_MEASURES, depth_sentence, late_text, percent
-from reconstruction.method.score import Context, Score, write_pictures
+from reconstruction.method.score import Context, Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally, measure_depth
 from reconstruction.method.timing import found_shares
@@ -45,7 +45,6 @@ from reconstruction.methods.stereo.stereo_pair import (
 )
 from reconstruction.methods.stereo.stereo_run import prepare_pair
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
-from reconstruction.scene.dataset import Dataset
 
 FALLEN_CONTROL = 0.1
 """Lost fraction of still pixels from which timing is not the only cause."""
@@ -66,46 +65,6 @@ class StereoInstant:
     static: Array
     truth: Array | None
     matcher: StereoPair
-
-
-def stereo_pictures(
-    dataset: Dataset, cameras: tuple[str, str], instants: Sequence[StereoInstant], out: Path
-) -> tuple[Picture, ...]:
-    """Write pictures of the instant with the most moving pixels with depth into out/pictures."""
-    one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
-    photo = dataset.image(cameras[0], one.now)
-    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], k)) for side, k in one.shown.items()}
-    movers = (
-        "Teal: both pictures agree on a distance. Orange: they do not."
-        if one.truth is None
-        else f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
-    )
-    texts = (
-        Picture(
-            key="stereo_late",
-            title="The second camera's picture",
-            caption=f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
-        ),
-        Picture(
-            key="stereo_depth",
-            title="Distance",
-            caption="Bright is near, blue is far; dark means that no distance was found.",
-        ),
-        Picture(key="stereo_movers", title="What moves", caption=movers),
-        Picture(
-            key="stereo_closeup",
-            title="A moving thing, close up",
-            caption="The picture, and the distance found for it.",
-            panels=2,
-        ),
-        Picture(
-            key="stereo_pair",
-            title="The two pictures",
-            caption="Turned so that the same point lies on the same line in both; what has moved does not.",
-            panels=2,
-        ),
-    )
-    return write_pictures(drawn, texts, out, flat="stereo_depth")
 
 
 def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
@@ -271,8 +230,23 @@ class StereoStudy(Score):
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
-            pictures=stereo_pictures(self.dataset, self.pair, instants, folder) if folder else (),
+            pictures=self._pictures(instants, folder) if folder else (),
         )
+
+    def _pictures(self, instants: Sequence[StereoInstant], out: Path) -> tuple[Picture, ...]:
+        """Write pictures of the instant with the most moving pixels with depth."""
+        first, second = self.pair
+        one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
+        photo = self.dataset.image(first, one.now)
+        drawn = {
+            side: _draw(one, side, photo, self.dataset.image(second, k)) for side, k in one.shown.items()
+        }
+        movers = (
+            "Teal: both pictures agree on a distance. Orange: they do not."
+            if one.truth is None
+            else f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
+        )
+        return self.write_pictures(drawn, out, flat="stereo_depth", first=first, second=second, movers=movers)
 
     def _project_still(self, still: bytes) -> tuple[Array, Array]:
         """Return `project_into_other` of float32 depth; cached for conditions with the same instants."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
-from reconstruction.common.worker_pool import SWEEP_BYTES, max_workers
+from reconstruction.common.worker_pool import SWEEP_BYTES, computed_once, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
 from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
 from reconstruction.scene.dataset import Dataset
@@ -18,6 +17,7 @@ from reconstruction.scene.moving_pixels import SceneMotion, dilate
 from reconstruction.scene.pairs import detect_features
 from reconstruction.scene.scene import Scene
 
+CACHED_IMAGES = 32
 EDGE_PX = 2
 """Distance from pixels outside the original image within which nothing is matched."""
 CHECKED = 960, 800
@@ -137,10 +137,9 @@ class InputImages:
         self,
         scene: Scene,
         width_px: int | None = None,
-        cached: int = 0,
         motion: SceneMotion | None = None,
     ) -> None:
-        """`cached`: number of images that are kept. `motion`: what moves, for scores.
+        """`motion`: what moves, for scores. Runs and scores of one scene share images of a limited width.
 
         Raises as `Scene.views`.
         """
@@ -153,7 +152,9 @@ class InputImages:
         }
         self.plain_views = {name: view.undistorted for name, view in self.views.items()}
         """The views of undistorted images."""
-        self._image = lru_cache(maxsize=cached)(self._load)
+        self._image = self._load
+        if width_px is not None:
+            self._image = scene.once(("images", width_px), lambda: computed_once(self._load, CACHED_IMAGES))
 
     def usable(self, shown: Mapping[str, int]) -> tuple[dict[str, InputImage], dict[str, str]]:
         """Return the images that can be matched, of each camera's instant, and reasons for the others.

@@ -50,7 +50,6 @@ MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 AT_A_TIME = 2
 """Number of conditions whose depth is computed at a time, and of instants that are scored."""
-CACHED_IMAGES = 32
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
 
@@ -175,7 +174,7 @@ class MultiviewStudy(Score):
     @cached_property
     def shots(self) -> InputImages:
         """The session's images, undistorted."""
-        return InputImages(self.scene, self.options.multiview_width, CACHED_IMAGES, self.motion)
+        return InputImages(self.scene, self.options.multiview_width, self.motion)
 
     def prepare(self) -> None:
         """Choose the cameras; see `Score.prepare`.

@@ -45,4 +45,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def _costs(reports: Iterable[pytest.TestReport]) -> Iterable[tuple[float, str]]:
     for report in reports:
-        yield from ((cost, report.nodeid) for name, cost in report.user_properties if name == _PROPERTY)
+        yield from (
+            (float(str(cost)), report.nodeid) for name, cost in report.user_properties if name == _PROPERTY
+        )

@@ -301,7 +301,7 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
 
     def abort(self) -> None:
         """Break the stream off; every pending read and write raises NetworkError at once."""
-        # TLS of Python 3.11.2 (Debian 12) raises once its connection is lost: nothing is left to break off then.
+        # TLS of Python 3.11.2 (Debian 12) raises once its connection is lost.
         with contextlib.suppress(AttributeError):
             self._writer.transport.abort()
 

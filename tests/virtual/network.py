@@ -42,10 +42,12 @@ class Link:
     held: list[Callable[[], None]] = field(default_factory=list)
     """Stream chunks that wait until the link is whole again."""
     sent: int = 0
+    sleeps_ns: Callable[[], int] = lambda: 0
+    """Time until a receiver that saves power listens again."""
 
     def delay_ns(self) -> int:
         """Draw one delay."""
-        return self.base_ns + round(self.rng.expovariate(1.0) * self.jitter_ns)
+        return self.base_ns + round(self.rng.expovariate(1.0) * self.jitter_ns) + self.sleeps_ns()
 
 
 class VirtualSocket:

@@ -6,8 +6,6 @@ import pytest
 
 ACCEPTED = {
     "eager tasks came with Python 3.12": "it is tested on newer versions of Python",
-    "rerun-sdk is not installed": "765 MB for one format; `make test KIND=nightly` has it",
-    "nerfstudio is not installed": "it needs PyTorch, 3 GB; `make test KIND=nightly` has it",
 }
 """Why a test may be skipped in CI, by the beginning of its reason."""
 WITHOUT_RECORDINGS = "no real recordings at "

@@ -14,6 +14,7 @@ WITHOUT_ROOM = {
     "benchmarks",
     "documentation",
     "drivers",
+    "readers",
     "end_to_end",
     "fuzz",
     "packaging",

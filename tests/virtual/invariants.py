@@ -30,6 +30,8 @@ from tests.virtual.rig import VirtualRig
 
 BEFORE_S, AFTER_S = 3.0, 6.0
 """A fault this long before a burst's order or after its last instant may cost frames."""
+HARMLESS = ("clock-slew", "disk-slow", "late-link")
+"""Faults that cost no frame, however long they last."""
 MAX_LINES_PER_MINUTE = 120
 MAX_HELD_S = 0.1
 """Processor time of one step of a leader's event loop, which hears nobody meanwhile."""
@@ -264,6 +266,7 @@ def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | Non
         concerned.add("relay")
     return any(
         span.target in concerned
+        and span.kind not in HARMLESS
         and span.from_ns <= ends_ns + AFTER_S * 1e9
         # Of what was killed, it takes a while until it is ready again.
         and span.until_ns + AFTER_S * 1e9 >= begins_ns

@@ -114,6 +114,9 @@ def draw(seed: int) -> Plan:
     for follow, chance in ((_dark, 0.25), (_absent, 0.25), (_alone, 0.1)):
         if further.random() < chance:
             steps += follow(further, further.uniform(SETTLE_S, seconds - 10), honest)
+    latest = random.Random(f"crash {seed}")
+    if latest.random() < 0.15:
+        steps += _crash(latest, latest.uniform(SETTLE_S, seconds - 10))
     lopsided = {further.choice(honest): _lopsided_ms(further)} if further.random() < 0.15 else {}
     return Plan(
         seed,
@@ -162,6 +165,15 @@ def _absent(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[S
     return [
         Step(at_s, kind, rng.choice(cameras), 0.0, seconds),
         Step(at_s + rng.uniform(3, seconds - 1), "burst", "desk", float(rng.randint(1, 6))),
+    ]
+
+
+def _crash(rng: random.Random, at_s: float) -> list[Step]:
+    """Return a take whose leader loses its power while its slow disk still writes the images."""
+    return [
+        Step(at_s, "disk-slow", "lead", rng.uniform(0.1, 0.6), 8.0),
+        Step(at_s + 0.5, "burst", "desk", float(rng.randint(3, 8))),
+        Step(at_s + rng.uniform(2, 6), "power", "lead", 0.0, rng.uniform(0.5, 5)),
     ]
 
 

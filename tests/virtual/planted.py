@@ -119,6 +119,10 @@ def _befalls(kinds: tuple[str, ...], *targets: str) -> Callable[[Plan], bool]:
     return lambda plan: any(step.kind in kinds and step.target.startswith(targets) for step in plan.steps)
 
 
+def _loses_power_while_it_saves(plan: Plan) -> bool:
+    return _befalls(("power",), "lead")(plan) and _befalls(("disk-slow",), "lead")(plan)
+
+
 _ENDS = ("kill", "power", "kill-at-disk-step")
 FAULTS: dict[str, Fault] = {
     "bar": Fault(
@@ -220,6 +224,7 @@ FAULTS: dict[str, Fault] = {
         "sync_all((*files, self.folder, self.folder.parent)).values()",
         "sync_all(()).values()",
         _befalls(("power",), "cam"),
+        seed=8,
     ),
     "sync-on-loop": Fault(
         "a node syncs its spool on its event loop",
@@ -247,7 +252,8 @@ FAULTS: dict[str, Fault] = {
         "            saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))\n",
         "            self.add(StoredImage(record, partial.file, truth, upload.true_ns))\n"
         "            saving = known(record.sha256)\n",
-        _befalls(_ENDS, "lead"),
+        _loses_power_while_it_saves,
+        seed=34,
     ),
     "sent-is-safe": Fault(
         "a node deletes an image when it is sent instead of when it is acknowledged",
@@ -276,13 +282,6 @@ FAULTS: dict[str, Fault] = {
         'f"it sent nothing for {stalled_ns // 10**9} s" if now_ns - since_ns >= stalled_ns else ""',
         '""',
         lambda plan: bool(plan.liars),
-    ),
-    "receipts": Fault(
-        "receipts number an instant as the session does, not as it was ordered",
-        "capture_app/node/burst/camera_delivery.py",
-        "replace(receipt, instant=chosen[receipt.instant])",
-        "replace(receipt, instant=receipt.instant)",
-        lambda plan: plan.drops > 0,
     ),
     "cancelled": Fault(
         "a cancelled take drops the images that had arrived",

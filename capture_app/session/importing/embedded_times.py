@@ -1,10 +1,12 @@
 """Frame times from the recording itself: video timestamps, file names, EXIF."""
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal
 
@@ -57,6 +59,45 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield av, container
 
 
+@dataclass(frozen=True, slots=True)
+class VideoFacts:
+    """What a video file says of its frames, and notes for the user on what they are."""
+
+    times_ns: Sequence[int]
+    """Presentation times, ascending; empty if not every frame has one."""
+    count: int
+    fps: float
+    """Rate in frames/s; 0 if the file does not state it."""
+    notes: Sequence[str]
+
+
+def describe_video(path: Path) -> VideoFacts:
+    """Return a video's facts; only its first frame is decoded, unless its frames have no times.
+
+    Frames that an edit list hides do not count. Raises as `video_times_ns`.
+    """
+    times_ns = video_times_ns(path)
+    notes: list[str] = []
+    decoded = 0
+    with _opened(path) as (av, container):
+        stream = container.streams.video[0]
+        fps = float(stream.guessed_rate or stream.average_rate or 0)
+        for packet in container.demux(stream):
+            frames = []
+            with suppress(av.InvalidDataError):
+                frames = packet.decode()
+            if frames and not notes and frames[0].interlaced_frame:
+                apart = f" {500 / fps:.3g} ms apart" if fps else ""
+                notes.append(
+                    f"interlaced: the odd and the even rows of a frame are two instants{apart}, "
+                    "and moving edges look like combs"
+                )
+            if frames and times_ns:
+                break
+            decoded += len(frames)
+    return VideoFacts(times_ns, len(times_ns) or decoded, fps, notes)
+
+
 def video_times_ns(path: Path) -> list[int]:
     """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
 
@@ -76,24 +117,31 @@ def count_video_streams(path: Path) -> int:
         return sum(not stream.disposition & cover for stream in container.streams.video)
 
 
-def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yield the frames (BGR, H x W x 3, upright) at the requested presentation times in ns, with their times.
+def video_pictures(
+    path: Path, places: Collection[int], *, by_time: bool = True
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield the frames (BGR, H x W x 3, upright) at the requested places, with their places.
 
-    Frames that cannot be decoded are skipped. Raises BadInputError if it is not a video.
+    A place is a presentation time in ns, otherwise the number of a decoded frame. Frames that cannot be
+    decoded are skipped. Raises BadInputError if it is not a video.
     """
     with _opened(path) as (av, container):
         scaler = av.video.reformatter.Interpolation
         # Without accurate rounding every image is darker by a level or more.
         rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
+        numbers, last = count(), max(places, default=-1)
         for packet in container.demux(container.streams.video[0]):
             frames = []
             with suppress(av.InvalidDataError):
                 frames = packet.decode()
-            for frame in frames:
-                at_ns = None if frame.pts is None else round(frame.pts * frame.time_base * 1_000_000_000)
-                if at_ns is not None and at_ns in times_ns:
+            for frame, number in zip(frames, numbers, strict=False):
+                timed = by_time and frame.pts is not None
+                place = round(frame.pts * frame.time_base * 1_000_000_000) if timed else number
+                if place > last:
+                    return
+                if timed == by_time and place in places and not frame.is_corrupt:
                     image = frame.to_ndarray(format="bgr24", interpolation=rounding)
-                    yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
+                    yield place, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
 
 
 def name_time_ns(path: Path) -> int:

@@ -16,8 +16,9 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import (
     DAMAGED,
     count_video_streams,
+    describe_video,
+    has_video_times,
     video_pictures,
-    video_times_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
@@ -37,6 +38,8 @@ _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
+_MAX_LUMA_ERROR = 40.0
+"""Maximum mean difference of grey levels from the decoded luma; full and limited range differ by 16."""
 FOLDER = "images"
 """Type name of a plain folder of images."""
 
@@ -146,25 +149,34 @@ class Video(Source):
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
         chapters = (path, *later_chapters(path))
-        counts, rates = zip(*map(_count_frames, chapters), strict=True)
-        self._times_ns: dict[Path, Sequence[int]] = dict(zip(chapters, map(range, counts), strict=True))
-        """Presentation times of each file's frames, ns; their numbers until the times are read."""
+        counted: dict[Path, Sequence[int]] = {}
+        """The presentation times of each file's frames in ns, or their numbers if it has no times."""
+        self._timed = has_video_times()
+        """Whether all files have presentation times, by which their frames are selected."""
+        rates, notes = [], []
+        for chapter in chapters:
+            if has_video_times():
+                facts = describe_video(chapter)
+                counted[chapter] = facts.times_ns or range(facts.count)
+                self._timed &= bool(facts.times_ns)
+                rates.append(facts.fps)
+                notes += [f"{chapter.name}: {note}" for note in facts.notes]
+            else:
+                count, rate = _count_frames(chapter)
+                counted[chapter] = range(count)
+                rates.append(rate)
+        self._times_ns = counted
         self.has_times = False
-        """Whether frames are selected by their presentation times instead of their numbers."""
-        self.numbers, self.fps = range(sum(counts)), rates[0]
+        """Whether the frames' own times are the recording's."""
+        self.numbers, self.fps = range(sum(map(len, counted.values()))), rates[0]
         if len(chapters) > 1:
-            self.note = f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}"
+            notes.append(f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}")
+        self.note = "; ".join(notes)
         if not self.numbers:
-            raise BadInputError(
-                f"{path} does not give its number of frames",
-                hint="re-mux it (ffmpeg -i IN -c copy OUT), or import images",
-            )
+            raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
     def use_embedded_times(self) -> Sequence[int]:
-        """Read the presentation times of all frames, ns, and select frames by them if there are any.
-
-        See `video_times_ns`.
-        """
+        """Return the presentation times of all frames, ns, as the recording's; none if a file lacks them."""
         if count_video_streams(self.path) > 1:
             # As in an .insv of Insta360, which has a lens in each.
             second = (
@@ -172,14 +184,12 @@ class Video(Source):
                 f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
             )
             self.note = "; ".join(filter(None, (self.note, second)))
-        found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
-        if not all(found.values()):
+        if not self._timed:
             return ()
+        self.has_times = True
+        found = self._times_ns
         shifts = chapter_shifts_ns([*found.values()])
-        times_ns = [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
-        self._times_ns = {**found}
-        self.has_times, self.numbers = True, range(len(times_ns))
-        return times_ns
+        return [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
@@ -187,23 +197,51 @@ class Video(Source):
         for chapter, times_ns in self._times_ns.items():
             size = len(times_ns)
             inner = [index - first for index in indices if first <= index < first + size]
-            # Selected by time, a frame that cannot be decoded does not shift the others.
-            by_time = {times_ns[index]: index for index in inner} if self.has_times else {}
-            timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter, by_time))
-            for index, image in timed if self.has_times else _read_frames(chapter, inner):
+            if has_video_times():
+                # Selected by time, a frame that cannot be decoded does not shift the others.
+                chosen = {times_ns[index]: index for index in inner}
+                pictures = video_pictures(chapter, chosen, by_time=self._timed)
+                numbered: Iterator[tuple[int, Any]] = ((chosen[at], image) for at, image in pictures)
+            else:
+                numbered = _read_frames(chapter, inner)
+            for index, image in numbered:
                 yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
             first += size
 
 
 def _count_frames(path: Path) -> tuple[int, float]:
-    """Return a video file's number of frames and their rate, frames/s."""
+    """Return a video file's number of frames and their rate, frames/s, by OpenCV."""
     import cv2
 
+    _check_decoded(path)
     with _opened(path) as capture:
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if path.suffix.lower() in UNCOUNTED_SUFFIXES:
+        if count <= 0 or path.suffix.lower() in UNCOUNTED_SUFFIXES:
             count = sum(1 for _ in iter(capture.grab, False))
         return count, float(capture.get(cv2.CAP_PROP_FPS))
+
+
+def _check_decoded(path: Path) -> None:
+    """Raise BadInputError if OpenCV's first image is not what it decoded.
+
+    OpenCV 5 cannot convert interlaced frames, and returns memory that nothing has written.
+    """
+    import cv2
+    import numpy as np
+
+    images = []
+    for convert in (0, 1):
+        with _opened(path) as capture:
+            capture.set(cv2.CAP_PROP_CONVERT_RGB, convert)
+            images.append(capture.read()[1])
+    luma, image = images
+    if image is not None and luma is not None and luma.shape == image.shape[:2]:
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        if np.abs(luma.astype(np.int16) - gray).mean() > _MAX_LUMA_ERROR:
+            raise BadInputError(
+                f"OpenCV cannot convert the frames of {path}, which may be interlaced",
+                hint="install the extra `export`: its PyAV decodes them",
+            )
 
 
 def _read_frames(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:

@@ -18,7 +18,12 @@ from tests.session.importing.strangers import FOLDERS, MIDDLE_NS, true_offset_ms
 from tests.slow_cases import slow_or_long
 
 OFTEN = (
+    "flashes",
     "one flash",
+    "timecode",
+    "timecodes of recorded time",
+    "a lamp, and a timecode that agrees",
+    "a lamp, and a timecode that disagrees",
     "timecodes of clocks that nobody set",
     "nothing tells",
     "three, one of them deaf",

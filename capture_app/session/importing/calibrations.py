@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.text import Talk
 from capture_app.session.format.calibration import (
     METRES,
     Calibration,
@@ -16,8 +17,8 @@ from capture_app.session.format.calibration import (
     check_lens,
 )
 from capture_app.session.format.lens import Array
+from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.rate_or_table import match_name
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 
 Fit = Literal["exact", "crop", "scale"]
@@ -50,24 +51,32 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
 
 
 def fit_calibration(
-    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = "exact"
+    views: Views,
+    sizes: Mapping[str, tuple[int, int]],
+    *,
+    unit: str | None = None,
+    fit: Fit = "exact",
+    talk: Talk = lambda said: None,
 ) -> Calibration:
     """Return the calibration of a recording's cameras, given their image sizes (width, height) in px.
 
     Lengths are converted to metres from the file's own unit, otherwise from `unit` (default m). An unknown
-    unit, such as a board's square, is kept by name. Raises BadInputError if a camera has no calibration, if
+    unit, such as a board's square, is kept by name. `talk` receives which camera of the file is whose, unless
+    the names are equal. Raises BadInputError if a camera has no calibration, if
     its numbers are impossible for a camera, or if the size does not fit.
     """
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
-    labels = {match_name(label, list(sizes)): label for label in views.cameras}
+    labels = pair_labels(views.cameras, list(sizes))
     if lacking := [name for name in sizes if name not in labels]:
         raise BadInputError(
             f"{views.source} calibrates {', '.join(views.cameras)}: "
             f"nothing for {', '.join(lacking)} of the recording",
             hint="name the cameras as in the calibration: NAME=PATH",
         )
+    if said := describe_pairs(views.source, labels, views.cameras):
+        talk(said)
     cameras = {
         name: _camera(
             f"{views.source}: camera {name}", views.cameras[labels[name]], size, METRES.get(given, 1.0), fit

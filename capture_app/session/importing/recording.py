@@ -220,12 +220,12 @@ def _fitting(
 ) -> Calibration | None:
     """Return the calibration for images of these sizes: the given one, the export's, or the one beside."""
     if views is not None:
-        return fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+        return fit_calibration(views, sizes, unit=options.unit, fit=options.fit, talk=talk)
     if options.beside is None:
         return _calibration_of(record, sizes) if record else None
     try:
         beside = read_views([("", options.beside)], list(sizes))
-        calibration = fit_calibration(beside, sizes, unit=options.unit, fit=options.fit)
+        calibration = fit_calibration(beside, sizes, unit=options.unit, fit=options.fit, talk=talk)
     except BadInputError as error:
         talk(f"calibration: {options.beside} is not taken: {error}")
         return _calibration_of(record, sizes) if record else None

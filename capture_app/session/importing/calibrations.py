@@ -109,7 +109,7 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
         )
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
         raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
-    x, y = _factors(where, view.size, size, fit)
+    x, y = _factors(where, view, size, fit)
     left, _, right = np.linalg.svd(view.rotation)
     return msgspec.structs.replace(
         camera,
@@ -122,9 +122,8 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     )
 
 
-def _factors(
-    where: str, calibrated: tuple[int, int] | None, size: tuple[int, int], fit: Fit
-) -> tuple[float, float]:
+def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[float, float]:
+    calibrated = view.size
     if calibrated is None or calibrated == size:
         return 1.0, 1.0
     if min(calibrated) < 1:
@@ -134,10 +133,19 @@ def _factors(
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
     if fit != "exact" or abs(x / y - 1) < 1e-3:
         return (1.0, 1.0) if fit == "crop" else (x, y)
-    turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""
-    raise BadInputError(
+    what = (
         f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are "
-        f"{size[0]}x{size[1]}{turned}",
+        f"{size[0]}x{size[1]}"
+    )
+    if calibrated == size[::-1]:
+        said = f" (its {view.turned})" if view.turned else ""
+        raise BadInputError(
+            f"{what}, turned by 90 degrees{said}",
+            hint="import the images as they were when the lens was calibrated, or calibrate these: "
+            "import without --calibration, then reconstruct calibrate SESSION",
+        )
+    raise BadInputError(
+        what,
         hint="--fit crop if their right or bottom is cut off, --fit scale if they are stretched",
     )
 

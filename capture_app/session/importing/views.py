@@ -31,6 +31,8 @@ class View:
     rotation: Array
     translation: Array
     size: tuple[int, int] | None = None
+    turned: str = ""
+    """What the file says of images that are turned after the lens was calibrated; empty if nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

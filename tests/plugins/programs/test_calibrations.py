@@ -118,6 +118,30 @@ def test_toml_of_caliscope_and_of_anipose(tmp_path: Path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (("fisheye = false", "fisheye = true"), "camera 0 has a fisheye lens"),
+        (("rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n", ""), "has a lens, but no pose yet"),
+        (("size = [640, 480]", "size = [480, 640]"), r"turned by 90 degrees \(its rotation_count 1\)"),
+    ],
+)
+def test_what_caliscope_says_beside_a_lens_is_read(
+    tmp_path: Path, change: tuple[str, str], reason: str
+) -> None:
+    path = tmp_path / "camera_array.toml"
+    good = (
+        f"[cameras.0]\nsize = [640, 480]\nmatrix = {K.tolist()}\ndistortions = {D[:4].tolist()}\n"
+        "rotation_count = 1\nfisheye = false\nrotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n"
+    )
+    path.write_text(good)
+    assert read(path, sizes={"cam_0": (640, 480)}).cameras["cam_0"].fx == 800
+    path.write_text(good.replace(*change))
+    with pytest.raises(BadInputError, match=reason) as refused:
+        read(path, sizes={"cam_0": (640, 480)})
+    assert "--fit" not in str(refused.value)
+
+
 def test_images_of_another_size(npz_folder: Path) -> None:
     for name in SIZES:
         path = npz_folder / f"{name}_intrinsics.npz"

@@ -3,7 +3,7 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -23,11 +23,10 @@ from capture_app.session.importing.embedded_times import (
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
-    decode_image,
+    decode_turned,
     encode_image,
     image_size,
     open_capture,
-    read_exif,
 )
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
@@ -118,7 +117,7 @@ def image_folder(name: str, path: Path) -> Images:
     suffixes = {file.suffix.lower() for file in files}
     if len(suffixes) > 1:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
-    source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes()))
+    source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
     last = [int(found[1]) for file in files if (found := _LAST_NUMBER.search(file.stem)) and path.is_dir()]
     source.numbered = len(set(last)) == len(files)
@@ -126,16 +125,13 @@ def image_folder(name: str, path: Path) -> Images:
     return source
 
 
-def upright(data: bytes) -> bytes:
-    """Return an image file's bytes unchanged, or re-encoded upright if its EXIF asks for a rotation.
+def upright(data: bytes, suffix: str) -> bytes:
+    """Return an image file's bytes unchanged, or encoded again upright if its EXIF asks for a rotation.
 
     Some programs apply that rotation and some do not; in a session the pixels are unambiguous.
     """
-    turned = False
-    with suppress(ValueError):
-        turned = read_exif(data).orientation in range(2, 9)
-    image = decode_image(data, upright=True) if turned else None
-    return data if image is None else encode_image(image, quality=TURNED_QUALITY)
+    image = decode_turned(data)
+    return data if image is None else encode_image(image, suffix.lower(), quality=TURNED_QUALITY)
 
 
 class Video(Source):

@@ -21,6 +21,7 @@ from capture_app.session.reading.decoding import read_exif
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
 )
+_EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
 DAMAGED = "copy it from the camera again, or leave it out"
@@ -148,11 +149,13 @@ def name_time_ns(path: Path) -> int:
     """Return the time in a file's name, ns: a date and time with a fraction, or digits of a Unix time.
 
     Examples: IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
-    ns. Raises BadInputError if there is none.
+    ns, with a fraction after a point. Digits that begin with 0 are a frame's number. Raises BadInputError if
+    there is none.
     """
-    for digits in re.findall(r"(?<!\d)\d+(?!\d)", path.stem):
+    for digits, fraction in _EPOCH.findall(path.stem):
         if len(digits) in _EPOCH_NS:
-            return int(digits + "0" * _EPOCH_NS[len(digits)])
+            places = _EPOCH_NS[len(digits)]
+            return int(digits + fraction[:places].ljust(places, "0"))
     if (found := _DATE.search(path.stem)) is None:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"

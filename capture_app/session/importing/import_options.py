@@ -116,15 +116,16 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
         return _by_times("the recording", {one.name: _own(one, "video") for one in sources}, options)
     if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
         return timeline_by_times("the recording", {source.name: [TimedFrame(0, 0)] for source in sources})
+    folders = [one for one in sources if isinstance(one, Images) and one.kind == FOLDER]
     names = ", ".join(one.name for one in sources if isinstance(one, Images))
-    if all(isinstance(one, Images) and one.kind == FOLDER and _named_by_time(one) for one in sources):
+    if len(folders) == len(sources) and all(map(_named_by_time, folders)):
         raise BadInputError(
             f"the images of {names} are named by times, which may be of one clock or not",
             hint="if one clock gave them, take them: --times name",
         )
+    exif = "; --times exif takes those of their EXIF" if all(map(_has_exif_time, folders)) else ""
     raise BadInputError(
-        f"the images of {names} have no times",
-        hint="add their rate, --fps, or a table, --timestamps; --times name or exif takes the images' own",
+        f"the images of {names} have no times", hint=f"add their rate, --fps, or a table, --timestamps{exif}"
     )
 
 
@@ -132,6 +133,12 @@ def _named_by_time(source: Images) -> bool:
     with suppress(BadInputError):
         times_ns = [name_time_ns(file) for file in source.files[:2]]
         return times_ns == sorted(set(times_ns))
+    return False
+
+
+def _has_exif_time(source: Images) -> bool:
+    with suppress(BadInputError):
+        return exif_time_ns(source.files[0]) != 0
     return False
 
 

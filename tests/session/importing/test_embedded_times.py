@@ -126,13 +126,19 @@ def test_without_pyav_a_constant_rate_is_assumed_and_said(
         ("PXL_20260131_142530123", 1_769_869_530_123_000_000),
         ("2026-01-31T14-25-30.123456", 1_769_869_530_123_456_000),
         ("img_20260131_142530", 1_769_869_530_000_000_000),
+        ("1305031102.175304", 1_305_031_102_175_304_000),
+        ("1305031102.5.color", 1_305_031_102_500_000_000),
+        ("1403636579_763555527", 1_403_636_579_763_555_527),
+        ("1403636579-763555", 1_403_636_579_763_555_000),
+        ("cam0.1790000000123.25", 1_790_000_000_123_250_000),
+        ("1403636579_0004", 1_403_636_579_000_000_000),
     ],
 )
 def test_times_in_names(name: str, time_ns: int) -> None:
     assert name_time_ns(Path(f"{name}.jpg")) == time_ns
 
 
-@pytest.mark.parametrize("name", ["frame_000017", "20261331_142530", "holiday"])
+@pytest.mark.parametrize("name", ["frame_000017", "20261331_142530", "holiday", "0000000005"])
 def test_names_without_a_time(name: str) -> None:
     with pytest.raises(BadInputError, match=r"has no time|invalid time"):
         name_time_ns(Path(f"{name}.jpg"))
@@ -149,6 +155,15 @@ def test_images_are_matched_by_the_times_in_their_names(
     assert session.images_by_instant()[3]["b"].sequence == 2
     assert session.manifest.sync is not None
     assert max(session.manifest.sync.spread_ns) == 7 * MS
+
+
+def test_numbers_of_ten_digits_are_no_times(tmp_path: Path, make_images: Callable[..., Path]) -> None:
+    """As KITTI's pictures are named."""
+    folder = make_images("image_02", [f"{number:010}.png" for number in range(3)])
+    for options in (ImportOptions(), ImportOptions(times="name")):
+        with pytest.raises(BadInputError) as refused:
+            import_recording([f"a={folder}"], tmp_path / "out", "s", options)
+        assert "--times name" not in str(refused.value)
 
 
 def with_exif(data: bytes, date: str, part: str, order: str = "<") -> bytes:

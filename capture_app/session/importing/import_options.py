@@ -15,12 +15,21 @@ from capture_app.session.importing.embedded_times import (
     name_time_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
+from capture_app.session.importing.rate_or_table import (
+    numbers_of_frames,
+    timeline_by_rate,
+    timeline_by_table,
+    times_by_rate,
+)
 from capture_app.session.importing.recording_sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
 """Assumed rate of images that are matched by their numbers, frames/s."""
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
+BY_PLACE = (
+    "frames are paired by their place in each folder, as their names have no common number: "
+    "this is right only if no camera lacks a frame"
+)
 SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
@@ -201,14 +210,15 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
     videos = any(isinstance(source, Video) for source in sources)
     by_program = options.known is not None and not options.report_times and not options.offsets_ms
     by_table = not options.report_times and all(source.embedded_times() is not None for source in sources)
+    numbers = BY_PLACE if numbers_of_frames(sources) is None else EQUAL_NUMBERS
     table = options.timestamps and f"the table {options.timestamps.name}"
     rules: tuple[tuple[object, TimesState, str], ...] = (
         (table, "recorded", str(table)),
         (by_program, "recorded", "the times that its program wrote"),
-        (options.synchronized, "given", EQUAL_NUMBERS),
+        (options.synchronized, "given", numbers),
         (options.offsets_ms, "given", "--time-shift-ms"),
         (options.uncertainty_ms is not None, "given", "--uncertainty-ms"),
-        (options.fps is not None and not videos, "given", EQUAL_NUMBERS),
+        (options.fps is not None and not videos, "given", numbers),
         (options.times == "name", "given", "the times in file names are taken as of one clock"),
         (by_table, "recorded", "the recording's own table of times"),
         (options.times == "exif", "unknown", "EXIF times are by each camera's own clock"),

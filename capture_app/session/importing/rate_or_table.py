@@ -21,6 +21,7 @@ from capture_app.session.importing.frame_matching import (
     middle,
     timeline_by_times,
 )
+from capture_app.session.importing.name_numbers import frame_numbers
 from capture_app.session.importing.recording_sources import Source
 
 _CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
@@ -103,10 +104,19 @@ def _period_of(fps: float) -> Fraction:
     return 1_000_000_000 / Fraction(str(fps))
 
 
-def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
-    """Return each camera's frame numbers; their index if some camera has no numbers of its own."""
-    numbered = all(source.numbered for source in sources)
-    return {one.name: (one.numbers if numbered else range(len(one.numbers))) for one in sources}
+def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | None:
+    """Return each camera's frame numbers; None if some camera has none, so that only the order counts."""
+    names = {
+        one.name: one.name_numbers or ([(number,) for number in one.numbers] if one.numbered else ())
+        for one in sources
+    }
+    if any(source.name_numbers for source in sources):
+        return frame_numbers(names) if all(names.values()) else None
+    return {one.name: one.numbers for one in sources} if all(names.values()) else None
+
+
+def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
+    return numbers_of_frames(sources) or {one.name: range(len(one.numbers)) for one in sources}
 
 
 def _read_table(path: Path, sources: Sequence[Source]) -> list[_Row]:

@@ -21,6 +21,7 @@ from capture_app.session.importing.embedded_times import (
     video_pictures,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
+from capture_app.session.importing.name_numbers import Numbers, numbers_in
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
     decode_turned,
@@ -36,7 +37,6 @@ ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
 _MAX_LUMA_ERROR = 40.0
 """Maximum mean difference of grey levels from the decoded luma; full and limited range differ by 16."""
 FOLDER = "images"
@@ -57,6 +57,8 @@ class Source(ABC):
     """The recording's own number of each frame: equal numbers of two cameras belong together."""
     numbered: bool
     """Whether the numbers come from the recording instead of from the order of frames."""
+    name_numbers: Sequence[Numbers] = ()
+    """All numbers in the name of each frame's file; empty if no names count frames."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
         """Return the frames' times by the rig's common clock if its files have them, otherwise None."""
@@ -85,7 +87,7 @@ class Images(Source):
     ) -> None:
         """Take image files; `read` returns the image bytes of a file, `times` are by the rig's clock."""
         self.name, self.path, self.files, self.kind = name, path, files, kind
-        self.numbers, self.numbered = range(len(files)), times is None
+        self.numbers, self.numbered = range(len(files)), False
         self.suffix = files[0].suffix.lower()
         self._read, self._times = read, times
 
@@ -119,9 +121,7 @@ def image_folder(name: str, path: Path) -> Images:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
-    last = [int(found[1]) for file in files if (found := _LAST_NUMBER.search(file.stem)) and path.is_dir()]
-    source.numbered = len(set(last)) == len(files)
-    source.numbers = last if source.numbered else source.numbers
+    source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
     return source
 
 

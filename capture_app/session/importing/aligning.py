@@ -43,7 +43,7 @@ def align_recording(
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     methods = alignment_methods(by)
-    timed = {name for name, method in methods.items() if method.of_video_times}
+    timed = [name for name, method in methods.items() if method.of_video_times]
     if by in timed and rate_given:
         raise BadInputError(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
@@ -63,6 +63,10 @@ def align_recording(
     aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
     if len(aligned) < 2:
         reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
+        if rate_given:
+            reasons.append(
+                f"by {', '.join(timed)} not tried: that takes the videos' own times (without --fps)"
+            )
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():
         if text:

@@ -30,6 +30,8 @@ BY_PLACE = (
     "frames are paired by their place in each folder, as their names have no common number: "
     "this is right only if no camera lacks a frame"
 )
+OTHER_FPS = 0.01
+"""Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
 SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
@@ -85,6 +87,8 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
     Raises BadInputError if there is no source of times, or more than one.
     """
     _check_options([source.name for source in sources], options)
+    if options.fps is not None:
+        _check_rates([source for source in sources if isinstance(source, Video)], options.fps, options)
     if options.timestamps is not None:
         return _shifted(timeline_by_table(sources, options.timestamps), options, str(options.timestamps))
     if options.fps is not None and not options.offsets_ms:
@@ -111,6 +115,25 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
             "give either the rate, --fps, or a table of times, --timestamps, or --times",
             hint="leave out all of them but one",
         )
+
+
+def _check_rates(videos: Sequence[Video], fps: float, options: ImportOptions) -> None:
+    """Note that videos state another rate than the user's. Raises BadInputError if they also differ."""
+    others = [video for video in videos if video.fps and abs(fps / video.fps - 1) > OTHER_FPS]
+    said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in others)
+    rates = [video.fps for video in videos]
+    if others and not options.synchronized and max(rates) > (1 + OTHER_FPS) * min(rates):
+        raise BadInputError(
+            f"the files state other rates than {fps:g} frames a second: {said}",
+            hint="leave out --fps, which takes the videos' own times; --synchronized if one clock "
+            "triggered all frames",
+        )
+    for video in others:
+        note = (
+            f"{video.path.name} states {video.fps:.4g} frames a second: with {fps:g}, "
+            f"its {len(video.numbers) / video.fps:.1f} s become {len(video.numbers) / fps:.1f} s"
+        )
+        video.note = "; ".join(filter(None, (video.note, note)))
 
 
 def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:

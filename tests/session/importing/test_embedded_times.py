@@ -300,6 +300,28 @@ def test_videos_of_different_rates_are_not_silently_taken_as_synchronized(
     assert "no times were recorded" in shown
 
 
+def test_a_rate_that_contradicts_the_files_is_refused_or_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, fps in (("left", 25.0), ("right", 50.0)):
+        write_avi(tmp_path / "rec" / f"{name}.avi", fps, 20)
+    command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--fps"]
+    assert run([*command, "30"]) == ExitCode.BAD_INPUT
+    refused = capsys.readouterr().err
+    assert "state other rates than 30 frames a second: left.avi 25, right.avi 50 (leave out --fps" in refused
+    assert run([*command, "30", "--synchronized", "--name", "triggered"]) == ExitCode.OK
+    assert "right.avi states 50 frames a second: with 30, its 0.4 s become 0.7 s" in capsys.readouterr().err
+    # As slow motion is, which states the rate at which it is shown.
+    (tmp_path / "rec" / "right.avi").unlink()
+    write_avi(tmp_path / "rec" / "right.avi", 25, 20)
+    assert run([*command, "240", "--name", "slow"]) == ExitCode.OK
+    said = capsys.readouterr()
+    assert "left.avi states 25 frames a second: with 240, its 0.8 s become 0.1 s" in said.err
+    assert "by panel, sound, flash, gopro not tried: that takes the videos' own times" in said.out
+    assert run([*command, "25", "--name", "same"]) == ExitCode.OK
+    assert "states" not in capsys.readouterr().err
+
+
 def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:
     for name in ("left", "right"):
         (tmp_path / "rec" / name).mkdir(parents=True)

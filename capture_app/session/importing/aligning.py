@@ -3,11 +3,12 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.text import Talk
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras
@@ -185,6 +186,15 @@ def _agree(one: CameraTimes, other: CameraTimes) -> bool:
     at_ns = one.epoch_local_ns
     apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
     return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
+
+
+def heard_together(one: Path, other: Path) -> bool:
+    """Return whether two videos have the same sound, at any offset; False without the method `sound`."""
+    try:
+        (method,) = alignment_methods("sound").values()
+        return method.match(method.read(one, 0.0), method.read(other, 0.0), 0.0).offset_ns is not None
+    except (BadInputError, NotAvailableError):
+        return False
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:

@@ -19,7 +19,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
-from capture_app.session.importing.aligning import align_recording, with_common_times
+from capture_app.session.importing.aligning import align_recording, heard_together, with_common_times
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
 from capture_app.session.importing.frame_gaps import describe_gaps
@@ -309,7 +309,7 @@ def import_found(
     ) or recognize_recording(folder, recording=only):
         chosen = [(paths, "", options)]
     else:
-        found, left_out = find_shoots(folder)
+        found, left_out = find_shoots(folder, talk, heard_together)
         options = replace(options, beside=None if options.calibration else find_calibration(folder))
         for take, clips in found:
             files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())

@@ -120,7 +120,7 @@ def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
 
 
 def _read_table(path: Path, sources: Sequence[Source]) -> list[_Row]:
-    text = read_text(path, encoding="utf-8-sig")
+    text = read_text(path)
     delimiter = next((mark for mark in ",;\t" if mark in text.partition("\n")[0]), ",")
     reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
     with rejecting(f"cannot read the table {path}", csv.Error, hint="save it as comma-separated values"):

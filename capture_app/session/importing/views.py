@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_input, rejecting
+from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -51,7 +51,7 @@ def read_json(path: Path) -> Any:
     if path.suffix.lower() != ".json":
         return None
     with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
-        return msgspec.json.decode(read_input(path))
+        return msgspec.json.decode(read_text(path))
 
 
 def numbers(

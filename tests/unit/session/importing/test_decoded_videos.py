@@ -1,0 +1,63 @@
+"""Videos that OpenCV does not decode, or does not count: what is saved was decoded."""
+
+from pathlib import Path
+
+import av
+import pytest
+
+from capture_app.cli import run
+from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.session.importing import recording_sources
+from capture_app.session.importing.recording_sources import Video
+from capture_app.session.reading.reader import Session
+from tests.unit.session.importing.numbered_video import numbers_of, write_video
+
+REGULAR_US = [40_000 * number for number in range(8)]
+INTERLACED = {"preset": "ultrafast", "x264-params": "tff=1"}
+
+
+@pytest.mark.parametrize("how", [["--synchronized"], ["--fps", "25"], ["--times", "video"]])
+def test_interlaced_frames_are_decoded_and_reported_once(
+    how: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        write_video(tmp_path / "rec" / f"{name}.mp4", REGULAR_US, **INTERLACED)
+    assert run(["sessions", "import", str(tmp_path / "rec"), *how, "--out", str(tmp_path / "s")]) == 0
+    assert numbers_of(Session.open(tmp_path / "s" / "rec")) == [{"a": n, "b": n} for n in range(8)]
+    said = capfd.readouterr().err
+    assert said.count("a.mp4: interlaced: ") == 1
+    assert "swscaler" not in said
+
+
+def test_without_pyav_interlaced_frames_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = write_video(tmp_path / "good.mp4", REGULAR_US)
+    interlaced = write_video(tmp_path / "interlaced.mp4", REGULAR_US, **INTERLACED)
+    monkeypatch.setattr(recording_sources, "has_video_times", lambda: False)
+    assert len(list(Video("a", good).frames(range(8)))) == 8
+    with pytest.raises(BadInputError, match="OpenCV cannot convert the frames"):
+        Video("a", interlaced)
+
+
+def cut(source: Path, target: Path, start_us: int) -> Path:
+    """Cut without encoding: the frames since the key frame stay, hidden by an edit list."""
+    with av.open(str(source)) as whole, av.open(str(target), "w") as rest:
+        stream = whole.streams.video[0]
+        copied = rest.add_stream_from_template(stream)
+        shift = round(start_us / 1e6 / stream.time_base)
+        for packet in whole.demux(stream):
+            if packet.dts is not None and packet.pts is not None:
+                packet.pts, packet.dts = packet.pts - shift, packet.dts - shift
+                packet.stream = copied
+                rest.mux(packet)
+    return target
+
+
+def test_frames_that_an_edit_list_hides_have_no_numbers(tmp_path: Path) -> None:
+    whole = write_video(tmp_path / "whole.mp4", REGULAR_US)
+    (tmp_path / "rec").mkdir()
+    for name, start_us in (("a", 80_000), ("b", 160_000)):
+        cut(whole, tmp_path / "rec" / f"{name}.mp4", start_us)
+    call = ["sessions", "import", str(tmp_path / "rec"), "--synchronized", "--out", str(tmp_path / "s")]
+    assert run(call) == ExitCode.OK
+    pairs = [numbers for numbers in numbers_of(Session.open(tmp_path / "s" / "rec")) if len(numbers) == 2]
+    assert pairs == [{"a": 2 + n, "b": 4 + n} for n in range(4)]

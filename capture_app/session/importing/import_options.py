@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
@@ -32,6 +33,8 @@ BY_PLACE = (
 )
 OTHER_FPS = 0.01
 """Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
+MAX_GAP_NS = 1_000_000_000
+"""Maximum time between the end of one camera and the beginning of another in one recording."""
 SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
@@ -84,8 +87,23 @@ class ImportOptions:
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Compute every frame's time and match frames to instants; each assumption is noted in its source.
 
-    Raises BadInputError if there is no source of times, or more than one.
+    Raises BadInputError if there is no source of times, more than one, or if cameras' times never meet.
     """
+    timeline = _timeline(sources, options)
+    spans = {name: (of[0].leader_ns, of[-1].leader_ns) for name, of in timeline.cameras().items()}
+    for (first, one), (second, other) in combinations(spans.items(), 2):
+        if (gap_ns := max(one[0], other[0]) - min(one[1], other[1])) > max(
+            MAX_GAP_NS, 2 * timeline.period_ns
+        ):
+            raise BadInputError(
+                f"the times of {first} and {second} never meet: {gap_ns / 1e9:.1f} s pass between them, and "
+                f"{abs(one[0] - other[0]) / 1e9:.1f} s between their beginnings",
+                hint="if each counts from its own start, give the difference: --time-shift-ms CAMERA=MS",
+            )
+    return timeline
+
+
+def _timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     _check_options([source.name for source in sources], options)
     if options.fps is not None:
         _check_rates([source for source in sources if isinstance(source, Video)], options.fps, options)

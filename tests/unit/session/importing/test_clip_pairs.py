@@ -20,7 +20,7 @@ def clips(camera: str, starts_h: Sequence[float | None], stem: str = "{}", first
 def paired(
     one: list[Clip], other: list[Clip], heard: dict[int, int] | None = None
 ) -> tuple[list[tuple[int, int]], str]:
-    """The pairs by their places; `heard`: the clip of the second camera with the sound of one of the first."""
+    """The pairs by their places; `heard`: the second clip with the sound of one of the first."""
     pairs, note = pair_clips(
         ("a", "b"),
         one,

@@ -18,7 +18,7 @@ from capture_app.session.importing import import_options
 from capture_app.session.importing.embedded_times import name_time_ns
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import at_slowest_rate, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.unit.session.conftest import jpeg
@@ -327,6 +327,41 @@ def test_a_rate_that_contradicts_the_files_is_refused_or_said(
     assert "by panel, sound, flash, gopro not tried: that takes the videos' own times" in said.out
     assert run([*command, "25", "--name", "same"]) == ExitCode.OK
     assert "states" not in capsys.readouterr().err
+
+
+def test_cameras_of_other_rates_lack_no_frame() -> None:
+    """Of 25, 30 and 50 frames a second each has one within half the longest period."""
+    cameras = {
+        name: [TimedFrame(n, round(n * 1e9 / fps)) for n in range(4 * fps)]
+        for name, fps in (("a", 25), ("b", 30), ("c", 50))
+    }
+    timeline = at_slowest_rate(timeline_by_times("x", cameras), lambda said: None)
+    assert len(timeline.instants) == 100
+    assert all(set(instant.frames) == {"a", "b", "c"} for instant in timeline.instants)
+    assert not any(instant.why_missing for instant in timeline.instants)
+    used = [instant.frames["b"].index for instant in timeline.instants]
+    assert len(set(used)) == len(used)
+    del cameras["b"][30:36]
+    without = at_slowest_rate(timeline_by_times("x", cameras), lambda said: None)
+    assert [round(i.leader_ns / 4e7) for i in without.instants if "b" not in i.frames] == [25, 26, 27, 28, 29]
+
+
+def test_tables_that_never_meet_are_refused_with_their_distance(
+    tmp_path: Path, make_images: Callable[..., Path]
+) -> None:
+    folder = make_images("a", ["0.jpg", "1.jpg", "2.jpg"]).parent
+    make_images("b", ["0.jpg", "1.jpg", "2.jpg"])
+    table = tmp_path / "ticks.csv"
+    rows = [f"{name},{n},{start + n / 10}" for name, start in (("a", 20), ("b", 3806.5)) for n in range(3)]
+    table.write_text("\n".join(["camera,frame,time", *rows]))
+    options = ImportOptions(timestamps=table)
+    with pytest.raises(
+        BadInputError, match=r"never meet: 3786.3 s pass .* 3786.5 s between their beginn"
+    ) as no:
+        import_recording([str(folder)], tmp_path, "s", options)
+    assert "--time-shift-ms" in str(no.value)
+    shifted = ImportOptions(timestamps=table, offsets_ms={"b": -3_786_500.0})
+    assert not import_recording([str(folder)], tmp_path, "s", shifted).manifest.missing
 
 
 def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.views import View, Views, numbers, rotation_of
+from capture_app.session.importing.views import FLATTEN, View, Views, numbers, rotation_of
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
 _MATRIX_NAMES = frozenset(_MATRIX)
@@ -20,6 +20,7 @@ _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeff
 _ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
 _SIDES = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
 """How the first and the second camera's keys end, such as M1 and M2, mtxL and mtxR, K_left and K_right."""
+_FISHEYES = ("equidistant", "fisheye")
 _SIZE_KEYS = ("image_width", "image_height")
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
 
@@ -112,6 +113,8 @@ def _load(path: Path) -> Content:
             "COLMAP, nerfstudio, ...",
         )
     values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
+    if values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES:
+        raise BadInputError(f"{path} is of a fisheye lens; only perspective ones are supported", hint=FLATTEN)
     return {
         key.lower(): np.atleast_1d(np.asarray(value, np.float64))
         for key, value in values.items()

@@ -16,7 +16,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import Talk, count
 from capture_app.session.importing.clip_pairs import Clip, Heard, pair_clips
-from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.recording_sources import images_in, videos_in
 from capture_app.session.importing.video_tracks import open_container
@@ -83,7 +82,7 @@ def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
         if not path.name.startswith("."):
             try:
-                clips.append(_read(path) if has_video_times() else Clip(path, 0.0, None))
+                clips.append(_read(path))
             except BadInputError as error:
                 left_out.append(f"{path.name}: {error.what}")
     return clips

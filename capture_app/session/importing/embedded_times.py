@@ -1,12 +1,11 @@
 """Frame times from the recording itself: video timestamps, file names, EXIF."""
 
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.util import find_spec
 from itertools import count
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,6 +23,8 @@ _DATE = re.compile(
 _EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
+_INTERLACED = (2, 3, 4, 5)
+"""FFmpeg's field orders of frames that are not progressive."""
 DAMAGED = "copy it from the camera again, or leave it out"
 _OTHER_TIMES = "take the times from elsewhere: --times name, --timestamps CSV or --fps RATE"
 
@@ -38,17 +39,12 @@ exif    from the images' EXIF: capture time with fraction of a second
 """
 
 
-def has_video_times() -> bool:
-    """Return whether video timestamps can be read, which requires PyAV."""
-    return find_spec("av") is not None
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a video; yield the package PyAV and the container. Raises BadInputError, NotAvailableError."""
     if not path.is_file():  # a reader would wait for a pipe
         raise BadInputError(f"{path} is not a file", hint=DAMAGED)
-    av = load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")
+    av = load_optional("av", "export", "reading videos")
     with (
         rejecting(f"{path} is not a video that can be decoded", av.FFmpegError, hint=DAMAGED),
         av.open(str(path), metadata_errors="replace") as container,
@@ -60,49 +56,25 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield av, container
 
 
-@dataclass(frozen=True, slots=True)
-class VideoFacts:
-    """What a video file says of its frames, and notes for the user on what they are."""
+def describe_video(path: Path) -> tuple[float, str]:
+    """Return a video's rate in frames/s, 0 if it states none, and a note for the user on interlaced frames.
 
-    times_ns: Sequence[int]
-    """Presentation times, ascending; empty if not every frame has one."""
-    count: int
-    fps: float
-    """Rate in frames/s; 0 if the file does not state it."""
-    notes: Sequence[str]
-
-
-def describe_video(path: Path) -> VideoFacts:
-    """Return a video's facts; only its first frame is decoded, unless its frames have no times.
-
-    Frames that an edit list hides do not count. Raises as `video_times_ns`.
+    Raises as `video_times_ns`.
     """
-    times_ns = video_times_ns(path)
-    notes: list[str] = []
-    decoded = 0
-    with _opened(path) as (av, container):
+    with _opened(path) as (_, container):
         stream = container.streams.video[0]
         fps = float(stream.guessed_rate or stream.average_rate or 0)
-        for packet in container.demux(stream):
-            frames = []
-            with suppress(av.InvalidDataError):
-                frames = packet.decode()
-            if frames and not notes and frames[0].interlaced_frame:
-                apart = f" {500 / fps:.3g} ms apart" if fps else ""
-                notes.append(
-                    f"interlaced: the odd and the even rows of a frame are two instants{apart}, "
-                    "and moving edges look like combs"
-                )
-            if frames and times_ns:
-                break
-            decoded += len(frames)
-    return VideoFacts(times_ns, len(times_ns) or decoded, fps, notes)
+        if stream.codec_context.field_order not in _INTERLACED:
+            return fps, ""
+        apart = f", {500 / fps:.3g} ms apart" if fps else ""
+        return fps, f"{path.name} is interlaced: the odd and the even rows of a frame are two instants{apart}"
 
 
 def video_times_ns(path: Path) -> list[int]:
     """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
 
-    Raises BadInputError if it is not a video, NotAvailableError without PyAV.
+    Frames that an edit list hides have none. Raises BadInputError if it is not a video, NotAvailableError
+    without PyAV.
     """
     with _opened(path) as (_, container):
         stream = container.streams.video[0]
@@ -119,9 +91,9 @@ def count_video_streams(path: Path) -> int:
 
 
 def video_pictures(
-    path: Path, places: Collection[int], *, by_time: bool = True
+    path: Path, places: Collection[int] | None = None, *, by_time: bool = False
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yield the frames (BGR, H x W x 3, upright) at the requested places, with their places.
+    """Yield the frames (BGR, H x W x 3, upright) at the requested places, or all, with their places.
 
     A place is a presentation time in ns, otherwise the number of a decoded frame. Frames that cannot be
     decoded are skipped. Raises BadInputError if it is not a video.
@@ -130,8 +102,11 @@ def video_pictures(
         scaler = av.video.reformatter.Interpolation
         # Without accurate rounding every image is darker by a level or more.
         rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
-        numbers, last = count(), max(places, default=-1)
-        for packet in container.demux(container.streams.video[0]):
+        numbers, last = count(), inf if places is None else max(places, default=-1)
+        stream = container.streams.video[0]
+        # Of pixels that are not square, an image is as wide as a player shows it.
+        aspect = stream.sample_aspect_ratio or 1
+        for packet in container.demux(stream):
             frames = []
             with suppress(av.InvalidDataError):
                 frames = packet.decode()
@@ -140,8 +115,10 @@ def video_pictures(
                 place = round(frame.pts * frame.time_base * 1_000_000_000) if timed else number
                 if place > last:
                     return
-                if timed == by_time and place in places and not frame.is_corrupt:
-                    image = frame.to_ndarray(format="bgr24", interpolation=rounding)
+                wanted = places is None or place in places
+                if timed == by_time and wanted and not frame.is_corrupt:
+                    width = round(frame.width * aspect)
+                    image = frame.to_ndarray(format="bgr24", width=width, interpolation=rounding)
                     yield place, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
 
 

@@ -12,7 +12,6 @@ from capture_app.session.importing.calibrations import Fit
 from capture_app.session.importing.embedded_times import (
     TimeSource,
     exif_time_ns,
-    has_video_times,
     name_time_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
@@ -56,6 +55,8 @@ class ImportOptions:
     """95 % uncertainty of the times, stated by the user."""
     known: Timeline | None = None
     """Times written by the program that made the recording."""
+    known_of: str = ""
+    """What these are times of, as `Layout.times_of`."""
     start: int = 0
     """First instant to import, counted from 0."""
     count: int | None = None
@@ -212,11 +213,12 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
             raise BadInputError(
                 f"{source.path} is not a video", hint="--times name or exif takes images' times"
             )
-        of_video = source.use_embedded_times() if has_video_times() else ()
+        of_video = source.use_embedded_times()
         if of_video:
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
-        lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
-        source.note = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
+        source.note = (
+            f"{source.path.name} has no times of its own: {source.fps:g} frames a second are assumed"
+        )
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, Images) or source.kind != FOLDER:
         raise BadInputError(
@@ -255,7 +257,7 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
     table = options.timestamps and f"the table {options.timestamps.name}"
     rules: tuple[tuple[object, TimesState, str], ...] = (
         (table, "recorded", str(table)),
-        (by_program, "recorded", "the times that its program wrote"),
+        (by_program, "recorded", options.known_of or "the times that its program wrote"),
         (options.synchronized, "given", numbers),
         (options.offsets_ms, "given", "--time-shift-ms"),
         (options.uncertainty_ms is not None, "given", "--uncertainty-ms"),

@@ -372,6 +372,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
         options,
         synchronized=options.synchronized or layout.same_frames,
         known=layout.timeline,
+        known_of=f"times of {layout.times_of}" if layout.times_of else "",
         timestamps=options.timestamps if options.report_times else layout.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,

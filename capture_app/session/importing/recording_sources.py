@@ -3,11 +3,9 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
@@ -17,8 +15,8 @@ from capture_app.session.importing.embedded_times import (
     DAMAGED,
     count_video_streams,
     describe_video,
-    has_video_times,
     video_pictures,
+    video_times_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.name_numbers import Numbers, numbers_in
@@ -27,18 +25,16 @@ from capture_app.session.reading.decoding import (
     decode_turned,
     encode_image,
     image_size,
-    open_capture,
 )
 
-UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
-"""Suffixes of videos that do not state their number of frames."""
-VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv", *UNCOUNTED_SUFFIXES)
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
+    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts"),
+)
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
-_MAX_LUMA_ERROR = 40.0
-"""Maximum mean difference of grey levels from the decoded luma; full and limited range differ by 16."""
 FOLDER = "images"
 """Type name of a plain folder of images."""
 
@@ -145,29 +141,20 @@ class Video(Source):
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
         chapters = (path, *later_chapters(path))
-        counted: dict[Path, Sequence[int]] = {}
-        """The presentation times of each file's frames in ns, or their numbers if it has no times."""
-        self._timed = has_video_times()
-        """Whether all files have presentation times, by which their frames are selected."""
-        rates, notes = [], []
-        for chapter in chapters:
-            if has_video_times():
-                facts = describe_video(chapter)
-                counted[chapter] = facts.times_ns or range(facts.count)
-                self._timed &= bool(facts.times_ns)
-                rates.append(facts.fps)
-                notes += [f"{chapter.name}: {note}" for note in facts.notes]
-            else:
-                count, rate = _count_frames(chapter)
-                counted[chapter] = range(count)
-                rates.append(rate)
-        self._times_ns = counted
+        times_ns = {chapter: video_times_ns(chapter) for chapter in chapters}
+        self._timed = all(times_ns.values())
+        """Whether all frames have presentation times, by which they are selected."""
+        self._times_ns: dict[Path, Sequence[int]] = {
+            chapter: of if self._timed else range(sum(1 for _ in video_pictures(chapter)))
+            for chapter, of in times_ns.items()
+        }
+        """The presentation times of each file's frames in ns, or their numbers."""
         self.has_times = False
         """Whether the frames' own times are the recording's."""
-        self.numbers, self.fps = range(sum(map(len, counted.values()))), rates[0]
-        if len(chapters) > 1:
-            notes.append(f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}")
-        self.note = "; ".join(notes)
+        self.numbers = range(sum(map(len, self._times_ns.values())))
+        self.fps, interlaced = describe_video(path)
+        later = ", ".join(one.name for one in chapters[1:])
+        self.note = "; ".join(filter(None, (interlaced, later and f"{path.name} goes on in {later}")))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
@@ -193,74 +180,11 @@ class Video(Source):
         for chapter, times_ns in self._times_ns.items():
             size = len(times_ns)
             inner = [index - first for index in indices if first <= index < first + size]
-            if has_video_times():
-                # Selected by time, a frame that cannot be decoded does not shift the others.
-                chosen = {times_ns[index]: index for index in inner}
-                pictures = video_pictures(chapter, chosen, by_time=self._timed)
-                numbered: Iterator[tuple[int, Any]] = ((chosen[at], image) for at, image in pictures)
-            else:
-                numbered = _read_frames(chapter, inner)
-            for index, image in numbered:
-                yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
+            # Selected by time, a frame that cannot be decoded does not shift the others.
+            chosen = {times_ns[index]: index for index in inner}
+            for place, image in video_pictures(chapter, chosen, by_time=self._timed):
+                yield first + chosen[place], encode_image(image, self.suffix), image.shape[1::-1]
             first += size
-
-
-def _count_frames(path: Path) -> tuple[int, float]:
-    """Return a video file's number of frames and their rate, frames/s, by OpenCV."""
-    import cv2
-
-    _check_decoded(path)
-    with _opened(path) as capture:
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if count <= 0 or path.suffix.lower() in UNCOUNTED_SUFFIXES:
-            count = sum(1 for _ in iter(capture.grab, False))
-        return count, float(capture.get(cv2.CAP_PROP_FPS))
-
-
-def _check_decoded(path: Path) -> None:
-    """Raise BadInputError if OpenCV's first image is not what it decoded.
-
-    OpenCV 5 cannot convert interlaced frames, and returns memory that nothing has written.
-    """
-    import cv2
-    import numpy as np
-
-    images = []
-    for convert in (0, 1):
-        with _opened(path) as capture:
-            capture.set(cv2.CAP_PROP_CONVERT_RGB, convert)
-            images.append(capture.read()[1])
-    luma, image = images
-    if image is not None and luma is not None and luma.shape == image.shape[:2]:
-        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        if np.abs(luma.astype(np.int16) - gray).mean() > _MAX_LUMA_ERROR:
-            raise BadInputError(
-                f"OpenCV cannot convert the frames of {path}, which may be interlaced",
-                hint="install the extra `export`: its PyAV decodes them",
-            )
-
-
-def _read_frames(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
-    """Yield a video file's frames (BGR) of these indices, up to the first that cannot be decoded."""
-    with _opened(path) as capture:
-        chosen = set(indices)
-        for index in range(max(chosen, default=-1) + 1):
-            good, image = capture.read() if index in chosen else (capture.grab(), None)
-            if not good:
-                return
-            if image is not None:
-                yield index, image
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    capture = open_capture(str(path))
-    if not capture.isOpened():
-        raise BadInputError(f"{path} is not a video that can be decoded", hint=DAMAGED)
-    try:
-        yield capture
-    finally:
-        capture.release()
 
 
 def later_chapters(path: Path) -> list[Path]:
@@ -316,6 +240,8 @@ class Layout:
     """Name of the program that made it, if the importer's name is not specific enough."""
     timeline: Timeline | None = None
     """Times that the program stored."""
+    times_of: str = ""
+    """What these are times of, if not those that the program means to store."""
     timestamps: Path | None = None
     """A table of those times."""
     same_frames: bool = False

@@ -1,14 +1,13 @@
 """Videos that OpenCV does not decode, or does not count: what is saved was decoded."""
 
+import sys
 from pathlib import Path
 
 import av
 import pytest
 
 from capture_app.cli import run
-from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing import recording_sources
-from capture_app.session.importing.recording_sources import Video
+from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from tests.unit.session.importing.numbered_video import numbers_of, write_video
 
@@ -25,17 +24,19 @@ def test_interlaced_frames_are_decoded_and_reported_once(
     assert run(["sessions", "import", str(tmp_path / "rec"), *how, "--out", str(tmp_path / "s")]) == 0
     assert numbers_of(Session.open(tmp_path / "s" / "rec")) == [{"a": n, "b": n} for n in range(8)]
     said = capfd.readouterr().err
-    assert said.count("a.mp4: interlaced: ") == 1
+    assert said.count("a.mp4 is interlaced: ") == 1
     assert "swscaler" not in said
 
 
-def test_without_pyav_interlaced_frames_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    good = write_video(tmp_path / "good.mp4", REGULAR_US)
-    interlaced = write_video(tmp_path / "interlaced.mp4", REGULAR_US, **INTERLACED)
-    monkeypatch.setattr(recording_sources, "has_video_times", lambda: False)
-    assert len(list(Video("a", good).frames(range(8)))) == 8
-    with pytest.raises(BadInputError, match="OpenCV cannot convert the frames"):
-        Video("a", interlaced)
+def test_without_pyav_no_video_is_read_and_the_command_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("a", "b"):
+        write_video(tmp_path / "rec" / f"{name}.mp4", REGULAR_US)
+    monkeypatch.setitem(sys.modules, "av", None)
+    for sources in ([f"{name}={tmp_path}/rec/{name}.mp4" for name in "ab"], [str(tmp_path / "rec")]):
+        assert run(["sessions", "import", *sources, "--out", str(tmp_path / "s")]) == ExitCode.NOT_AVAILABLE
+        assert "reading videos needs av, which is not installed" in capsys.readouterr().err
 
 
 def cut(source: Path, target: Path, start_us: int) -> Path:

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing import import_options
 from capture_app.session.importing.embedded_times import name_time_ns
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
@@ -107,20 +106,6 @@ def test_an_offset_moves_numbered_frames_too(tmp_path: Path, make_images: Callab
     pairs = [images for images in session.images_by_instant() if len(images) == 2]
     assert [(of["left"].sequence, of["right"].sequence) for of in pairs] == [(0, 2), (1, 3), (2, 4), (3, 5)]
     assert pairs[0]["right"].leader_ns - pairs[0]["left"].leader_ns == 5 * MS
-
-
-def test_without_pyav_a_constant_rate_is_assumed_and_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_video(tmp_path / "rec" / "cam0.mp4", [40_000 * n for n in range(4)])
-    monkeypatch.setattr(import_options, "has_video_times", lambda: False)
-    said: list[str] = []
-    options = ImportOptions(times="video")
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options, talk=said.append)
-    assert len(said) == 1
-    assert "constant" in said[0]
-    assert "PyAV" in said[0]
-    assert numbers_of(session) == [{"cam0": n} for n in range(4)]
 
 
 @pytest.mark.parametrize(

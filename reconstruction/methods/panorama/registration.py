@@ -117,8 +117,15 @@ def _level(views: Mapping[str, View]) -> dict[str, View]:
     """Rotate all views together so that the panorama is level."""
     rotations: Sequence[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
     first, *others = views.values()
-    if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
-        rotations = cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_AUTO)
+    # The nearest rotation to their mean: a camera that looks at the middle, as upright as they are.
+    left, _, right = np.linalg.svd(np.sum(rotations, axis=0))
+    by_mean = [(left @ right).T @ rotation for rotation in rotations]
+    across, down, _ = np.ptp([rotation[:, 2] for rotation in by_mean], axis=0)
+    if down > across:
+        # OpenCV lays a column on its side.
+        rotations = by_mean
+    elif max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
+        rotations = cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_HORIZ)
     return {
         name: replace(view, rotation=np.asarray(rotation, np.float64).T)
         for (name, view), rotation in zip(views.items(), rotations, strict=True)

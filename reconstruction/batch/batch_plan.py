@@ -14,8 +14,8 @@ from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.summary import UnitRow, unit_row
 from reconstruction.batch.units import RESULT, Unit
+from reconstruction.common.matchers import Matcher
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.depth.matchers import Matcher
 from reconstruction.method.interface import find_method
 from reconstruction.scene.conditions import SYNCED, Condition
 from reconstruction.scene.dataset import Dataset

@@ -12,10 +12,10 @@ import click
 import msgspec
 
 from capture_app.console.terminal import FiniteRange, ParsedType, talk
+from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
-from reconstruction.depth.matchers import MATCHER_HELP, Matcher
 from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 from reconstruction.scene.picture_checksums import checked_pictures
 

@@ -16,9 +16,9 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.session.reading.decoding import decode_image
 from reconstruction.common.geometry import Array
 
-METRICS = "metrics.json"
+METRICS, REPORT = "metrics.json", "report.html"
 STAGES = "stages"
-OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+OURS = {METRICS, REPORT, "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
 OURS |= {"depth_checked.tiff", "difference.tiff", "registration.json"}
 VERSION = 11
 """Incremented whenever a stage's computation changes, so that old outputs are recomputed."""

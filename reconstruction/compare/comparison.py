@@ -16,14 +16,13 @@ from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
-from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.method.interface import scored
 from reconstruction.method.score import TIMING, Context, Score, study_reports
 from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
-from reconstruction.pages.page import REPORT
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.scene.calibration.consistency import check_rig

@@ -14,7 +14,7 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.method.score import Context, Score, study_reports
 from reconstruction.method.study_result import Interval, StudyResult
@@ -26,7 +26,6 @@ from reconstruction.method.timing import (
     with_depth,
     with_depth_runs,
 )
-from reconstruction.pages.page import REPORT
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,

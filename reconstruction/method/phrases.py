@@ -32,3 +32,8 @@ def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -
     correct = measure == DEPTH_MEASURES[0]
     what = "the right distance is found" if correct else f"a distance is found that {agreed}"
     return f"When {when}, {what} for {percent(synced)} of what moves; with {late}, for {percent(offset)}."
+
+
+def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
+    """Return `0.4 ± 0.6 ms late`, or early."""
+    return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"

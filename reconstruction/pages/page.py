@@ -11,10 +11,9 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common import wording
-from reconstruction.common.outputs import METRICS
+from reconstruction.common.outputs import METRICS, REPORT
 
 PACKAGE, TEMPLATES = "reconstruction.pages", "template"
-REPORT = "report.html"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.percentage, wording.keep_units, wording.timeliness, wording.walking_distance,

@@ -8,7 +8,7 @@ from typing import Any
 from capture_app.common.text import count
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED, late_text
+from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED, late_or_early, late_text
 from reconstruction.method.score import reported, study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.timing import SessionTiming, Timing
@@ -122,11 +122,6 @@ def motion_sentence(timing: Timing) -> str:
         f"{who} moved while recording: nearly all points at rest move too, {far}. So these pictures "
         "have no still control, and what is called moving is what changed most."
     )
-
-
-def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
-    """Return `0.4 ± 0.6 ms late`, or early."""
-    return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
 
 
 @dataclass(frozen=True)

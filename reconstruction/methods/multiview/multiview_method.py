@@ -11,8 +11,8 @@ import msgspec
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import count
+from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.options import command_flag, flag
-from reconstruction.depth.matchers import MATCHER_HELP, Matcher
 from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import Condition
 

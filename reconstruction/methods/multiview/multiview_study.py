@@ -16,8 +16,8 @@ from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.common import wording
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.matchers import Matcher
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.method.comparison_results import CompareResult

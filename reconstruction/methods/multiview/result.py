@@ -3,8 +3,8 @@
 from msgspec import Struct, field
 
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
+from reconstruction.common.outputs import REPORT
 from reconstruction.method.truth import DepthShares
-from reconstruction.pages.page import REPORT
 from reconstruction.scene.calibration.consistency import describe_misfit
 from reconstruction.scene.provenance import Provenance
 

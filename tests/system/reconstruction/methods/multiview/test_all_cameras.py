@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.depth.matchers import Matcher
+from reconstruction.common.matchers import Matcher
 from reconstruction.method.study_result import StudyResult
 from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT
 from reconstruction.methods.multiview.input_images import InputImages

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.depth.matchers import Matcher
+from reconstruction.common.matchers import Matcher
 from reconstruction.method.score import Context
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
 from reconstruction.methods.multiview.instant_depth import InstantDepth

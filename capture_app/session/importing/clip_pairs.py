@@ -102,9 +102,8 @@ def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float)
     pairs: list[tuple[Clip, Clip]] = []
     left = list(clips)
     for one in first:
-        for other in left:
-            if one.together(replace(other, began_s=(other.began_s or 0.0) - later_s)):
-                pairs.append((one, other))
-                left.remove(other)
-                break
+        at = replace(one, began_s=(one.began_s or 0.0) + later_s)
+        if (other := next(filter(at.together, left), None)) is not None:
+            pairs.append((one, other))
+            left.remove(other)
     return tuple(pairs)

@@ -13,7 +13,6 @@ from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import (
     DAMAGED,
-    count_video_streams,
     describe_video,
     video_pictures,
     video_times_ns,
@@ -150,21 +149,14 @@ class Video(Source):
         self.numbers = range(sum(map(len, self._times_ns.values())))
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
-        self.fps, interlaced = describe_video(path)
+        self.fps, note = describe_video(path)
         later = ", ".join(one.name for one in chapters[1:])
-        self.note = "; ".join(filter(None, (interlaced, later and f"{path.name} goes on in {later}")))
+        self.note = "; ".join(filter(None, (note, later and f"{path.name} goes on in {later}")))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
     def use_embedded_times(self) -> Sequence[int]:
         """Return the presentation times of all frames, ns, as the recording's; none if a file lacks them."""
-        if count_video_streams(self.path) > 1:
-            # As in an .insv of Insta360, which has a lens in each.
-            second = (
-                f"{self.path.name} has more than one video stream; the first is imported. For the second:"
-                f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
-            )
-            self.note = "; ".join(filter(None, (self.note, second)))
         if not self._timed:
             return ()
         self.has_times = True

@@ -127,8 +127,7 @@ def name_time_ns(path: Path) -> int:
     there is none.
     """
     for digits, fraction in _EPOCH.findall(path.stem):
-        if len(digits) in _EPOCH_NS:
-            places = _EPOCH_NS[len(digits)]
+        if (places := _EPOCH_NS.get(len(digits))) is not None:
             return int(digits + fraction[:places].ljust(places, "0"))
     if (found := _DATE.search(path.stem)) is None:
         raise BadInputError(

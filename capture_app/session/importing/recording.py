@@ -300,8 +300,11 @@ def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]],
         for name, frame in (*instant.frames.items(), *near.items())
         if name in instant.frames or is_same_instant(frame.leader_ns - instant.leader_ns, period_ns)
     }
-    why = {name: reason for name, reason in instant.why_missing.items() if name not in frames}
-    return replace(instant, frames=frames, why_missing=why)
+    return replace(
+        instant,
+        frames=frames,
+        why_missing={name: why for name, why in instant.why_missing.items() if name not in frames},
+    )
 
 
 def import_found(

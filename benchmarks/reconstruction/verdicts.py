@@ -26,6 +26,7 @@ from benchmarks.reconstruction.verdict_takes import (
 )
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
+from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.compare.tolerance_study import measure_tolerance
 from reconstruction.method.timing import Timing, measure_pair_timing
 from reconstruction.scene.dataset import Dataset
@@ -114,8 +115,13 @@ def _group(take: Take) -> str:
     return take.kind
 
 
-def measure(session: Path, take: Take, *, by_depth: bool) -> Timing:
-    """Measure a session's timing by motion, and `by_depth` too; unknown if its calibration is refused."""
+def measure(session: Path, take: Take, *, by_depth: bool, guess: bool = False) -> Timing:
+    """Measure a session's timing by motion, and `by_depth` too; unknown if its calibration is refused.
+
+    `guess`: without its calibration, which is then found from its images.
+    """
+    if guess:
+        (session / CALIBRATION).unlink(missing_ok=True)
     try:
         if by_depth:
             timing = measure_tolerance(session, max_instants=4, max_offset_ms=2.2 * take.period_ms).timing
@@ -129,14 +135,14 @@ def measure(session: Path, take: Take, *, by_depth: bool) -> Timing:
 
 
 def run(
-    chosen: Iterable[Take], cache: Path, footage: Path | None, *, by_depth: bool = True
+    chosen: Iterable[Take], cache: Path, footage: Path | None, *, by_depth: bool = True, guess: bool = False
 ) -> list[dict[str, Any]]:
     """Judge the sessions one after the other."""
     rows = []
     for take in chosen:
         session = session_of(take, cache, footage)
         begun = time.process_time()
-        timing = measure(session, take, by_depth=by_depth)
+        timing = measure(session, take, by_depth=by_depth, guess=guess)
         row = judge(take, timing) | {"seconds": time.process_time() - begun}
         rows.append(row)
         said = [key for key in ("certified", "same_frame", "denied", "untold") if row[key]]
@@ -175,6 +181,7 @@ def main() -> None:
         "--unsteady", action="store_true", help="only takes with drops, other rates or wandering times"
     )
     parser.add_argument("--fast", action="store_true", help="by motion alone, in a third of the time")
+    parser.add_argument("--guess", action="store_true", help="without calibrations: they are guessed")
     parser.add_argument("--cache", type=Path, help="keeps what was painted")
     chosen = parser.parse_args()
     wanted = [] if chosen.unsteady else [*takes(chosen.seeds)]
@@ -184,7 +191,9 @@ def main() -> None:
         wanted += real_unsteady_takes()
     with tempfile.TemporaryDirectory() as scratch:
         cache = chosen.cache or Path(scratch)
-        rows = run(wanted[:: chosen.part], cache, chosen.footage, by_depth=not chosen.fast)
+        rows = run(
+            wanted[:: chosen.part], cache, chosen.footage, by_depth=not chosen.fast, guess=chosen.guess
+        )
     if not chosen.json:
         print_rows(table(rows), COLUMNS)
     print(json.dumps({"verdicts": table(rows), "takes": rows} if chosen.json else {"verdicts": len(rows)}))

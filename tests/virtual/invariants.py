@@ -62,7 +62,7 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         sessions_folder = rig.world.disks.of(machine).folder / "sessions"
         with contextlib.suppress(SimulshotError):  # there may be nothing to repair
             asyncio.run(repair(sessions_folder, wait_s=0, address=Address("127.0.0.1", 1), log=Log()))
-    sessions = _sessions(rig)
+    sessions = sessions_of(rig)
     for look in (
         _opened,
         _confirmed,
@@ -141,7 +141,7 @@ class Saved:
         return self.plan is not None and self.plan.streamed is not None and self.plan.streamed.video
 
 
-def _sessions(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
+def sessions_of(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
     found = {}
     for machine in ("lead", "lead2"):
         for plan in sorted(rig.world.disks.of(machine).folder.glob(f"sessions/*/{PLAN}")):
@@ -275,22 +275,27 @@ def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | Non
 
 
 def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
-    """A recording goes on until its operator ends it, and not much longer."""
+    """A recording goes on until its operator or its order ends it, and not much longer."""
     for of, _, manifest in _judged(rig, sessions):
-        ended_ns, instants_ns = of.end_asked_ns, manifest.burst.instants_ns
-        if ended_ns is None or not of.is_ended or of.cancel_asked_ns is not None:
+        asked_ns, instants_ns = of.end_asked_ns, manifest.burst.instants_ns
+        # An end that the leader did not confirm may have reached it or not.
+        if not of.burst.streamed or of.cancel_asked_ns is not None or (asked_ns and not of.is_ended):
             continue
+        ordered_ns = int(of.clock.true_from_local(of.burst.instants_ns[-1]))
+        # Every camera may have dropped its last frame.
+        ends_ns = ordered_ns - 2 * of.burst.period_ns if asked_ns is None else min(asked_ns, ordered_ns)
         cameras = () if RECORDINGS_OUTLIVE_CUTS else of.burst.clients
-        if _befell(rig, of, *cameras, ends_ns=ended_ns) or not {*of.burst.clients} - {*rig.plan.liars}:
+        if _befell(rig, of, *cameras, ends_ns=ends_ns) or not {*of.burst.clients} - {*rig.plan.liars}:
             continue
         last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns
-        if last_ns < ended_ns:
+        if last_ns < ends_ns:
+            who = "its order" if asked_ns is None else "its operator"
             yield (
                 f"{of.name} has {len(instants_ns)} instants and lacks the last"
-                f" {(ended_ns - last_ns) / 1e6:.0f} ms before its operator ended it"
+                f" {(ends_ns - last_ns) / 1e6:.0f} ms before {who} ended it"
             )
-        elif last_ns > ended_ns + MAX_OVERRUN_S * 1e9:
-            yield f"{of.name} went on for {(last_ns - ended_ns) / 1e9:.1f} s after its operator had ended it"
+        elif asked_ns is not None and last_ns > asked_ns + MAX_OVERRUN_S * 1e9:
+            yield f"{of.name} went on for {(last_ns - asked_ns) / 1e9:.1f} s after its operator had ended it"
 
 
 def _timed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:

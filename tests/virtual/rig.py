@@ -270,6 +270,9 @@ class VirtualRig:
         for node in self.leaders.values():
             for session in node.bursts._bursts.values():
                 if session.burst.video and not session.finished.is_set():
+                    for of in self.evidence.bursts:
+                        if of.session is session and of.end_asked_ns is None:
+                            of.end_asked_ns = self.world.now_ns
                     await node.bursts.end(session.burst.number)
 
     async def _rest(self) -> None:

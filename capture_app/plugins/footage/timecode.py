@@ -86,13 +86,12 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
     number = (whole * 60 + seconds) * nominal + frames
     if drops:
         number -= nominal // 15 * (whole - whole // 10)
-    gopro = "GoPro" in handlers or _GOPRO_FILE.fullmatch(path.stem) is not None
     return Timecode(
         day_s=float(number * period),
         first_s=first_s,
         period_s=float(period),
         wall_clock=not fractional or drops,
-        clock_error_s=GOPRO_S if gopro else 0.0,
+        clock_error_s=GOPRO_S if "GoPro" in handlers or _GOPRO_FILE.fullmatch(path.stem) else 0.0,
         text=text.strip(),
     )
 

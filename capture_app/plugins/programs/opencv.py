@@ -87,8 +87,11 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
 def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     own: dict[str, Path] = {}
-    named = any(file.stem.casefold().startswith(name.casefold()) for file in files for name in cameras)
-    if files and not named and not any(_MATRIX_NAMES & _load(file).keys() for file in files):
+    if files and not any(
+        _MATRIX_NAMES & _load(file).keys() or file.stem.casefold().startswith(name.casefold())
+        for file in files
+        for name in cameras
+    ):
         return own, files
     for name in cameras:
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.

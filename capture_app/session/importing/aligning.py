@@ -63,11 +63,11 @@ def align_recording(
     }
     aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
     if len(aligned) < 2:
-        reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
-        if rate_given:
-            reasons.append(
-                f"by {', '.join(timed)} not tried: that takes the videos' own times (without --fps)"
-            )
+        reasons = [
+            unknown.reason,
+            *(f"not aligned by {method}: {text}" for method, text in said.items()),
+            *([f"by {', '.join(timed)} not tried: that takes the videos' own times, not --fps"] * rate_given),
+        ]
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():
         if text:

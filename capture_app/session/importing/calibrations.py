@@ -138,9 +138,8 @@ def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[f
         f"{size[0]}x{size[1]}"
     )
     if calibrated == size[::-1]:
-        said = f" (its {view.turned})" if view.turned else ""
         raise BadInputError(
-            f"{what}, turned by 90 degrees{said}",
+            f"{what}, turned by 90 degrees" + (f" (its {view.turned})" if view.turned else ""),
             hint="import the images as they were when the lens was calibrated, or calibrate these: "
             "import without --calibration, then reconstruct calibrate SESSION",
         )

@@ -34,13 +34,10 @@ def _key(name: str) -> tuple[str, int | None]:
 
 
 def _by_number(labels: Sequence[str], cameras: Sequence[str]) -> dict[str, str]:
-    named, numbered = ([_key(name) for name in names] for names in (cameras, labels))
-    plain = any(all(not head for head, _ in keys) for keys in (named, numbered))
-    labelled = {number: label for (_, number), label in zip(numbered, labels, strict=True)}
-    one_to_one = len(labelled) == len(labels) and len({number for _, number in named}) == len(cameras)
-    if not plain or not one_to_one or {number for _, number in named} != set(labelled):
-        return {}
-    return {name: labelled[number] for name, (_, number) in zip(cameras, named, strict=True)}
+    named, numbered = ({_key(name)[1]: name for name in names} for names in (cameras, labels))
+    plain = any(all(not _key(name)[0] for name in names) for names in (cameras, labels))
+    one_to_one = named.keys() == numbered.keys() and len(named) == len(cameras) == len(labels)
+    return {named[n]: label for n, label in numbered.items()} if plain and one_to_one else {}
 
 
 def describe_pairs(source: str, pairs: Mapping[str, str], labels: Iterable[str]) -> str:

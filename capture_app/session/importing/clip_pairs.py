@@ -34,7 +34,7 @@ class Clip:
         return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
 
 
-Pairs = Sequence[tuple[Clip, Clip]]
+Pairs = tuple[tuple[Clip, Clip], ...]
 Heard = Callable[[Path, Path], bool]
 """Returns whether two videos recorded the same sound."""
 
@@ -46,20 +46,18 @@ def pair_clips(
 
     `names` are the cameras'. Clips of both are in the order of their names.
     """
-    named = [(one, other) for one in first for other in clips if one.path.stem == other.path.stem]
+    named = tuple((one, other) for one in first for other in clips if one.path.stem == other.path.stem)
     counted = all(_COUNTER.fullmatch(one.path.stem) for one, _ in named)
     if len(named) == min(len(first), len(clips)) and not counted:
         return named, ""
     if all(clip.began_s is not None for clip in (*first, *clips)):
         dated, note = _by_clocks(names, first, clips, heard)
-        taken = {clip for pair in named for clip in pair}
-        rest = [pair for pair in dated if taken.isdisjoint(pair)]
-        return (dated, note) if counted else ([*named, *rest], note)
+        taken = {clip for pair in named for clip in pair if not counted}
+        return (*(() if counted else named), *(pair for pair in dated if taken.isdisjoint(pair))), note
     if named or len(first) != len(clips):
         return named, ""
-    return list(
-        zip(first, clips, strict=True)
-    ), f"the clips of {' and '.join(names)} are paired by their order"
+    by_order = tuple(zip(first, clips, strict=True))
+    return by_order, f"the clips of {' and '.join(names)} are paired by their order"
 
 
 def _by_clocks(
@@ -68,32 +66,35 @@ def _by_clocks(
     """Pair clips by their dates, or by a constant difference of the clocks that pairs all of them."""
     fewest = min(len(first), len(clips))
     straight = _at_difference(first, clips, 0.0)
-    if len(straight) == fewest:
-        return straight, ""
     # A difference that pairs all clips pairs the first one of the camera with fewer.
-    anchor = (first if len(first) == fewest else clips)[0]
-    tried = ((one, other) for one in first for other in clips if anchor in (one, other))
-    later_s = sorted(((other.began_s or 0.0) - (one.began_s or 0.0) for one, other in tried), key=abs)
+    anchor = min(first, clips, key=len)[0]
+    pairs = ((one, other) for one in first for other in clips if anchor in (one, other))
+    later_s = sorted(((other.began_s or 0.0) - (one.began_s or 0.0) for one, other in pairs), key=abs)
     shifted = {tuple(_at_difference(first, clips, by_s)): by_s for by_s in reversed(later_s)}
     complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == fewest}
-    if not complete:
+    if len(straight) == fewest or not complete:
         return straight, ""
-    possible = {**complete, **({tuple(straight): 0.0} if straight else {})}
+    possible = {**complete, **({straight: 0.0} if straight else {})}
     scores = {
         pairs: sum(heard(one.path, other.path) for one, other in pairs[:_HEARD_PAIRS])
         for pairs in (possible if len(possible) > 1 else ())
     }
     leading = [pairs for pairs, score in scores.items() if score == max(scores.values()) > 0]
-    likeliest = next(iter(complete)) if len(complete) == 1 else tuple(straight)
-    chosen = leading[0] if len(leading) == 1 else likeliest
-    by = "by their sound" if len(leading) == 1 else "by their dates alone"
-    other_h = timedelta(seconds=round(min(map(abs, complete.values()))))
-    if chosen not in complete:
-        return chosen, f"{by}, {' and '.join(names)} have equal clocks; otherwise they differ by {other_h} h"
-    ahead, behind = names[::-1] if possible[chosen] > 0 else names
-    other_h = timedelta(seconds=round(abs(possible[chosen])))
-    sure = "" if len(leading) == 1 or not straight else "; otherwise each missed a take"
-    return chosen, f"{by}, the clock of {ahead} is {other_h} h ahead of that of {behind} in all takes{sure}"
+    is_heard, likeliest = len(leading) == 1, straight if len(complete) > 1 else next(iter(complete))
+    chosen = leading[0] if is_heard else likeliest
+    by_s = possible.get(chosen) or min(complete.values(), key=abs)
+    by, apart = "sound" if is_heard else "dates alone", timedelta(seconds=round(abs(by_s)))
+    if chosen == straight:
+        return (
+            chosen,
+            f"by their {by}, {' and '.join(names)} have equal clocks, and do not differ by {apart} h",
+        )
+    ahead, behind = names[::-1] if by_s > 0 else names
+    sure = "; otherwise each missed a take" if straight and not is_heard else ""
+    return (
+        chosen,
+        f"by their {by}, the clock of {ahead} is {apart} h ahead of that of {behind} in all takes{sure}",
+    )
 
 
 def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float) -> Pairs:
@@ -101,9 +102,8 @@ def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float)
     pairs: list[tuple[Clip, Clip]] = []
     left = list(clips)
     for one in first:
-        for other in left:
-            if one.together(replace(other, began_s=(other.began_s or 0.0) - later_s)):
-                pairs.append((one, other))
-                left.remove(other)
-                break
-    return pairs
+        at = replace(one, began_s=(one.began_s or 0.0) + later_s)
+        if (other := next(filter(at.together, left), None)) is not None:
+            pairs.append((one, other))
+            left.remove(other)
+    return tuple(pairs)

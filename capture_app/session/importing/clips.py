@@ -156,13 +156,12 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
 
 def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
     """Return the clips by the word before the number that their camera counts; none if it is one word."""
-    words = {clip: re.fullmatch(r"(\D*)(\d+)", clip.path.stem) for clip in clips}
-    cameras: dict[str, list[Clip]] = {}
-    for clip, found in words.items():
-        if found is None:
-            return {}
-        cameras.setdefault(name_like(found[1].rstrip("_-. "), "cam"), []).append(clip)
-    return cameras if min(map(len, cameras.values())) > 1 < len(cameras) else {}
+    words = {clip: re.sub(r"[_\-. ]*\d+$", "", clip.path.stem) for clip in clips}
+    cameras = {
+        name_like(word, "cam"): [clip for clip in clips if words[clip] == word] for word in words.values()
+    }
+    counted = all(clip.path.stem[-1].isdecimal() for clip in clips)
+    return cameras if counted and min(map(len, cameras.values())) > 1 < len(cameras) else {}
 
 
 def _by_names(clips: Sequence[Clip]) -> list[Shoot]:

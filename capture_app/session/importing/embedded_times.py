@@ -57,17 +57,23 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def describe_video(path: Path) -> tuple[float, str]:
-    """Return a video's rate in frames/s, 0 if it states none, and a note for the user on interlaced frames.
+    """Return a video's rate in frames/s, 0 if it states none, and a note for the user on what it holds.
 
     Raises as `video_times_ns`.
     """
-    with _opened(path) as (_, container):
-        stream = container.streams.video[0]
+    with _opened(path) as (av, container):
+        stream, cover = container.streams.video[0], av.stream.Disposition.attached_pic
         fps = float(stream.guessed_rate or stream.average_rate or 0)
-        if stream.codec_context.field_order not in _INTERLACED:
-            return fps, ""
-        apart = f", {500 / fps:.3g} ms apart" if fps else ""
-        return fps, f"{path.name} is interlaced: the odd and the even rows of a frame are two instants{apart}"
+        interlaced = stream.codec_context.field_order in _INTERLACED
+        # As in an .insv of Insta360, which has a lens in each.
+        several = sum(not one.disposition & cover for one in container.streams.video) > 1
+    apart = f", {500 / fps:.3g} ms apart" if fps else ""
+    second = f"ffmpeg -i {path.name} -map 0:v:1 -c copy {path.stem}-2.mp4"
+    notes = {
+        f"is interlaced: the odd and the even rows of a frame are two instants{apart}": interlaced,
+        f"has more than one video stream; the first is imported. For the second: {second}": several,
+    }
+    return fps, "; ".join(f"{path.name} {note}" for note, holds in notes.items() if holds)
 
 
 def video_times_ns(path: Path) -> list[int]:
@@ -83,20 +89,14 @@ def video_times_ns(path: Path) -> list[int]:
         return [round(tick * stream.time_base * 1_000_000_000) for tick in sorted(ticks)]
 
 
-def count_video_streams(path: Path) -> int:
-    """Return how many videos a file holds, without cover pictures. Raises as `video_times_ns`."""
-    with _opened(path) as (av, container):
-        cover = av.stream.Disposition.attached_pic
-        return sum(not stream.disposition & cover for stream in container.streams.video)
-
-
 def video_pictures(
     path: Path, places: Collection[int] | None = None, *, by_time: bool = False
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield the frames (BGR, H x W x 3, upright) at the requested places, or all, with their places.
 
-    A place is a presentation time in ns, otherwise the number of a decoded frame. Frames that cannot be
-    decoded are skipped. Raises BadInputError if it is not a video.
+    Of pixels that are not square, an image is as wide as a player shows it. A place is a presentation time in
+    ns, otherwise the number of a decoded frame. Frames that cannot be decoded are skipped. Raises
+    BadInputError if it is not a video.
     """
     with _opened(path) as (av, container):
         scaler = av.video.reformatter.Interpolation
@@ -104,8 +104,6 @@ def video_pictures(
         rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
         numbers, last = count(), inf if places is None else max(places, default=-1)
         stream = container.streams.video[0]
-        # Of pixels that are not square, an image is as wide as a player shows it.
-        aspect = stream.sample_aspect_ratio or 1
         for packet in container.demux(stream):
             frames = []
             with suppress(av.InvalidDataError):
@@ -115,9 +113,8 @@ def video_pictures(
                 place = round(frame.pts * frame.time_base * 1_000_000_000) if timed else number
                 if place > last:
                     return
-                wanted = places is None or place in places
-                if timed == by_time and wanted and not frame.is_corrupt:
-                    width = round(frame.width * aspect)
+                if timed == by_time and not frame.is_corrupt and (places is None or place in places):
+                    width = round(frame.width * (stream.sample_aspect_ratio or 1))
                     image = frame.to_ndarray(format="bgr24", width=width, interpolation=rounding)
                     yield place, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
 
@@ -130,8 +127,7 @@ def name_time_ns(path: Path) -> int:
     there is none.
     """
     for digits, fraction in _EPOCH.findall(path.stem):
-        if len(digits) in _EPOCH_NS:
-            places = _EPOCH_NS[len(digits)]
+        if (places := _EPOCH_NS.get(len(digits))) is not None:
             return int(digits + fraction[:places].ljust(places, "0"))
     if (found := _DATE.search(path.stem)) is None:
         raise BadInputError(

@@ -139,19 +139,17 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
 def _check_rates(videos: Sequence[Video], fps: float, options: ImportOptions) -> None:
     """Note that videos state another rate than the user's. Raises BadInputError if they also differ."""
     others = [video for video in videos if video.fps and abs(fps / video.fps - 1) > OTHER_FPS]
-    said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in others)
     rates = [video.fps for video in videos]
     if others and not options.synchronized and max(rates) > (1 + OTHER_FPS) * min(rates):
+        said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in others)
         raise BadInputError(
             f"the files state other rates than {fps:g} frames a second: {said}",
             hint="leave out --fps, which takes the videos' own times; --synchronized if one clock "
             "triggered all frames",
         )
     for video in others:
-        note = (
-            f"{video.path.name} states {video.fps:.4g} frames a second: with {fps:g}, "
-            f"its {len(video.numbers) / video.fps:.1f} s become {len(video.numbers) / fps:.1f} s"
-        )
+        lengths = " become ".join(f"{len(video.numbers) / rate:.1f} s" for rate in (video.fps, fps))
+        note = f"{video.path.name} states {video.fps:.4g} frames a second: with {fps:g}, its {lengths}"
         video.note = "; ".join(filter(None, (video.note, note)))
 
 
@@ -174,9 +172,9 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
             f"the images of {names} are named by times, which may be of one clock or not",
             hint="if one clock gave them, take them: --times name",
         )
-    exif = "; --times exif takes those of their EXIF" if all(map(_has_exif_time, folders)) else ""
     raise BadInputError(
-        f"the images of {names} have no times", hint=f"add their rate, --fps, or a table, --timestamps{exif}"
+        f"the images of {names} have no times",
+        hint="add their rate, --fps, or a table, --timestamps; if they have times in EXIF: --times exif",
     )
 
 
@@ -184,12 +182,6 @@ def _named_by_time(source: Images) -> bool:
     with suppress(BadInputError):
         times_ns = [name_time_ns(file) for file in source.files[:2]]
         return times_ns == sorted(set(times_ns))
-    return False
-
-
-def _has_exif_time(source: Images) -> bool:
-    with suppress(BadInputError):
-        return exif_time_ns(source.files[0]) != 0
     return False
 
 

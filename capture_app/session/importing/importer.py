@@ -151,16 +151,16 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
         for before, after in by_length
         if is_name(before or after)
     }
-    found = f"{folder} has {count(len(images), 'image')}"
+    found, at = f"{folder} has {count(len(images), 'image')}", shlex.quote(str(folder))
     if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
         return BadInputError(
-            f"{found} of one camera", hint=f"capture-app sessions import cam0={folder} --fps RATE"
+            f"{found} of one camera", hint=f"capture-app sessions import cam0={at} --fps RATE"
         )
     moves = " && ".join(f"mv {pattern} {name}/" for name, pattern in cameras.items())
     return BadInputError(
         f"{found} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
-        hint=f"put each camera's into a folder: cd {folder} && mkdir {' '.join(cameras)} && {moves}; "
-        f"then: capture-app sessions import {folder} --fps RATE",
+        hint=f"put each camera's into a folder: cd {at} && mkdir {' '.join(cameras)} && {moves}; "
+        f"then: capture-app sessions import {at} --fps RATE",
     )
 
 

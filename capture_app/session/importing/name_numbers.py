@@ -1,7 +1,7 @@
 """Numbers in the names of images: which of them count the frames."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 Numbers = tuple[int, ...]
@@ -34,18 +34,16 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
     if others or not width:
         return None
     kept = {name: [tuple(of[k] for k in changing[name]) for of in names] for name, names in cameras.items()}
-    if width > 1 and len(kept) > 1 and not _shared(kept):
-        single: Iterator[dict[str, list[Numbers]]] = (
-            {name: [(of[k],) for of in names] for name, names in kept.items()} for k in range(width)
-        )
-        usable = [one for one in single if _shared(one) and _unique(one)]
-        if len(usable) != 1:
-            return None
-        (kept,) = usable
-        width = 1
-    if not _unique(kept):
+    single: list[dict[str, list[Numbers]]] = [
+        {name: [(of[k],) for of in names] for name, names in kept.items()} for k in range(width)
+    ]
+    alone = len(kept) == 1 or _shared(kept)
+    tried = [kept] if alone else [one for one in single if _shared(one)] or [kept]
+    usable = [one for one in tried if all(len(set(names)) == len(names) for names in one.values())]
+    if len(usable) != 1:
         return None
-    if width == 1:
+    (kept,) = usable
+    if all(len(of) == 1 for names in kept.values() for of in names):
         return {name: [number for (number,) in names] for name, names in kept.items()}
     order = {of: n for n, of in enumerate(sorted(set().union(*kept.values())))}
     return {name: [order[of] for of in names] for name, names in kept.items()}
@@ -53,7 +51,3 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
 
 def _shared(cameras: Mapping[str, Sequence[Numbers]]) -> bool:
     return any(set(one) & set(other) for one, other in combinations(cameras.values(), 2))
-
-
-def _unique(cameras: Mapping[str, Sequence[Numbers]]) -> bool:
-    return all(len(set(names)) == len(names) for names in cameras.values())

@@ -106,13 +106,8 @@ def _period_of(fps: float) -> Fraction:
 
 def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | None:
     """Return each camera's frame numbers; None if some camera has none, so that only the order counts."""
-    names = {
-        one.name: one.name_numbers or ([(number,) for number in one.numbers] if one.numbered else ())
-        for one in sources
-    }
-    if any(source.name_numbers for source in sources):
-        return frame_numbers(names) if all(names.values()) else None
-    return {one.name: one.numbers for one in sources} if all(names.values()) else None
+    names = {source.name: source.name_numbers for source in sources}
+    return frame_numbers(names) if all(names.values()) else None
 
 
 def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:

@@ -291,15 +291,20 @@ def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
 def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> Instant:
     """Return an instant with those cameras' nearest frames within half a period."""
     near = {
-        name: frames[nearest([frame.leader_ns for frame in frames], instant.leader_ns)]
-        for name, frames in cameras.items()
+        name: of[nearest([frame.leader_ns for frame in of], instant.leader_ns)]
+        for name, of in cameras.items()
+        if name not in instant.frames
     }
-    frames = dict(instant.frames)
-    for name, frame in near.items():
-        if name not in frames and is_same_instant(frame.leader_ns - instant.leader_ns, period_ns):
-            frames[name] = frame
-    why = {name: reason for name, reason in instant.why_missing.items() if name not in frames}
-    return replace(instant, frames=frames, why_missing=why)
+    frames = {
+        name: frame
+        for name, frame in (*instant.frames.items(), *near.items())
+        if name in instant.frames or is_same_instant(frame.leader_ns - instant.leader_ns, period_ns)
+    }
+    return replace(
+        instant,
+        frames=frames,
+        why_missing={name: why for name, why in instant.why_missing.items() if name not in frames},
+    )
 
 
 def import_found(

@@ -13,7 +13,6 @@ from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import (
     DAMAGED,
-    count_video_streams,
     describe_video,
     video_pictures,
     video_times_ns,
@@ -50,11 +49,9 @@ class Source(ABC):
     suffix: str
     """Suffix of the image files whose bytes `frames` yields."""
     numbers: Sequence[int]
-    """The recording's own number of each frame: equal numbers of two cameras belong together."""
-    numbered: bool
-    """Whether the numbers come from the recording instead of from the order of frames."""
+    """The place of each frame in the recording, from 0."""
     name_numbers: Sequence[Numbers] = ()
-    """All numbers in the name of each frame's file; empty if no names count frames."""
+    """All numbers in the name of each frame; empty if nothing numbers the frames but their order."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
         """Return the frames' times by the rig's common clock if its files have them, otherwise None."""
@@ -83,7 +80,7 @@ class Images(Source):
     ) -> None:
         """Take image files; `read` returns the image bytes of a file, `times` are by the rig's clock."""
         self.name, self.path, self.files, self.kind = name, path, files, kind
-        self.numbers, self.numbered = range(len(files)), False
+        self.numbers = range(len(files))
         self.suffix = files[0].suffix.lower()
         self._read, self._times = read, times
 
@@ -134,8 +131,6 @@ class Video(Source):
     """A video file, decoded frame by frame into JPEG (quality 95) or PNG."""
 
     kind = "video"
-    numbered = True
-    """The first frames of all videos belong together unless a table says otherwise."""
 
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         self.name, self.path = name, path
@@ -152,21 +147,16 @@ class Video(Source):
         self.has_times = False
         """Whether the frames' own times are the recording's."""
         self.numbers = range(sum(map(len, self._times_ns.values())))
-        self.fps, interlaced = describe_video(path)
+        # The first frames of all videos belong together unless a table says otherwise.
+        self.name_numbers = [(number,) for number in self.numbers]
+        self.fps, note = describe_video(path)
         later = ", ".join(one.name for one in chapters[1:])
-        self.note = "; ".join(filter(None, (interlaced, later and f"{path.name} goes on in {later}")))
+        self.note = "; ".join(filter(None, (note, later and f"{path.name} goes on in {later}")))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
     def use_embedded_times(self) -> Sequence[int]:
         """Return the presentation times of all frames, ns, as the recording's; none if a file lacks them."""
-        if count_video_streams(self.path) > 1:
-            # As in an .insv of Insta360, which has a lens in each.
-            second = (
-                f"{self.path.name} has more than one video stream; the first is imported. For the second:"
-                f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
-            )
-            self.note = "; ".join(filter(None, (self.note, second)))
         if not self._timed:
             return ()
         self.has_times = True

@@ -232,13 +232,12 @@ def fit_one_plane(at_a: Array, at_b: Array) -> bool:
     """
     if len(at_a) < MIN_MATCHES:
         return True
-    _, epipolar = cv2.findFundamentalMat(at_a, at_b, cv2.FM_RANSAC, RANSAC_PX, 0.999, 5000)
-    _, plane = cv2.findHomography(at_a, at_b, cv2.RANSAC, PLANE_PX)
-    if epipolar is None or plane is None:
+    _, sure = cv2.findFundamentalMat(at_a, at_b, cv2.FM_RANSAC, RANSAC_PX, 0.999, 5000)
+    _, in_plane = cv2.findHomography(at_a, at_b, cv2.RANSAC, PLANE_PX)
+    if sure is None or in_plane is None:
         return True
-    sure = epipolar.ravel()[: len(at_a)] > 0
-    beside = int((sure & (plane.ravel() == 0)).sum())
-    return beside < max(MIN_BESIDE_PLANE, MIN_BESIDE_FRACTION * int(sure.sum()))
+    beside = (sure.ravel()[: len(at_a)] > in_plane.ravel()).sum()
+    return bool(beside < max(MIN_BESIDE_PLANE, MIN_BESIDE_FRACTION * int(sure.sum())))
 
 
 def _triples(matches: Groups) -> Groups:

@@ -18,7 +18,7 @@ from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
-from reconstruction.common.memory import memory_budget, usable_cores
+from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
 from reconstruction.scene.calibration.consistency import fit_one_plane
 from reconstruction.scene.dataset import Dataset
@@ -263,7 +263,7 @@ def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequenc
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
-    """Return COLMAP's options for feature extraction: image size and threads within the memory budget."""
+    """Return COLMAP's options for feature extraction: the image size within the memory budget, one thread."""
     options = pycolmap.FeatureExtractionOptions()
     limit = int(options.eff_max_image_size())
 
@@ -274,9 +274,8 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
 
     scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
-    options.num_threads = memory_budget().fit_count(
-        bytes_at(scale), len(usable_cores()), fraction=FEATURE_FRACTION
-    )
+    # With several threads, the images' order in the database, and so the result, changes from run to run.
+    options.num_threads = 1
     return options
 
 
@@ -291,8 +290,6 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    # With several threads, the images' order in the database, and so the result, changes from run to run.
-    extraction.num_threads = 1
     reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(

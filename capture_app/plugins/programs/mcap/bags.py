@@ -89,8 +89,6 @@ class _Message(NamedTuple):
 class TopicPictures(Source):
     """The images of one topic, in recording order; compressed ones unchanged."""
 
-    numbered = False
-
     def __init__(self, name: str, path: Path, first: _Message, count: int) -> None:
         self.name, self.path, self._topic = name, path, first.topic
         self.numbers, self.kind = range(count), "MCAP" if first.kind.startswith(_FOXGLOVE) else "ROS"

@@ -55,7 +55,9 @@ def test_names_without_a_common_number_are_paired_by_place_and_this_is_said(
         ({"a": ["5", "6"], "b": ["take2_6", "take2_7"]}, {"a": [5, 6], "b": [6, 7]}),
         ({"a": ["1", "01"], "b": ["1", "2"]}, None),
         ({"a": ["1", "2"], "b": ["1", "2_3"]}, None),
-        ({"a": ["1_5", "2_6"], "b": ["3_7", "4_8"]}, None),
+        ({"a": ["1_5", "2_6"], "b": ["3_7", "4_8"]}, {"a": [0, 1], "b": [2, 3]}),
+        ({"a": ["1", "2"], "b": ["3", "4"]}, {"a": [1, 2], "b": [3, 4]}),
+        ({"a": ["1_5", "2_6"], "b": ["2_6", "3_8"]}, {"a": [0, 1], "b": [1, 2]}),
     ],
 )
 def test_the_number_that_counts(cameras: dict[str, list[str]], numbers: dict[str, list[int]] | None) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing import recording_sources
 from capture_app.session.importing.clips import find_shoots
 from capture_app.session.importing.importer import open_sources
 from capture_app.session.importing.recording_sources import Video
@@ -35,7 +34,7 @@ def test_a_count_is_from_where_all_run(tmp_path: Path) -> None:
     assert [len(images) for images in session.images_by_instant()] == [2] * 5
 
 
-def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path) -> None:
     for name, first in (("GX010012.MP4", 0), ("GX020012.MP4", 3), ("GX030012.MP4", 6)):
         write_video(tmp_path / "in" / name, (0, 33_000, 66_000), first=first)
     write_video(tmp_path / "in" / "GOPR0044.MP4", (0, 33_000, 66_000, 99_000, 132_000))
@@ -48,10 +47,6 @@ def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path, monkeypatch: pyte
     video = Video("a", tmp_path / "in" / "GX010012.MP4")
     assert video.note == "GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4"
     assert [at_ns // 1_000_000 for at_ns in video.use_embedded_times()] == list(range(0, 297, 33))
-    monkeypatch.setattr(recording_sources, "count_video_streams", lambda path: 2)
-    video.use_embedded_times()
-    assert video.note.startswith("GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4; GX010012.MP4 has more")
-    monkeypatch.undo()
     session = imported(tmp_path / "in")
     shown = numbers_of(session)
     assert len(shown) == 9

@@ -15,7 +15,8 @@ class Numbers(Source):
     """A camera that is nothing but frame numbers."""
 
     def __init__(self, name: str, numbers: Sequence[int], numbered: bool = True) -> None:
-        self.name, self.numbers, self.numbered = name, numbers, numbered
+        self.name, self.numbers = name, numbers
+        self.name_numbers = [(number,) for number in numbers] if numbered else ()
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         raise NotImplementedError

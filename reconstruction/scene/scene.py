@@ -90,6 +90,8 @@ class Scene:
         def make() -> Scene:
             other = copy(self)
             other.motion = SceneMotion(self.dataset, step)
+            # What stands still is the same over any time.
+            other.motion.background = self.motion.background
             other.features = SceneFeatures(other.motion)
             return other
 

@@ -20,7 +20,8 @@ def write_video(path: Path, times_us: Sequence[int], *, first: int = 0, interlac
     with av.open(str(path), "w", options={"movie_timescale": "1000000"}) as container:
         stream = container.add_stream("libx264", rate=30)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.options = {"bf": "2", "crf": "10"} | ({"x264-params": "tff=1"} if interlaced else {})
+        fields = {"x264-params": "tff=1"} if interlaced else dict[str, str]()
+        stream.options = {"bf": "2", "crf": "10", **fields}
         stream.time_base = stream.codec_context.time_base = Fraction(1, 1_000_000)
         for number, at_us in enumerate(times_us, first):
             frame = av.VideoFrame.from_ndarray(

@@ -150,6 +150,8 @@ class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     receipts: tuple[ImageReceipt, ...] = ()
     requested: tuple[Count, ...] | None = None
     """Instants to send; None: all."""
+    end: Count | None = None
+    """Of a streamed burst, its number of instants: frames after its end are not needed."""
     undecided: bool = False
     """Whether `requested` still depends on reports of other cameras: ask again."""
     proof: Proof | None = None

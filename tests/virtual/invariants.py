@@ -33,7 +33,7 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         sessions_folder = rig.world.disks.of(machine).folder / "sessions"
         with contextlib.suppress(SimulshotError):  # there may be nothing to repair
             asyncio.run(repair(sessions_folder, wait_s=0, address=Address("127.0.0.1", 1), log=Log()))
-    sessions = _sessions(rig)
+    sessions = sessions_of(rig)
     yield from _opened(sessions)
     yield from _confirmed(rig, sessions)
     yield from _honest(rig, sessions)
@@ -81,7 +81,7 @@ class Saved:
         return {(image.camera, chosen[image.instant]): image.sha256 for image in images}
 
 
-def _sessions(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
+def sessions_of(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
     found = {}
     for machine in ("lead", "lead2"):
         for plan in sorted(rig.world.disks.of(machine).folder.glob(f"sessions/*/{PLAN}")):
@@ -102,13 +102,11 @@ def _opened(sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
 def _confirmed(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
     """No image is lost that a node was told is safe."""
     cancelled = {of.key for of in rig.evidence.bursts if of.cancelled}
-    frames = {of.key: of.session.burst.frames for of in rig.evidence.bursts if of.burst.streamed}
     by_key: dict[tuple[int, int], dict[tuple[str, int], str]] = {}
     lost: dict[tuple[int, int], list[str]] = {}
     for (leader, burst, camera, instant), sha256 in sorted(rig.evidence.confirmed.items()):
         key = (leader, burst)
-        # Frames after the end of a recording that ended early are confirmed, and in nobody's way.
-        if key in cancelled or camera in rig.plan.liars or instant >= frames.get(key, instant + 1):
+        if key in cancelled or camera in rig.plan.liars:
             continue
         if key not in by_key:
             by_key[key] = sessions[key].checksums() if key in sessions else {}

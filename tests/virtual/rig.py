@@ -495,7 +495,8 @@ class VirtualRig:
         if step.kind == "series":
             options = {"frames": 3, "repeat": round(step.value), "every_s": step.seconds}
         elif step.kind == "recording":
-            options = {"video": True}
+            # A value is the ordered length in s; else the operator ends it after the step's seconds.
+            options = {"video": True, "seconds": step.value or None}
         plan = TakePlan(wait_ready_s=5, **options)
         self.world.within(self.world.processes["desk"], lambda: self._do(self._take(step, plan)))
 
@@ -508,7 +509,7 @@ class VirtualRig:
             async for event in taking:
                 if isinstance(event, Progress):
                     take.status = event.status
-                if isinstance(event, Begun) and step.kind == "recording":
+                if isinstance(event, Begun) and step.kind == "recording" and step.seconds:
                     self.world.loop.call_later(step.seconds, lambda: self._soon(taking.end()))
                 if isinstance(event, Begun) and step.kind == "cancel":
                     self._soon(self._cancel(taking))

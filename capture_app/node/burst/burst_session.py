@@ -4,7 +4,7 @@ import asyncio
 import dataclasses
 import functools
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,9 +22,13 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    ALL_DISCONNECTED_NS,
+    CAMERA_DISCONNECTED_NS,
+)
 from capture_app.node.burst.camera_delivery import CameraDelivery
-from capture_app.node.burst.intake import Intake, known, on_disk
+from capture_app.node.burst.intake import Intake, on_disk
 from capture_app.node.burst.plans import (
     Absent,
     InstantChoice,
@@ -88,10 +92,12 @@ class BurstSession:
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.failure: SimulshotError | None = None
         """Error that kept the session from being written."""
-        self.order_end: Callable[[], Awaitable[None]] | None = None
-        """Order the cameras to end a streamed burst now; calls `end`."""
-        self._is_broken_off = False
-        """An error of the disk has ended it: cameras have frames until the end that were not saved."""
+        self.order_end: Callable[[], int] | None = None
+        """Order the cameras to end a streamed burst now, and return the number of instants until then."""
+        self._broken_off: int | None = None
+        """Number of instants until an error of the disk ended it: its cameras have frames of all of them."""
+        self._is_closing = False
+        """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
         self._is_of_this_run = lost is None
         self._now_ns = 0
@@ -189,7 +195,7 @@ class BurstSession:
         A finished session that was opened again, as its images still arrive, is not done.
         """
         done = self.finished.is_set()
-        instants = self._recorded_instants if self.burst.video else self.burst.frames
+        instants = self._recorded_instants
         parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
         parts |= {name: (0, why) for name, why in self._absent.items()}
         transfer = tuple(
@@ -321,7 +327,8 @@ class BurstSession:
             return ReportAck(undecided=True)
         receipts = await on_disk(self._disk, delivery.receipts, self._writer, self._choice)
         await self.finish_if_complete()
-        return ReportAck(receipts=receipts, requested=self._choice.requested)
+        end = self.burst.frames if self.burst.streamed else None
+        return ReportAck(receipts=receipts, requested=self._choice.requested, end=end)
 
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
@@ -332,10 +339,10 @@ class BurstSession:
         TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
         full disk ends the burst.
         """
-        if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            # The node learned late that the burst ends earlier, perhaps after it was saved.
-            return known(upload.record.sha256)
         self._intake.check_open()
+        if self.burst.streamed and upload.record.instant >= self.burst.frames:
+            # The node learns from the answer to its next report that it may delete the frame.
+            raise TryAgainError(f"burst {self.burst.number} has ended before instant {upload.record.instant}")
         instant = upload.record.instant
         number, suffix = self._choice.number(instant), check_image_path(upload.record)
         delivery = self._delivery(upload.camera)
@@ -423,9 +430,8 @@ class BurstSession:
 
     async def _break_off(self, error: DiskError) -> None:
         """Finish after an error of the disk; a streamed burst ends now. Its cameras keep what is missing."""
-        if self.order_end is not None and not self._is_broken_off:
-            self._is_broken_off = True
-            await self.order_end()
+        if self.order_end is not None and self._broken_off is None:
+            self._broken_off = self.order_end()
         await self.finish_now(
             "the leader's disk is full"
             if isinstance(error, DiskFullError)
@@ -486,6 +492,7 @@ class BurstSession:
 
         Without any image, a session is made only if `silent`: the cameras may still have their images.
         """
+        self._is_closing = True
         for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
@@ -517,9 +524,27 @@ class BurstSession:
                 self.finished.set()
 
     def _may_finish(self) -> bool:
-        return not self.finished.is_set() and all(
-            delivery.is_complete(self._choice) for delivery in self._deliveries.values()
+        return (
+            not self.finished.is_set()
+            and all(delivery.is_complete(self._choice) for delivery in self._deliveries.values())
+            and not self._awaited
         )
+
+    @property
+    def _awaited(self) -> list[CameraDelivery]:
+        """Silent cameras of a streamed burst for which it stays open, as they take frames until its end.
+
+        While no other camera takes any, what these share has failed, such as an access point. They bring
+        their frames when it is back.
+        """
+        deliveries = self._deliveries.values()
+        silent = [of for of in deliveries if of.silent]
+        if not self.burst.streamed or self._lost is not None or self._is_closing or not silent:
+            return []
+        waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
+        until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS
+        is_open = all(of.is_complete(self._choice) for of in deliveries)
+        return silent if is_open and self._now_ns < min(self._ends_ns + waits_ns, until_ns) else []
 
     def _finish(self) -> Path | None:
         """Write the manifest with the images received so far, and return the session's folder.
@@ -528,7 +553,7 @@ class BurstSession:
         records contradict each other, DiskFullError.
         """
         choice, writer, deliveries = self._choice, self._writer, self._deliveries.values()
-        if self.burst.video:
+        if self._recorded_instants < self.burst.frames:
             choice = InstantChoice(
                 dataclasses.replace(
                     self.burst, instants_ns=self.burst.instants_ns[: max(1, self._recorded_instants)]
@@ -559,11 +584,11 @@ class BurstSession:
 
     @property
     def _recorded_instants(self) -> int:
-        """Length of a recording in instants: unless it was broken off, as many as any camera has sent."""
-        if self._is_broken_off:
+        """Length in instants: of a recording, or what was broken off, as many as any camera has taken."""
+        if not self.burst.video and self._broken_off is None:
             return self.burst.frames
         ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
-        return min(self.burst.frames, max(ends, default=0))
+        return min(self.burst.frames, max(self._broken_off or 0, *ends))
 
     def _passed(self, now_ns: int) -> int:
         """Return the largest number of instants that a camera can have seen by now.
@@ -601,6 +626,11 @@ class BurstSession:
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
+        if awaited := self._awaited:
+            names = ", ".join(sorted(of.name for of in awaited))
+            whom = "all cameras" if len(awaited) == len(self._deliveries) else names
+            silent_s = (self._now_ns - max(of.heard_ns for of in awaited)) // 10**9
+            return f"waiting for {whom}, {silent_s} s; they keep their pictures"
         late = [of for _, of in sorted(self._deliveries.items()) if not of.is_complete(self._choice)]
         unreported = [of.name for of in late if not of.reported_plan]
         if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):

@@ -258,6 +258,8 @@ class Upload:
     """Number of reports in a row that did not commit the burst."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
+    end_instant: int | None = None
+    """Of a streamed burst: the number of instants that the leader needs."""
     is_over: bool = False
     """Whether sending is over: the leader has the burst, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
@@ -355,7 +357,7 @@ class Upload:
         self.over = max(self.over, picked.over)
         held_bytes = sum(map(len, list(self.in_memory.values())))
         held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
-        for frame in picked.frames:
+        for frame in filter(lambda of: self._is_needed(of.instant), picked.frames):
             if held_bytes + frame.frame.picture.held_bytes > self.max_bytes:
                 self._note_missing(frame.instant, TOO_SLOW)
             else:
@@ -379,16 +381,27 @@ class Upload:
             )
         self.report = self.report.with_plan(camera=replace(camera, widened=(*known, times)))
 
-    def commit(self, requested: Collection[int] | None) -> list[Path]:
-        """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""
+    def commit(self, requested: Collection[int] | None, end: int | None = None) -> list[Path]:
+        """Restrict the upload to the `requested` instants before `end` (None: all); return the dropped files.
+
+        A streamed burst has an `end`, which its operator may have moved while this node was not reached.
+        """
         first, self.is_committed = not self.is_committed, True
-        self.requested = None if requested is None else frozenset(requested)
+        self.requested, self.end_instant = None if requested is None else frozenset(requested), end
         if first and not self.streamed:
             self.on_commit()
-        if requested is None:
-            return []
-        self.frames = deque(frame for frame in self.frames if frame.instant in requested)
-        return self._let_go({*self.encoded}.difference(requested))
+        dropped = {
+            instant
+            for instant in (*self.encoded, *(frame.instant for frame in self.frames))
+            if not self._is_needed(instant)
+        }
+        if dropped:
+            self.frames = deque(frame for frame in self.frames if frame.instant not in dropped)
+        return self._let_go(dropped)
+
+    def _is_needed(self, instant: int) -> bool:
+        is_requested = self.requested is None or instant in self.requested
+        return is_requested and (self.end_instant is None or instant < self.end_instant)
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""

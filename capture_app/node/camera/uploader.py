@@ -169,7 +169,7 @@ class Sender:
             return None
         burst.attempts = 0
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
-        await _delete([*burst.commit(answer.requested), *burst.confirm(stored)])
+        await _delete([*burst.commit(answer.requested, answer.end), *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None

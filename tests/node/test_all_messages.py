@@ -58,6 +58,7 @@ def every_message(node: SealedNode) -> list[Any]:
         wire.NodeStream(camera="cam", instance=node.instance),
         wire.CameraReport(leader=1, burst=1, plan=CameraPlan(camera=record, instants=(0,))),
         wire.ImageUpload(leader=1, burst=1, record=image),
+        wire.FilmPart(frames=(wire.ImageUpload(leader=1, burst=1, record=image),)),
         wire.SpoolSpace(camera="cam", free_bytes=0, spool="/"),
         wire.KeyRequest(name="cam", instance=node.instance, is_relay=True),
         wire.StatusRequest(),
@@ -158,7 +159,7 @@ async def test_a_camera_with_any_field_changed_harms_nobody(
         opened = wire.NodeStream(camera="cam1", instance=1)
         await channel.send(opened)
         assert isinstance(await channel.receive_header(), wire.ReportAck)
-        for kind in (wire.CameraReport, wire.ImageUpload, wire.SpoolSpace):
+        for kind in (wire.CameraReport, wire.ImageUpload, wire.FilmPart, wire.SpoolSpace):
             info = inspect.type_info(kind)
             for path, plain in attacks(info, example(info)):
                 await channel.send(plain)

@@ -27,7 +27,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
 from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.log import Log
-from capture_app.protocol.messages import CameraReport, ImageUpload
+from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload
 from capture_app.protocol.status import BurstStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 from capture_app.rig.taking import Begun, Failed, Progress, Saved, TakePlan, Taking
@@ -352,8 +352,10 @@ class VirtualRig:
         return [
             str(path.relative_to(root))
             for name in honest
-            for path in (self.world.disks.of(name).folder / "spool").rglob("*.jpg")
-            if path.parent.name in answered and path.parent.name.split("-")[0] not in runs
+            for path in (self.world.disks.of(name).folder / "spool").rglob("*")
+            if path.suffix in (".jpg", ".film")
+            and path.parent.name in answered
+            and path.parent.name.split("-")[0] not in runs
         ]
 
     def _open_bursts(self) -> list[str]:
@@ -603,7 +605,7 @@ class VirtualRig:
         confirm = burst_upload.Upload.confirm
 
         def confirming(upload: burst_upload.Upload, stored: Any) -> Any:
-            here = {image.record.instant: image for image in upload.images}
+            here = upload.images
             for instant, sha256 in stored.items():
                 if instant in here and here[instant].record.sha256 == sha256:
                     report = upload.report
@@ -616,7 +618,7 @@ class VirtualRig:
             lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
             if isinstance(message, CameraReport):
                 rig.reported[channel] = message
-            while lie == "silent" and isinstance(message, ImageUpload):
+            while lie == "silent" and isinstance(message, ImageUpload | FilmPart):
                 # It says again and again what it has, and sends nothing of it.
                 await asyncio.sleep(5)
                 await send(channel, rig.reported[channel])

@@ -42,7 +42,7 @@ from capture_app.node.burst.plans import (
     settled,
     size_problem,
 )
-from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
+from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
@@ -325,10 +325,20 @@ class BurstSession:
         self.trouble = ""
         if not await has_come(self._choice.committed, wait_s):
             return ReportAck(undecided=True)
-        receipts = await on_disk(self._disk, delivery.receipts, self._writer, self._choice)
+        receipts = await on_disk(
+            self._disk, delivery.receipts, self._writer, self._choice, reported_only=self.burst.streamed
+        )
         await self.finish_if_complete()
         end = self.burst.frames if self.burst.streamed else None
         return ReportAck(receipts=receipts, requested=self._choice.requested, end=end)
+
+    async def take(
+        self, images: ImageUpload | FilmPart, payload: AsyncIterator[bytes], now_ns: int
+    ) -> "asyncio.Future[str]":
+        """Receive an image or a part of a recording; see `take_image` and `take_part`."""
+        if isinstance(images, FilmPart):
+            return await self.take_part(images, payload, now_ns)
+        return await self.take_image(images, payload, now_ns)
 
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
@@ -339,26 +349,11 @@ class BurstSession:
         TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
         full disk ends the burst.
         """
-        self._intake.check_open()
-        if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            # The node learns from the answer to its next report that it may delete the frame.
-            raise TryAgainError(f"burst {self.burst.number} has ended before instant {upload.record.instant}")
-        instant = upload.record.instant
-        number, suffix = self._choice.number(instant), check_image_path(upload.record)
-        delivery = self._delivery(upload.camera)
-        upload = replace(
-            upload,
-            record=replace(
-                upload.record,
-                instant=number,
-                path=image_path(upload.camera, number, suffix),
-                # A node that was started again during a recording did not know how late its frames are.
-                late=delivery.plan.camera.is_late(upload.record.residual_ns),
-            ),
-        )
-        if problem := size_problem(upload, delivery.plan.camera.facts):
-            await self.give_up_camera(delivery.name, problem.what)
-            raise problem
+        if self.burst.video:
+            return await self.take_part(FilmPart(frames=(upload,)), payload, now_ns)
+        instant, delivery = upload.record.instant, self._delivery(upload.camera)
+        upload = await self._expected(upload)
+        number = upload.record.instant
         if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:
@@ -370,17 +365,74 @@ class BurstSession:
         except DiskError as error:
             self._background.start(self._break_off(error))
             raise
-        saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
+        saving.add_done_callback(functools.partial(self._note_saved, delivery, (number,)))
         delivery.note_heard(now_ns)
         return saving
 
-    def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
+    async def take_part(
+        self, part: FilmPart, payload: AsyncIterator[bytes], now_ns: int
+    ) -> "asyncio.Future[str]":
+        """Receive a part of a recording; the returned future yields its checksum once it is on disk.
+
+        Raises as `take_image`, and TryAgainError for a frame in whose place there is another one.
+        """
+        if not self.burst.video or len({(of.leader, of.burst, of.camera) for of in part.frames}) > 1:
+            raise BadInputError(f"{part.camera} sent parts of a recording that is not one")
+        delivery, facts = self._delivery(part.camera), self._delivery(part.camera).plan.camera.facts
+        part = FilmPart(frames=tuple([await self._expected(upload) for upload in part.frames]))
+        for upload in part.frames:
+            number = upload.record.instant
+            if number in delivery.instants:
+                saved = await on_disk(self._disk, self._writer.image, part.camera, number)
+                if saved is not None and saved.sha256 != upload.sha256:
+                    raise TryAgainError(f"{part.camera} sent another image of instant {number} before")
+        try:
+            saving = await self._intake.receive_part(part, payload, (facts.width, facts.height))
+        except DamagedImageError as error:
+            for instant in error.instants:
+                delivery.note_damaged(instant, error.what)
+            raise
+        except DiskError as error:
+            self._background.start(self._break_off(error))
+            raise
+        numbers = [upload.record.instant for upload in part.frames]
+        saving.add_done_callback(functools.partial(self._note_saved, delivery, numbers))
+        delivery.note_heard(now_ns)
+        return saving
+
+    async def _expected(self, upload: ImageUpload) -> ImageUpload:
+        """Return an upload as its session stores it, with its number there. Raises as `take_image`."""
+        self._intake.check_open()
+        if self.burst.streamed and upload.record.instant >= self.burst.frames:
+            # The node learns from the answer to its next report that it may delete the frame.
+            raise TryAgainError(f"burst {self.burst.number} has ended before instant {upload.record.instant}")
+        number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
+        delivery = self._delivery(upload.camera)
+        if problem := size_problem(upload, delivery.plan.camera.facts):
+            await self.give_up_camera(delivery.name, problem.what)
+            raise problem
+        return replace(
+            upload,
+            record=replace(
+                upload.record,
+                instant=number,
+                path=image_path(upload.camera, number, suffix),
+                # A node that was started again during a recording did not know how late its frames are.
+                late=delivery.plan.camera.is_late(upload.record.residual_ns),
+            ),
+        )
+
+    def _note_saved(
+        self, delivery: CameraDelivery, numbers: Iterable[int], saved: "asyncio.Future[str]"
+    ) -> None:
         if saved.cancelled():
             return
         if (error := saved.exception()) is None:
-            delivery.instants.add(number)
+            for number in numbers:
+                delivery.instants.add(number)
             # Acknowledged before the session is finished, which takes the disk some time.
-            self._background.start(self.finish_if_complete())
+            if self._may_finish():
+                self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
             self._background.start(self._break_off(error))
 

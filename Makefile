@@ -1,19 +1,18 @@
 # make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
-# make test   the quick tests, in 4.5 minutes          make check   lint, types, architecture          make format
-# make test KIND=core   the quick tests without those of cameras, programs, companions and methods
-# make test KIND=slow   the tests of some seconds or minutes each
-# make test KIND=long   those that take up to an hour each: every step killed, every bit flipped, odd inputs, an hour held
-# make test KIND=crash   writers and outputs killed at every step, every bit flipped (slow)
+# make test   the unit tests, in about 4 minutes        make check   lint, types, architecture          make format
+# make test KIND=core   the unit tests without those of cameras, programs, companions and methods
+# make test KIND=system   rigs of processes, browsers, whole comparisons, pages that newcomers read (20 minutes)
+# make test KIND=nightly   all pages, all seeds, crafted files, writers killed at every step (hours)
+# make test KIND=phones   the page of phones in real browsers
 # make test KIND=docs   every command line of README and docs, run beside a simulated rig (some minutes)
-# make test KIND=odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
-# make test KIND=phones   the page of phones in a real browser (Chromium)
 # make test KIND=v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test KIND=libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
 # make test KIND=gige   three GigE Vision cameras of aravis's own making in network namespaces (root, gir1.2-aravis-0.8, gcc; 5 min)
 # make test KIND=mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as KIND=gige, and Chromium)
 # make test KIND=slurm   batches on a real SLURM of this one machine (root)
+# make readers   the programs that exports are for, so that `make test KIND=system` tries each export with them (670 MB)
 # make test-dist   wheel and sdist in clean environments, with the demo (PYTHONS="python3.11 python3.13": with these)
 # make bench NAME=sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench NAME=relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
@@ -37,7 +36,7 @@
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
-# make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/FOLDER")
+# make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
 # make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
 # make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
 # make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
@@ -68,7 +67,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall demo test test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
+.PHONY: help install install-capture uninstall demo test readers test-dist bench fuzz samples pictures wheel dist docs check format clean python system slurm
 .DEFAULT_GOAL := help
 
 help:
@@ -95,31 +94,36 @@ docs: $(VENV)/.installed-dev
 
 test-dist: dist
 	for python in $(PYTHONS); do \
-	  for built in dist/*; do sh tests/packaging/installed.sh $$python $$built || exit 1; done; \
+	  for built in dist/*; do sh tests/nightly/packaging/installed.sh $$python $$built || exit 1; done; \
 	done
 
 demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
 
-# What pytest is given for each KIND.
-KIND ?= quick
+# What pytest is given for each KIND. Drivers need the machine, and are tried one suite at a time.
+KIND ?= unit
 CROWD := -n $(WORKERS) --dist worksteal
-TEST_quick := $(CROWD)
-TEST_core := $(CROWD) $(addprefix --ignore tests/,plugins companions reconstruction/methods)
-TEST_slow := $(CROWD) -m slow
-TEST_long := $(CROWD) -m long
-TEST_crash := -m "slow or long" -n auto tests/session/writing
-TEST_docs := -m "slow or long or not slow" -n auto tests/documentation
-TEST_odd-inputs := -m "long or not long" -n auto tests/reconstruction/commands
-TEST_phones := -m "slow or not slow" tests/companions/phones tests/end_to_end/test_phones.py
-TEST_v4l2 := -m v4l2 tests/end_to_end
-TEST_libcamera := -m libcamera tests/end_to_end
-TEST_gige := -m gige -s tests/plugins/cameras/aravis
-TEST_mixed := -m mixed -s tests/end_to_end/mixed
-TEST_slurm := -m slurm tests/slurm
+TEST_unit := $(CROWD) tests/unit
+TEST_core := $(CROWD) $(addprefix --ignore tests/unit/,plugins companions reconstruction/methods) tests/unit
+TEST_system := $(CROWD) tests/system
+TEST_nightly := $(CROWD) --ignore tests/nightly/drivers tests/nightly
+TEST_docs := -n auto $(wildcard tests/*/documentation)
+TEST_phones := $(wildcard tests/*/companions/phones) tests/system/end_to_end/test_phones.py
+TEST_v4l2 := $(wildcard tests/nightly/drivers/test_v4l2_*.py)
+TEST_libcamera := tests/nightly/drivers/test_libcamera_rig.py
+TEST_gige := -s tests/nightly/drivers/aravis
+TEST_mixed := -s tests/nightly/drivers/mixed
+TEST_slurm := tests/nightly/drivers/slurm
 
 test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
 	$(BIN)/pytest $(or $(TEST_$(KIND)),$(error there is no KIND=$(KIND): see make help))
+
+# What nobody packages for pip or apt-get is not there: tests/readers.txt says what is.
+readers: $(VENV)/.installed-readers
+$(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r tests/readers.txt
+	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
+	@touch $@
 
 test-%:
 	@$(MAKE) --no-print-directory test KIND=$*
@@ -148,7 +152,7 @@ BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview calibration) \
-  --tests tests/reconstruction/depth --tests tests/reconstruction/calibration --tests tests/reconstruction)
+  --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/calibration --tests tests/unit/reconstruction)
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md

@@ -1,6 +1,6 @@
 """Mutation test: flip random operators of a folder's code, one at a time, and see whether the tests notice.
 
-    python -m benchmarks.flip_operators reconstruction/depth --tests tests/reconstruction/depth
+    python -m benchmarks.flip_operators reconstruction/depth --tests tests/unit/reconstruction/depth
 
 A flip is `+` for `-`, `*` for `/`, `<` for `>`, `==` for `!=`, `and` for `or`, `&` for `|`, or a missing sign
 or `not`; in C, those operators that have a space on both sides. Each is tried in a copy of the checkout until

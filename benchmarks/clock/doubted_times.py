@@ -14,7 +14,7 @@ from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import NodeClock, SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import TimesDoubted
-from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
+from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
 
 S = 1_000_000_000
 SETTLE_NS, BEGINS_NS, LASTS_NS = 30 * S, 3 * S, 12 * S

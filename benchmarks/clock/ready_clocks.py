@@ -25,10 +25,10 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.timekeeping.clock_events import ClockChanged
 from capture_app.sync.wire.datagrams import CLOCK, Report
-from tests.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
-from tests.benchmarks.simulated.clock_changes import DrawLink, cable, loopback, wifi
-from tests.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
-from tests.benchmarks.simulated.link_spells import LAWS, recorded_laws
+from tests.unit.benchmarks.simulated.changing_clock import ChangingClock, RateSpell
+from tests.unit.benchmarks.simulated.clock_changes import DrawLink, cable, loopback, wifi
+from tests.unit.benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair
+from tests.unit.benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 S = 1_000_000_000
 LOOK_EVERY_NS = 100_000_000

@@ -301,11 +301,15 @@ class Channel(Generic[M], AbstractAsyncContextManager["Channel[M]"]):
 
     def abort(self) -> None:
         """Break the stream off; every pending read and write raises NetworkError at once."""
-        self._writer.transport.abort()
+        # TLS of Python 3.11.2 (Debian 12) raises once its connection is lost.
+        with contextlib.suppress(AttributeError):
+            self._writer.transport.abort()
 
     async def close(self) -> None:
         """Close the stream once its peer has everything, or on timeout; harmless on a broken stream."""
-        self._writer.close()
+        # A second close() makes TLS of Python 3.11.2 forget the connection that abort() is for.
+        if not self._writer.is_closing():
+            self._writer.close()
         message_s = self._stream_timeouts.message_s
         try:
             async with asyncio.timeout(CLOSE_TIMEOUT_S if message_s is None else message_s):

@@ -8,7 +8,7 @@ import msgspec
 
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.session.conftest import fill
+from tests.unit.session.conftest import fill
 
 Reader = Callable[[bytes, Path], None]
 

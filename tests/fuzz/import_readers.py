@@ -19,7 +19,7 @@ from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.decoding import decode_image, read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session
-from tests.session.conftest import calibration_of, jpeg
+from tests.unit.session.conftest import calibration_of, jpeg
 
 
 def read_picture(data: bytes, folder: Path) -> None:

@@ -24,7 +24,7 @@ from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.sealing import SealError
 from capture_app.trust.spake2_exchange import Invitations
 from tests.fuzz.folders import Reader
-from tests.net.echoes import received_from
+from tests.unit.net.echoes import received_from
 
 
 def read_datagram(data: bytes, folder: Path) -> None:

@@ -34,9 +34,9 @@ ASYMMETRY = 0.1
 
 No exchange can show a lasting asymmetry, and no recording here does: the first one's two least delays were
 set equal. What changes within it: 0.095 in windows of 4 s, 0.075 in 30 s of an 802.11 link
-(tests.benchmarks.simulated.link_spells prints both); 0.038 in the one fastest message of another (Ansari et
-al. 2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets). WiFi chipsets
-are slower in one direction in general (Mahmood, Exel and Sauter 2014).
+(tests.unit.benchmarks.simulated.link_spells prints both); 0.038 in the one fastest message of another
+(Ansari et al. 2019, table III); 0.010 on Ethernet (Ha et al. 2024, whose data contain the true offsets).
+WiFi chipsets are slower in one direction in general (Mahmood, Exel and Sauter 2014).
 
 The first recording has no long tail: 95 % of its windows of 4 s are below 0.152, where this prior has 0.196.
 That covers 67 % of links drawn with 0.2 (a normal distribution), and half of those that have exactly that.

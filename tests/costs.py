@@ -1,0 +1,50 @@
+"""Processor time of each test: the dearest are printed at the end, and a unit test that is too dear fails."""
+
+import resource
+import time
+from collections.abc import Generator, Iterable
+
+import pytest
+
+UNIT_LIMIT_S = 1.0
+"""Processor time that a test in tests/unit may take; what takes more belongs in tests/system."""
+DEAREST = 10
+_PROPERTY = "cpu_s"
+
+
+def cpu_s() -> float:
+    """Return the processor time of this process and of all its children that have ended."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Measure a test without its fixtures, which the first of many tests sets up for all."""
+    before_s = cpu_s()
+    result = yield
+    cost_s = cpu_s() - before_s
+    item.user_properties.append((_PROPERTY, cost_s))
+    if item.nodeid.startswith("tests/unit/") and cost_s > UNIT_LIMIT_S:
+        pytest.fail(
+            f"a unit test of {cost_s:.1f} s of a processor, over {UNIT_LIMIT_S:g} s: "
+            "make it cheaper, or move it to tests/system",
+            pytrace=False,
+        )
+    return result
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print the sum and the dearest tests."""
+    costs = sorted(_costs(terminalreporter.getreports("passed")), reverse=True)
+    if len(costs) > DEAREST:
+        terminalreporter.section(f"processor time {sum(cost for cost, _ in costs):.0f} s, the dearest tests")
+        for cost_s, name in costs[:DEAREST]:
+            terminalreporter.write_line(f"{cost_s:6.1f} s  {name}")
+
+
+def _costs(reports: Iterable[pytest.TestReport]) -> Iterable[tuple[float, str]]:
+    for report in reports:
+        yield from (
+            (float(str(cost)), report.nodeid) for name, cost in report.user_properties if name == _PROPERTY
+        )

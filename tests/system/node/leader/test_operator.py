@@ -1,0 +1,59 @@
+"""What operators see of a leader and ask of it, over a connection that comes back."""
+
+import contextlib
+from contextlib import aclosing
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.errors import BadInputError
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.protocol.orders import (
+    AddCamera,
+    AddSimulated,
+    RemoveCamera,
+)
+from capture_app.protocol.status import RigStatus
+from capture_app.rig.rig_link import RigLink, Update, ask_status
+from tests.unit.node.leader.test_operator import (
+    leader,  # noqa: F401 - a fixture
+    leader_at,
+    next_of,
+)
+
+
+async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Path) -> None:
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        link = RigLink(leader.own_address)
+        updates = link.updates()
+        await link.order(AddCamera(spec="sim:webcam,scale=0.1", name="desk"))
+
+        def shows_desk(update: Update) -> bool:
+            return isinstance(update, RigStatus) and [n.name for n in update.nodes] == ["desk"]
+
+        status = await next_of(updates, shows_desk)
+        assert isinstance(status, RigStatus)
+        assert status.nodes[0].on_leader
+        with pytest.raises(BadInputError, match="desk already exists"):
+            await link.order(AddCamera(spec="sim:webcam", name="desk"))
+        with pytest.raises(BadInputError, match="unknown simulated camera 'nope'"):
+            await link.order(AddCamera(spec="sim:nope"))
+        with pytest.raises(BadInputError, match="unknown camera 'what'"):
+            await link.order(AddCamera(spec="what"))
+        with pytest.raises(BadInputError, match="no node named nobody"):
+            await link.order(RemoveCamera(name="nobody"))
+        await link.order(RemoveCamera(name="desk"))
+        assert (await ask_status(leader.own_address)).nodes == ()
+        await updates.aclose()
+
+
+async def test_two_rigs_have_simulated_cameras_of_the_same_names(tmp_path: Path) -> None:
+    async with contextlib.AsyncExitStack() as stack:
+        for sessions in ("one", "two"):
+            leader = await stack.enter_async_context(await leader_at(tmp_path / sessions))
+            nodes = LocalNodes(leader.own_address, tmp_path / "spool", leader.log)
+            await stack.enter_async_context(aclosing(nodes))
+            assert await nodes.add_simulated(AddSimulated(cameras=1, scene="bars")) == ("cam00",)
+            async with aclosing(RigLink(leader.own_address).updates()) as updates:
+                await next_of(updates, lambda update: isinstance(update, RigStatus) and bool(update.nodes))
+            assert list(nodes.names) == ["cam00"]

@@ -1,0 +1,87 @@
+"""The wall: without any wing, and without all but the simulated camera, everything else still runs."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.unit.packaging.cut_tree import WINGS, CutTree
+from tests.unit.packaging.test_deletion import (
+    COMPANIONS,
+    OTHERS,
+    tree,  # noqa: F401 - a fixture
+)
+
+SIM = "capture_app/plugins/cameras/sim"
+ALL_BUT_SIM = [wing for wing in WINGS if wing != SIM]
+PLUGINS = [wing for wing in OTHERS if wing != SIM]
+EVERY_HELP = """
+import click, capture_app.cli, reconstruction.cli
+def show(command, context):
+    if not command.hidden:
+        print(command.get_help(context))
+    if isinstance(command, click.Group):
+        for name in command.list_commands(context):
+            one = command.get_command(context, name)
+            show(one, click.Context(one, info_name=name, parent=context))
+for name, app in (("capture-app", capture_app.cli.app), ("reconstruct", reconstruction.cli.app)):
+    show(app, click.Context(app, info_name=name))
+"""
+EVERY_IMPORT = """
+import pkgutil, capture_app, reconstruction
+for package in (capture_app, reconstruction):
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        __import__(module.name)
+"""
+TAKE = """
+import asyncio, json, sys
+from pathlib import Path
+from capture_app import open_session
+from capture_app.commands.demo import QUICK, capture
+written = asyncio.run(capture(Path(sys.argv[1]), 2, lambda line: None))
+session = open_session(written.folder)
+print(json.dumps({"session": str(written.folder), "images": len(session.manifest.images), "quick": QUICK}))
+"""
+UNSAID = {
+    "capture_app/companions/characterize": ("characterize",),
+    "capture_app/companions/interop": ("--android-app", "--rpicam"),
+    "capture_app/companions/link": ("\n  link  ",),
+    "capture_app/companions/monitor": ("capture-app monitor", "\n  monitor  "),
+    "capture_app/companions/panel": ("--panel", "capture-app panel", "\n  panel  "),
+    "capture_app/companions/phones": ("--phones", "capture-app phones", "\n  phones  "),
+}
+"""What the help says of each companion, and does not say without it."""
+
+
+def name_of(gone: Sequence[str]) -> str:
+    return gone[0].rpartition("/")[2] if len(gone) == 1 else f"{len(gone)} wings"
+
+
+@pytest.mark.parametrize("gone", [*([wing] for wing in COMPANIONS), ALL_BUT_SIM], ids=name_of)
+def test_no_help_speaks_of_a_companion_that_is_gone(tree: CutTree, gone: Sequence[str]) -> None:
+    done = tree.run(gone, "-c", EVERY_HELP)
+    assert (done.returncode, done.stderr) == (0, "")
+    said = {wing for wing, words in UNSAID.items() if any(word in done.stdout for word in words)}
+    assert said == {*UNSAID} - {*gone}
+
+
+def test_every_module_imports_with_the_simulated_camera_alone(tree: CutTree) -> None:
+    done = tree.run(ALL_BUT_SIM, "-c", EVERY_IMPORT)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("gone", [*([wing] for wing in COMPANIONS), PLUGINS, ALL_BUT_SIM], ids=name_of)
+def test_a_rig_takes_and_its_session_is_read(tree: CutTree, gone: Sequence[str], tmp_path: Path) -> None:
+    done = tree.run(gone, "-c", TAKE, tmp_path / "sessions")
+    assert (done.returncode, done.stderr) == (0, "")
+    taken = json.loads(done.stdout)
+    assert taken["images"] == 10
+    if len(gone) == 1:
+        # Reconstruction knows sessions only, and does not import capture's companions.
+        done = tree.run(gone, "-m", "capture_app.cli", "sessions", "verify", taken["session"])
+    else:
+        options = () if "reconstruction/methods/multiview" in gone else taken["quick"]
+        out = tmp_path / "out"
+        done = tree.run(gone, "-m", "reconstruction.cli", "compare", taken["session"], *options, "--out", out)
+    assert done.returncode == 0, done.stderr

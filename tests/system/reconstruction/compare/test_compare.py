@@ -1,0 +1,194 @@
+"""`reconstruct compare` from a session on disk to its folder of results."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from capture_app.session.reading.reader import Session
+from tests.project import ROOT
+from tests.unit.reconstruction.compare.test_compare import overwrite
+from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.unit.reconstruction.found import study, values
+
+NO_MULTIVIEW = ("--max-multiview-instants", 0)
+
+
+def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_still(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    out = tmp_path / "out"
+    done = reconstruct("compare", boards.folder, "--offset-ms", 66, *NO_MULTIVIEW, "--out", out, "--json")
+    result = done.result
+    assert result == json.loads((out / "metrics.json").read_text())
+    assert result["offset_frames"] == 2
+    stereo, panorama = study(result, "stereo"), study(result, "panorama")
+    synced, offset = values(stereo), values(stereo, "offset")
+    assert synced["mover_within_2pct"] > 0.9
+    assert offset["mover_within_2pct"] < 0.05
+    assert synced["mover_coverage"] > offset["mover_coverage"] + 0.6
+    assert abs(synced["static_coverage"] - offset["static_coverage"]) < 0.02
+    assert synced["mover_epipolar_px"] < 1 < offset["mover_epipolar_px"]
+    assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
+    flow = [values(panorama, side)["mover_misfit_px"] for side in ("synced", "offset")]
+    assert flow[1] > flow[0] + 2
+    for control, slack in (("static_overlap_mad", 1), ("static_misfit_px", 0.1), ("static_found", 0.02)):
+        still = [values(panorama, side)[control] for side in ("synced", "offset")]
+        assert abs(still[0] - still[1]) < slack
+    drawn = [picture["key"] for picture in panorama["pictures"]]
+    assert drawn == ["panorama", "panorama_closeup", "panorama_overlap"]
+    assert "timing alone" in result["verdict"]
+    for picture in stereo["pictures"] + panorama["pictures"]:
+        pair = [cv2.imread(str(out / picture[c])) for c in ("synced", "offset")]
+        assert pair[0].shape == pair[1].shape
+        assert min(pair[0].shape[:2]) > 64
+    assert (out / result["report"]).stat().st_size > 10_000
+    steps = [line for line in done.err.splitlines() if line.startswith("[")]
+    total = steps[0].split("/")[1].split("]")[0]
+    assert steps[0].startswith("[1/")
+    assert steps[-1].startswith(f"[{total}/{total}] ")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_stages_are_used_again_only_where_their_inputs_are_the_same(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    out = tmp_path / "out"
+
+    def stages(offset_ms: float) -> dict[str, int]:
+        few = ("--max-instants", 1, *NO_MULTIVIEW)
+        done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, *few, "--out", out)
+        assert done.code == 0, done.err
+        return {path.name: path.stat().st_mtime_ns for path in (out / "stages").iterdir()}
+
+    first, again, other = stages(100), stages(100), stages(133)
+    assert first == again
+    assert first.items() < other.items()
+
+
+def test_a_damaged_file_of_true_depth_costs_only_the_studies_that_read_it(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = shutil.copytree(boards.folder, tmp_path / "session")
+    overwrite(session, "ground_truth/left/*.npz", b"PK")
+    out = tmp_path / "out"
+    some = [part for name in ("stereo", "triangulation", "bullet_time") for part in ("--study", name)]
+    result = reconstruct("compare", session, *some, "--max-instants", 1, "--out", out, "--json").result
+    for name in ("stereo", "triangulation"):
+        assert f"{session}/ground_truth/left" in study(result, name)["skipped"]
+    assert not study(result, "bullet_time")["skipped"]
+    assert "Not made: " in result["verdict"]
+    assert (out / "report.html").exists()
+
+
+def test_nothing_moving_is_said_plainly(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path, scene, pair, instants=3, truth=False, frozen=True)
+    out = tmp_path / "out"
+    result = reconstruct("compare", session.folder, "--out", out, "--json").result
+    assert result["verdict"].startswith("Almost nothing moves")
+    assert "same" in study(result, "panorama")["skipped"]
+    assert values(study(result, "stereo"))["static_coverage"] > 0.8
+    assert "it takes 3 cameras" in study(result, "multiview")["skipped"]
+    assert study(result, "poses")["skipped"]
+
+
+def test_without_calibration_and_colmap_the_panorama_is_still_made(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    apart = {name: VIEWS[name] for name in ("left", "aside")}
+    session = write_session(tmp_path / "a", scene, apart, instants=3, calibrated=False, truth=False)
+    result = reconstruct("compare", session.folder, "--out", tmp_path / "out", "--json").result
+    assert "pycolmap" in study(result, "stereo")["skipped"]
+    assert "no calibration" in study(result, "multiview")["skipped"]
+    assert study(result, "panorama")["cameras"] == ["left", "aside"]
+
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path / "b", scene, pair, instants=3, calibrated=False, truth=False)
+    done = reconstruct("compare", session.folder, "--out", tmp_path / "out2")
+    assert done.code == 6
+    assert "needs pycolmap" in done.err.splitlines()[-1]
+    assert not (tmp_path / "out2").exists()
+
+
+BUGGY = """
+import os
+from pathlib import Path
+from reconstruction.compare.study import Study
+from reconstruction.report.study_report import StudyText
+
+class Buggy(Study):
+    text = StudyText(name="buggy", subject="something new")
+    needs = ("stereo",)
+
+    def measure(self):
+        page = Path(os.environ["PAGE"]).read_text()
+        assert "Still being measured: something new" in page
+        assert page.count("<img") > 3
+        raise KeyError("a bug")
+"""
+
+
+def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
+    boards: Session, tmp_path: Path
+) -> None:
+    installed = tmp_path / "installed"
+    (installed / "buggy-1.0.dist-info").mkdir(parents=True)
+    (installed / "buggy.py").write_text(BUGGY)
+    about = installed / "buggy-1.0.dist-info"
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: buggy\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[simulshot.studies]\nbuggy = buggy:Buggy\n")
+    out = tmp_path / "out"
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join((str(installed), str(ROOT), *sys.path)),
+        "PAGE": str(out / "report.html"),
+    }
+    options = ("--study", "buggy", "--max-instants", "1", "--out", str(out))
+    command = [sys.executable, "-m", "reconstruction.cli", "compare", str(boards.folder), *options]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr.count(f"first pictures, more follow: {out / 'report.html'}") == 1
+    assert "something new failed: unexpected KeyError in buggy.py:15" in done.stderr
+    page = (out / "report.html").read_text()
+    assert "<b>Failed</b>: something new: unexpected KeyError in buggy.py:15" in page
+    assert "Still being measured" not in page
+
+
+def test_an_interrupt_ends_all_studies_and_leaves_nothing(boards: Session, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "reconstruction.cli", "compare", str(boards.folder), "--out", str(out)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as running:
+        assert running.stdout is not None
+        # Then other studies run.
+        assert any(b"first pictures" in line for line in running.stdout)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(60) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_number_of_cores_changes_nothing(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    cores = os.sched_getaffinity(0)
+    if len(cores) < 2:
+        pytest.skip("there is one core")
+
+    def compare(name: str) -> tuple[Any, dict[str, bytes]]:
+        out = tmp_path / name
+        result = reconstruct("compare", boards.folder, "--max-instants", 3, "--out", out, "--json").result
+        return result | {"seconds": 0}, {path.name: path.read_bytes() for path in out.glob("stages/*")}
+
+    try:
+        os.sched_setaffinity(0, {min(cores)})
+        alone = compare("alone")
+    finally:
+        os.sched_setaffinity(0, cores)
+    assert compare("together") == alone

@@ -1,0 +1,213 @@
+"""The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
+
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.session.reading.reader import Session
+from reconstruction.depth.matchers import Matcher
+from reconstruction.methods.multiview.colmap_workspace import ENVIRONMENT
+from reconstruction.methods.multiview.input_images import InputImage
+from reconstruction.methods.multiview.instant_depth import InstantDepth
+from reconstruction.methods.multiview.matcher import (
+    choose_matcher,
+)
+from reconstruction.methods.multiview.still_scene import StillScene
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.session.conditions import DISTINCT, Condition
+from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
+from tests.unit.reconstruction.found import study, values
+from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
+from tests.unit.reconstruction.methods.multiview.test_all_cameras import multiview
+from tests.unit.reconstruction.methods.multiview.true_workspace import write_true_workspace
+
+
+def medians(found: StudyResult[Any], side: str = "synced") -> dict[str, float]:
+    return {one.name: value for one in found.measures if (value := found.value(one.name, side)) is not None}
+
+
+def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
+    whole = multiview(trio, tmp_path)
+    whole.prepare()
+    assert (whole.reference, whole.cameras) == ("middle", ("left", "middle", "right"))
+    found = whole.compare(Condition(DISTINCT))
+    synced, offset = medians(found), medians(found, "offset")
+    for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency"):
+        assert synced[lost] > offset[lost] + 0.4, lost
+    # At 1 cm, where a pixel is 7 mm wide, not half of the points are right at best.
+    assert synced["mover_f_score"] > 0.3
+    assert offset["mover_f_score"] < 0.05
+    for kept in ("static_within_2pct", "static_coverage", "static_consistency", "static_f_score"):
+        assert synced[kept] > 0.2, kept
+        assert abs(synced[kept] - offset[kept]) < 0.02, kept
+    assert synced["mover_within_1pct"] <= synced["mover_within_2pct"] <= synced["mover_within_5pct"]
+    assert synced["mover_points"] > 500
+    assert offset["mover_points"] < 0.2 * synced["mover_points"]
+    assert offset["mover_photometric_error"] > 2 * synced["mover_photometric_error"]
+    assert found.facts.tolerance_m == 0.01
+    (row,) = found.per_instant
+    late = [row[f"offset_{camera}_ms"] for camera in VIEWS]
+    assert late[1] == 0
+    assert len(set(late)) == 3
+    # The same once more comes from the stages' folder.
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert whole.compare(Condition(DISTINCT)) == found
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+
+
+def test_compare_tells_of_all_cameras_in_every_condition(
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    out = tmp_path / "out"
+    quick = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160)
+    further = ("--condition", "66,0,33", "--condition", "distinct", "--against", trio.folder)
+    result = reconstruct("compare", trio.folder, *quick, *further, "--out", out, "--json").result
+    whole = study(result, "multiview")
+    assert whole["skipped"] == ""
+    assert [one["other"] for one in result["rig_timing"]["cameras"] if one["synchronized"]] == [
+        "middle",
+        "right",
+    ]
+    assert "Time offset of each camera against left" in (out / result["report"]).read_text()
+    assert whole["facts"]["width_px"] == 160
+    assert values(whole)["mover_coverage"] > values(whole, "offset")["mover_coverage"] + 0.4
+    assert "of the picture" in study(result, "poses")["skipped"]
+    listed, drawn, itself = result["conditions"]
+    assert study(listed, "multiview")["offsets_ms"] == {"left": 66, "middle": 0, "right": 33}
+    assert values(study(listed, "multiview"), "offset")["mover_coverage"] < 0.5
+    assert study(drawn, "multiview") == whole
+    theirs = values(study(itself, "multiview"), "offset")
+    assert abs(theirs["mover_coverage"] - values(whole)["mover_coverage"]) < 0.05
+    skipped = {one["name"] for each in result["conditions"] for one in each["studies"] if one["skipped"]}
+    assert skipped <= {"panorama"}
+    assert [picture["key"] for picture in whole["pictures"]] == [
+        "multiview_depth",
+        "multiview_movers",
+        "multiview_turntable",
+        "multiview_colmap",
+    ]
+    for picture in whole["pictures"]:
+        assert (out / picture["synced"]).is_file()
+        assert (out / picture["offset"]).is_file()
+
+
+def test_a_comparison_takes_the_matcher_that_is_asked_for(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
+) -> None:
+    """The process that uses the GPU is stood in for by one that copies the true maps of instant 2."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    failed = reconstruct("compare", trio.folder, "--matcher", "patchmatch", "--out", tmp_path / "none")
+    assert failed.code == 6
+    assert "this machine has none" in failed.complaint
+    assert not (tmp_path / "none").exists()
+    write_true_workspace(tmp_path / "true", trio, VIEWS, 2)
+    asked = tmp_path / "asked"
+    for name, body in {
+        "nvidia-smi": "echo Some GPU",
+        "python": f'/bin/cp -r {tmp_path}/true/stereo/*_maps "$3/stereo/"; echo one >> {asked}',
+    }.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{body}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "python"))
+    whole = multiview(trio, tmp_path / "stages", matcher=choose_matcher(Matcher.PATCHMATCH))
+    whole.prepare()
+    found = whole.compare(Condition(DISTINCT))
+    assert (found.facts.matcher, found.facts.matcher_note) == ("patchmatch", "on Some GPU")
+    assert asked.read_text().split() == ["one", "one"]
+    (row,) = found.per_instant
+    assert row["instant"] == 2
+    assert medians(found)["mover_within_2pct"] > 0.95
+    assert medians(found)["static_consistency"] > 0.5
+    assert medians(found)["mover_points"] > 500
+    assert multiview(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
+
+
+@pytest.fixture
+def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """No matching: depth of 2 everywhere, one plane and no cloud; the cameras of each call."""
+    calls: list[tuple[str, ...]] = []
+    scenes: list[StillScene] = []
+
+    def flat_depth(images: Mapping[str, InputImage], *given: Any) -> InstantDepth:
+        # Each condition matches its still scene once; the second gets the planes of the first.
+        planes, still = given[-2:]
+        if still not in scenes:
+            scenes.append(still)
+        assert len(planes) == scenes.index(still) % 2
+        calls.append(tuple(images))
+        flat = np.full((120, 160), 2.0, np.float32)
+        return InstantDepth(
+            depth=flat,
+            consistent=flat > 0,
+            difference=flat,
+            points=np.zeros((0, 3)),
+            colours=np.zeros((0, 3), np.uint8),
+            seen=np.zeros((0, len(images)), bool),
+            planes=np.array([[0.0, 0.0, 1.0, 2.0]]),
+        )
+
+    monkeypatch.setattr("reconstruction.methods.multiview.multiview_study.compute_instant_depth", flat_depth)
+    return calls
+
+
+def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) -> Session:
+    """A copy of a session in which these images are black."""
+    copy = Session.open(shutil.copytree(session.folder, folder))
+    records = {(record.camera, record.instant): record for record in copy.manifest.images}
+    for image in images:
+        black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        copy.image_file(records[image]).write_bytes(cv2.imencode(".png", black)[1].tobytes())
+    return copy
+
+
+def test_instants_without_a_picture_of_every_camera_are_left_out(
+    scene: Scene, tmp_path: Path, matched: list[tuple[str, ...]]
+) -> None:
+    session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160)
+    whole.prepare()
+    found = whole.compare(Condition.parse("middle=0,left=66,right=33"))
+    # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
+    assert [row["instant"] for row in found.per_instant] == [0, 2]
+    assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
+    assert set(matched) == {("left", "middle", "right")}
+    assert medians(found)["static_consistency"] == 1.0
+    assert found.value("mover_points") == 0
+    assert found.facts.width_px == 160
+    with pytest.raises(ValueError, match="equally late"):
+        whole.compare(Condition.parse("5,5,5"))
+    with pytest.raises(ValueError, match="no instant is 300 ms"):
+        whole.compare(Condition.parse("left=300"))
+
+
+@pytest.mark.usefixtures("matched")
+def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
+    session = darken(trio, tmp_path / "dark", [("left", 2)])
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160)
+    whole.prepare()
+    assert len(whole.cameras) == 3
+    found = whole.compare(Condition.parse("left=33"))
+    # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
+    assert [row["instant"] for row in found.per_instant] == [0, 3]
+    night = darken(trio, tmp_path / "night", [(camera, k) for camera in VIEWS for k in range(5)])
+    with pytest.raises(ValueError, match="left, middle, right: its image has the same brightness"):
+        multiview(night, tmp_path / "stages").prepare()
+
+
+def test_more_cameras_than_needed_are_left_out(
+    scene: Scene, tmp_path: Path, matched: list[tuple[str, ...]]
+) -> None:
+    views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
+    session = write_session(tmp_path, scene, views, instants=3)
+    whole = multiview(session, tmp_path / "stages", width=160, middle=1)
+    whole.prepare()
+    assert whole.reference == "cam3"
+    assert len(whole.cameras) == 5
+    assert len(whole.left_out) == 2
+    whole.compare(Condition.parse("cam3=33"))
+    assert {len(cameras) for cameras in matched} == {5}

@@ -1,3 +1,0 @@
-"""Sessions for jobs."""
-
-from tests.session.conftest import session as session

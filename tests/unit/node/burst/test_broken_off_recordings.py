@@ -1,0 +1,309 @@
+"""Recordings that end early at the leader: what their cameras have recorded on comes when it can."""
+
+import asyncio
+import dataclasses
+import threading
+from collections.abc import AsyncIterator
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from capture_app.common.errors import DiskFullError, TryAgainError
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
+from capture_app.node.leader.bursts import END_LEAD_NS
+from capture_app.protocol.messages import ImageUpload
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.frame_selection import Burst
+from tests.unit.node.bursts import (
+    CAMERA,
+    DISK,
+    IMAGE,
+    INSTANTS_NS,
+    LEADER,
+    PERIOD_NS,
+    receive_image,
+    report,
+    upload,
+)
+from tests.unit.node.leader.test_active_bursts import StillClock, bursts_of, engine_of, triggers_sent
+from tests.unit.node.test_disks import fill, small_disk
+from tests.waiting import until
+
+__all__ = ["small_disk"]
+
+RECORDING = BurstOrder(frames=30, streamed=True, video=True)
+
+
+async def begin(session: BurstSession, *cameras: str) -> None:
+    for name in cameras:
+        await session.accept_report(report(name).with_plan(picking=True), session.burst.instants_ns[0])
+
+
+FRAME = IMAGE * 400
+"""Larger than a block of a disk that is full."""
+
+
+def frame(camera: str, instant: int) -> ImageUpload:
+    of = upload(camera, instant)
+    return replace(of, record=replace(of.record, bytes=len(FRAME), sha256=sha256(FRAME).hexdigest()))
+
+
+async def coming(data: bytes = FRAME) -> AsyncIterator[bytes]:
+    yield data
+
+
+async def bring(session: BurstSession, camera: str, *instants: int) -> None:
+    for instant in instants:
+        await receive_image(session, frame(camera, instant), coming())
+
+
+async def deliver_late(root: Path, camera: str, instants: range) -> None:
+    """A node brings its last images to a leader that has just been started."""
+    late = report(camera, *instants).with_plan(picked=instants.stop)
+    resumed = ResumedBursts(root, lambda _: None, DISK)
+    assert await resumed.answer_finished(late, "") is None, "it is asked for them"
+    session = await resumed.reopen(late, 0)
+    await session.accept_report(late, 0)
+    await bring(session, camera, *instants)
+    assert session.session is not None
+
+
+def whole(folder: Path) -> Session:
+    session = Session.open(folder)
+    assert [lie for lie in verify(session) if lie.kind != "unreadable"] == []
+    return session
+
+
+async def test_its_status_says_when_a_recording_has_ended(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        for after_ns, ended in ((0, False), (1, True)):
+            await session.give_up_silent_cameras({}, session.burst.instants_ns[-1] + after_ns)
+            assert (session.status.ended, session.status.done) == (ended, False)
+
+
+async def test_a_recording_that_a_full_disk_ends_is_whole_once_there_is_room(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = engine_of("a", "b")
+    async with bursts_of(small_disk, engine) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        await bring(session, "a", 0, 1)
+        await bring(session, "b", 0)
+        now_ns = session.burst.instants_ns[5]
+        monkeypatch.setattr(StillClock, "shown_ns", now_ns)
+        filling = await asyncio.to_thread(fill, small_disk)
+        with pytest.raises(DiskFullError):
+            await bring(session, "b", 1)
+        await until(session.finished.is_set)
+        end = sum(of_ns <= now_ns + END_LEAD_NS for of_ns in session.burst.instants_ns)
+        assert {trigger.count for trigger in triggers_sent(engine)} == {end}, "its cameras stop"
+        assert 6 < end < 30
+        assert f"{2 * end - 3} images missing" in session.message
+        assert "disk is full" in session.message
+        cut = whole(session.folder).manifest
+        assert len(cut.burst.instants_ns) == end
+        assert {gap.reason for gap in cut.missing} == {"the leader's disk is full"}
+        filling.unlink()
+    await deliver_late(small_disk, "a", range(2, end))
+    await deliver_late(small_disk, "b", range(1, end))
+    done = whole(session.folder).manifest
+    assert (len(done.burst.instants_ns), done.missing) == (end, ())
+    assert [video.frames for video in done.videos] == [end, end]
+    # No operator has ended it: what a node recorded before it learned of the end is saved, too.
+    await deliver_late(small_disk, "a", range(end, end + 2))
+    longer = whole(session.folder).manifest
+    assert (len(longer.burst.instants_ns), len(longer.images)) == (end + 2, 2 * end + 2)
+    assert {gap.camera for gap in longer.missing} == {"b"}
+
+
+async def test_frames_after_the_end_that_an_operator_ordered_are_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its node learns that it need not send them."""
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[5])
+        await bursts.end()
+        end = session.burst.frames
+        assert 6 < end < 30
+        await bring(session, "a", *range(end))
+        with pytest.raises(TryAgainError):
+            await bring(session, "a", end)
+        now_ns = session.burst.instants_ns[-1]
+        for camera in ("a", "b"):
+            answer = await session.accept_report(report(camera, end).with_plan(picked=end), now_ns)
+            assert answer.end == end
+        await bring(session, "b", *range(end))
+        await until(session.finished.is_set)
+    assert len(whole(session.folder).manifest.images) == 2 * end
+    late = report("a", end, end + 1).with_plan(picked=end + 2)
+    saved = await ResumedBursts(tmp_path, lambda _: None, DISK).answer_finished(late, "")
+    assert saved is not None
+    assert (saved.end, saved.receipts) == (end, ())
+
+
+@pytest.mark.parametrize("back", ["both", "one, whose node was started again", "none"])
+async def test_a_recording_stays_open_while_all_its_cameras_are_silent(tmp_path: Path, back: str) -> None:
+    """An access point that is started again is not the end of a recording."""
+    session = recording_of(tmp_path, "a", "b")
+    await begin(session, "a", "b")
+    for camera in ("a", "b"):
+        await bring(session, camera, 0, 1)
+    silent_ns = session.burst.instants_ns[0] + CAMERA_DISCONNECTED_NS + AFTER_LAST_INSTANT_NS
+    last_ns = silent_ns + 20 * 10**9
+    session.burst = replace_instants(session.burst, last_ns)
+    for now_ns in (session.burst.instants_ns[0], silent_ns, silent_ns + 10 * 10**9):
+        await session.give_up_silent_cameras({}, now_ns)
+    assert session.status.message == "waiting for all cameras, 20 s; they keep their pictures"
+    assert not session.finished.is_set()
+    if back == "none":
+        await session.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
+        assert session.finished.is_set()
+        return
+    again = report("a", 2).with_plan(picking=back == "both")
+    await session.accept_report(again, silent_ns + 11 * 10**9)
+    await bring(session, "a", 2)
+    await session.give_up_silent_cameras({}, silent_ns + 12 * 10**9)
+    assert not session.finished.is_set()
+    if back == "both":
+        return
+    assert session.status.message == "waiting for b, 22 s; they keep their pictures"
+    await session.give_up_silent_cameras({}, last_ns)
+    assert session.finished.is_set()
+
+
+def replace_instants(burst: Burst, last_ns: int) -> Burst:
+    """The burst with instants until then."""
+    return dataclasses.replace(burst, instants_ns=range(burst.instants_ns[0], last_ns + 1, PERIOD_NS))
+
+
+def recording_of(root: Path, *names: str, kind: type[SessionWriter] = SessionWriter) -> BurstSession:
+    instants_ns = range(INSTANTS_NS[0], INSTANTS_NS[0] + 100 * PERIOD_NS, PERIOD_NS)
+    burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, streamed=True, video=True)
+    return BurstSession.begin(burst, dict.fromkeys(names, CAMERA), kind.create(root, "recording-001"), DISK)
+
+
+async def test_a_camera_that_has_more_of_a_recording_than_its_session_is_asked_for_it(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", "b")
+    await session.write_plan(LEADER)
+    await begin(session, "a", "b")
+    await bring(session, "a", 0, 1)
+    await bring(session, "b", 0, 1)
+    await session.finish_now("the leader was stopped")
+    assert len(whole(session.folder).manifest.burst.instants_ns) == 2
+    await deliver_late(tmp_path, "a", range(2, 5))
+    await deliver_late(tmp_path, "b", range(2, 5))
+    assert len(whole(session.folder).manifest.images) == 10
+
+
+@pytest.mark.parametrize("picking", [False, True])
+async def test_a_recording_of_an_earlier_run_does_not_wait_for_its_ordered_end(
+    tmp_path: Path, picking: bool
+) -> None:
+    """That may be days away, and its cameras ended it when they lost that run."""
+    session = recording_of(tmp_path, "a", "b")
+    await session.write_plan(LEADER)
+    await begin(session, "a", "b")
+    await bring(session, "a", 0, 1)
+    await session.suspend()
+    now_ns = session.burst.instants_ns[1]
+    session = await asyncio.to_thread(BurstSession.resume, session.folder, now_ns, DISK)
+    for camera in ("a", "b"):
+        session.stream_opened(camera)
+    await session.accept_report(report("a", 0, 1).with_plan(picked=2), now_ns)
+    # It has announced images, and sends none.
+    await session.accept_report(report("b", 0, 1).with_plan(picked=2, picking=picking), now_ns)
+    await session.give_up_silent_cameras({}, now_ns + CAMERA_STALLED_NS)
+    assert session.finished.is_set()
+    assert len(whole(session.folder).manifest.images) == 2
+
+
+async def test_a_session_that_a_full_disk_refused_is_finished_once_there_is_room(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.node.burst.resumed_bursts.DISK_RETRY_S", 0.01)
+    async with bursts_of(small_disk, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        await bring(session, "a", 0, 1)
+        with monkeypatch.context() as refusing:
+            refusing.setattr(SessionWriter, "finish", _refuse)
+            await session.finish_now("the leader's disk is full")
+            assert isinstance(session.failure, DiskFullError)
+            assert not (session.folder / MANIFEST).exists()
+            filling = await asyncio.to_thread(fill, small_disk)
+        filling.unlink()
+        await until(lambda: bursts.resumed.sessions() or (session.folder / MANIFEST).exists())
+        for resumed in bursts.resumed.sessions():
+            await resumed.finish_now("its camera has no more")
+        assert len(whole(session.folder).manifest.images) == 2
+
+
+def _refuse(*_: Any, **__: Any) -> Session:
+    raise DiskFullError("the disk is full")
+
+
+class SlowWriter(SessionWriter):
+    """A session on a slow disk: its end waits for the test."""
+
+    ending = threading.Event()
+    may_end = threading.Event()
+
+    def finish(self, *arguments: Any, **options: Any) -> Session:
+        self.ending.set()
+        self.may_end.wait(30)
+        return super().finish(*arguments, **options)
+
+
+async def test_an_image_that_comes_while_the_session_is_written_is_not_confirmed(tmp_path: Path) -> None:
+    """Its node would delete the only copy."""
+    session = recording_of(tmp_path, "a", kind=SlowWriter)
+    await begin(session, "a")
+    await bring(session, "a", 0, 1)
+    ending = asyncio.create_task(session.finish_now("its disk failed"))
+    await until(SlowWriter.ending.is_set)
+    late = asyncio.create_task(session.take_image(frame("a", 2), coming(), 0))
+    await asyncio.sleep(0)
+    SlowWriter.may_end.set()
+    await ending
+    with pytest.raises(TryAgainError):
+        await (await late)
+
+
+async def test_a_finished_session_that_is_completed_when_the_leader_stops_or_is_killed_is_written_again(
+    tmp_path: Path,
+) -> None:
+    session = recording_of(tmp_path, "a")
+    await session.write_plan(LEADER)
+    await begin(session, "a")
+    await bring(session, "a", 0)
+    await session.finish_now("the leader was stopped")
+    late = report("a", 1, 2, 3).with_plan(picked=4)
+    for stop in (True, False):
+        resumed = ResumedBursts(tmp_path, lambda _: None, DISK)
+        again = await resumed.reopen(late, 0)
+        await again.accept_report(late, 0)
+        await bring(again, "a", 1 if stop else 2)
+        if stop:
+            await resumed.suspend_all()
+        else:
+            again._writer.abort()  # as a kill does: the manifest is of before
+        assert (session.folder / MANIFEST).exists()
+        assert list(interrupted_folders(tmp_path)) == ([] if stop else [session.folder])
+    await ResumedBursts(tmp_path, lambda _: None, DISK).resume_all(0)
+    assert [image.instant for image in whole(session.folder).manifest.images] == [0, 1, 2]
+    await deliver_late(tmp_path, "a", range(3, 4))
+    assert list(interrupted_folders(tmp_path)) == []

@@ -1,0 +1,214 @@
+"""A burst on the leader's side: whatever comes or does not come, a session that says so."""
+
+import hashlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS, MIN_UPLOAD_BYTES_PER_S
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.bursts import create_numbered
+from capture_app.session.format.manifest import MissingImage, PhaseRecord
+from capture_app.session.library.listing import list_sessions
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from tests.images import small_jpeg
+from tests.unit.node.bursts import (
+    IMAGE,
+    INSTANTS_NS,
+    PERIOD_NS,
+    burst_session,
+    pieces,
+    receive_image,
+    report,
+    upload,
+)
+
+pytestmark = pytest.mark.virtual
+
+
+async def deliver(session: BurstSession, name: str, *instants: int) -> None:
+    await session.accept_report(report(name, *instants), now_ns=0)
+    for instant in instants:
+        await receive_image(session, upload(name, instant), pieces(IMAGE))
+
+
+def files_in(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+def saved(session: BurstSession) -> Session:
+    assert session.session is not None
+    return Session.open(session.session)
+
+
+async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    await deliver(session, "a", 0, 1)
+    assert not session.finished.is_set()
+    await deliver(session, "b", 0, 1)
+    assert session.finished.is_set()
+    assert len(saved(session).manifest.images) == 4
+    assert session.status.message == ""
+
+
+async def test_whether_an_image_is_late_goes_by_the_camera_as_first_reported(tmp_path: Path) -> None:
+    """A node that was started again during a recording does not know its phase, and calls nothing late."""
+    session = burst_session(tmp_path, "a")
+    told, phase = (
+        report("a", 0, 1),
+        PhaseRecord(residual_ns=0, period_ns=PERIOD_NS, drift_ppm=0.0, corrections=0, tolerance_ns=4),
+    )
+    known = replace(told.plan, camera=replace(told.plan.camera, phase=phase))
+    await session.accept_report(replace(told, plan=known), now_ns=0)
+    for instant in (0, 1):
+        await receive_image(session, upload("a", instant), pieces(IMAGE))
+    assert [image.late for image in Session.open(tmp_path / "burst-001").manifest.images] == [True, True]
+    problems = verify(Session.open(tmp_path / "burst-001"))
+    assert not [problem for problem in problems if "late" in str(problem)]
+
+
+async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    first = await receive_image(session, upload("a", 0), pieces(IMAGE))
+    assert await receive_image(session, upload("a", 0), pieces(IMAGE)) == first
+    await receive_image(session, upload("a", 1), pieces(IMAGE))
+    assert len(saved(session).manifest.images) == 2
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../../evil.jpg", "/evil.jpg", "images/rig1/b/000000.jpg", "images/rig1/a/000001.jpg", "a.exe", ""],
+)
+async def test_a_node_writes_to_its_own_place_only(tmp_path: Path, path: str) -> None:
+    root = tmp_path / "sessions"
+    session = burst_session(root, "a", "b")
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    await session.accept_report(report("b", 0, 1), now_ns=0)
+    honest = upload("a", 0)
+    sly = msgspec.structs.replace(honest, record=msgspec.structs.replace(honest.record, path=path))
+    with pytest.raises(BadInputError):
+        await receive_image(session, sly, pieces(IMAGE))
+    written = files_in(tmp_path)
+    assert all(file.is_relative_to(root / "burst-001") for file in written)
+    assert not {file.suffix for file in written} & {".jpg", ".exe"}
+
+
+async def test_what_a_camera_says_it_lacks_is_in_the_manifest(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
+    await session.accept_report(report("a", 0, missing=(gap,)), now_ns=0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    assert saved(session).manifest.missing == (gap,)
+    assert "dropped" in session.status.message
+
+
+async def test_a_camera_that_takes_no_part_does_not_hold_up_the_others(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    await session.give_up_camera("b", "its clock is not synchronized yet")
+    await deliver(session, "a", 0, 1)
+    assert {gap.reason for gap in saved(session).manifest.missing} == {"its clock is not synchronized yet"}
+    assert [camera.name for camera in saved(session).manifest.cameras] == ["a", "b"]
+
+
+async def test_a_camera_without_a_stream_is_given_up_after_a_while(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    await deliver(session, "a", 0, 1)
+    session.stream_opened("b")
+    last_ns = INSTANTS_NS[-1] + 2_000_000_000
+    await session.give_up_silent_cameras({}, last_ns + 2 * CAMERA_DISCONNECTED_NS)
+    assert not session.finished.is_set(), "its stream is open: it is at work"
+    session.stream_closed("b", last_ns + 2 * CAMERA_DISCONNECTED_NS)
+    await session.give_up_silent_cameras({}, last_ns + 3 * CAMERA_DISCONNECTED_NS - 1)
+    assert not session.finished.is_set(), "it may come back"
+    await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, last_ns + 3 * CAMERA_DISCONNECTED_NS)
+    assert {gap.reason for gap in saved(session).manifest.missing} == {"lost: silent for 2 s"}
+
+
+async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    session.stream_opened("a")
+    await session.accept_report(report("a", 0, 1), now_ns=5_000_000_000)
+    await receive_image(session, upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
+    await session.give_up_silent_cameras({}, 5_000_000_000 + CAMERA_STALLED_NS + 1_000_000_000)
+    assert len(saved(session).manifest.images) == 1
+
+
+@pytest.mark.parametrize(
+    ("short_timeout", "bytes_per_s", "comes"),
+    [
+        (False, MIN_UPLOAD_BYTES_PER_S, True),
+        (True, MIN_UPLOAD_BYTES_PER_S, True),
+        (False, MIN_UPLOAD_BYTES_PER_S // 2, False),
+    ],
+)
+async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_timeout: bool, bytes_per_s: int, comes: bool
+) -> None:
+    # It is larger than any of these cameras' images.
+    monkeypatch.setattr("capture_app.node.burst.burst_session.size_problem", lambda *_: None)
+    session = burst_session(tmp_path, "a", short_timeouts=("a",) if short_timeout else ())
+    session.stream_opened("a")
+    began_ns = now_ns = 5_000_000_000
+    gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
+    await session.accept_report(report("a", 0, missing=(gap,)), now_ns)
+    step_ns = (CAMERA_DISCONNECTED_NS if short_timeout else CAMERA_STALLED_NS) // 2
+    piece_bytes = bytes_per_s * step_ns // 10**9
+    image = small_jpeg(bytes(max(0, 8 * piece_bytes - len(small_jpeg()))))
+    # Its heartbeats may be lost where its images take all of the link.
+    lost = {"a": "lost: silent for 2 s"} if short_timeout else {}
+
+    async def slowly() -> AsyncIterator[bytes]:
+        nonlocal now_ns
+        for begin in range(0, len(image), piece_bytes):
+            yield image[begin : begin + piece_bytes]
+            now_ns += step_ns
+            await session.give_up_silent_cameras(lost, now_ns)
+
+    sent = upload("a", 0)
+    sha256 = hashlib.sha256(image).hexdigest()
+    sent = msgspec.structs.replace(
+        sent, record=msgspec.structs.replace(sent.record, bytes=len(image), sha256=sha256)
+    )
+    if not comes:
+        with pytest.raises(BadInputError, match="is over"):
+            await receive_image(session, sent, slowly(), began_ns)
+        return
+    await receive_image(session, sent, slowly(), began_ns)
+    (saved_image,) = saved(session).manifest.images
+    assert saved_image.bytes == len(image)
+
+
+async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    await session.give_up_camera("a", "its clock is not synchronized yet")
+    assert session.finished.is_set()
+    assert session.session is None
+    assert list_sessions(tmp_path) == []
+
+
+async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a")
+    with pytest.raises(BadInputError, match="damaged"):
+        await receive_image(session, upload("a", 0), pieces(IMAGE[:-1] + b"3"))
+    with pytest.raises(BadInputError, match="not in burst"):
+        await receive_image(session, upload("b", 0), pieces(IMAGE))
+    await deliver(session, "a", 0, 1)
+    with pytest.raises(BadInputError, match="is over"):
+        await receive_image(session, upload("a", 0), pieces(IMAGE))
+
+
+def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:
+    (tmp_path / "burst-007").mkdir()
+    for expected in (8, 9):
+        writer, number = create_numbered(tmp_path)
+        assert (writer.name, number) == (f"burst-{expected:03d}", expected)
+        writer.abort()
+    writer, number = create_numbered(tmp_path, after=11)
+    assert (writer.name, number) == ("burst-012", 12)
+    writer.abort()

@@ -1,0 +1,112 @@
+"""Images on their way to the disk: in batches, one after the other, and told while they wait."""
+
+import asyncio
+import queue
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.errors import DiskFullError, SimulshotError
+from capture_app.node.burst.intake import Intake
+from capture_app.session.format.manifest import MissingImage
+from capture_app.session.writing.image_store import StoredImage
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_selection import Burst
+from tests.unit.node.bursts import DISK, IMAGE, PERIOD_NS, burst_session, pieces, report, upload
+from tests.waiting import until
+
+S = 1_000_000_000
+
+
+class SlowWriter(SessionWriter):
+    """Takes one batch at a time, each until it is let go on; instant 3 finds no room."""
+
+    batches: list[list[int]]
+    turns: "queue.Queue[None]"
+
+    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
+        self.batches.append([image.record.instant for image in images])
+        self.turns.get(timeout=10)
+        full = [image.record.instant == 3 for image in images]
+        good = [image for image, has_none in zip(images, full, strict=True) if not has_none]
+        saved = iter(super().save(good, in_videos=in_videos))
+        return [DiskFullError("full") if has_none else next(saved) for has_none in full]
+
+
+@pytest.fixture(autouse=True)
+def turns(monkeypatch: pytest.MonkeyPatch) -> "queue.Queue[None]":
+    turns: queue.Queue[None] = queue.Queue()
+    monkeypatch.setattr(SlowWriter, "turns", turns, raising=False)
+    monkeypatch.setattr(SlowWriter, "batches", [], raising=False)
+    return turns
+
+
+async def test_images_that_come_during_a_sync_share_the_next(
+    tmp_path: Path, turns: "queue.Queue[None]"
+) -> None:
+    writer = SlowWriter.create(tmp_path, "burst-001")
+    burst = Burst(1, range(4), PERIOD_NS, 0, ("a",))
+    intake = Intake(writer, DISK, burst, asyncio.Event(), ["a"])
+
+    def add(instant: int) -> "asyncio.Future[str]":
+        return intake.add(StoredImage(upload("a", instant).record, IMAGE))
+
+    futures = [add(0)]
+    await until(lambda: SlowWriter.batches)
+    futures += [add(instant) for instant in (1, 2, 3)]
+    assert SlowWriter.batches == [[0]]
+    turns.put(None)
+    assert await futures[0] == upload("a", 0).record.sha256
+    turns.put(None)
+    await asyncio.wait(futures)
+    assert SlowWriter.batches == [[0], [1, 2, 3]]
+    assert [record is not None for record in (writer.image("a", n) for n in range(4))] == [True] * 3 + [False]
+    with pytest.raises(DiskFullError):
+        await futures[3]
+    writer.abort()
+
+
+async def test_a_long_wait_for_the_disk_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, turns: "queue.Queue[None]"
+) -> None:
+    session = burst_session(tmp_path, "a", "cam03", kind=SlowWriter)
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    loop = asyncio.get_running_loop()
+
+    def told_after(seconds: float) -> str:
+        real = loop.time
+        with monkeypatch.context() as patched:
+            patched.setattr(loop, "time", lambda: real() + seconds)
+            return session.status.message
+
+    coming = [await session.take_image(upload("a", n), pieces(IMAGE), 0) for n in range(2)]
+    await until(lambda: SlowWriter.batches)
+    assert session.status.message == "", "it has only just begun"
+    assert told_after(8.0) == "waiting for the disk: 2 images, 8 s"
+    for _ in range(2):
+        turns.put(None)
+    await asyncio.gather(*coming)
+    assert told_after(8.0) == ""
+    await session.suspend()
+
+
+async def test_whose_report_is_waited_for_is_told(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "cam03", spare=1)
+    assert session.status.message == "", "nobody has told anything yet"
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    assert session.status.message == "waiting to hear from cam03"
+    await session.suspend()
+
+
+async def test_whose_pictures_are_waited_for_is_told_a_second_after_the_last_instant(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "cam03")
+    last_ns = session.burst.instants_ns[-1]
+    await session.give_up_silent_cameras({}, last_ns + S // 2)
+    assert session.status.message == ""
+    await session.give_up_silent_cameras({}, last_ns + S)
+    assert session.status.message == "waiting for images of a, cam03"
+    gaps = (MissingImage(camera="a", instant=n, reason="its lens is covered") for n in range(2))
+    await session.accept_report(report("a", missing=tuple(gaps)), now_ns=0)
+    assert session.status.message == "waiting for images of cam03"
+    await session.suspend()

@@ -1,0 +1,168 @@
+"""Bursts of earlier runs, images that come late, streams that break off, and disks without room."""
+
+import asyncio
+import hashlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.common.address import Address
+from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
+from capture_app.machine.repair import repair
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
+from capture_app.node.camera.burst_upload import Spool
+from capture_app.protocol.log import Log
+from capture_app.session.format.manifest import MissingImage
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from tests.unit.node.bursts import (
+    CAMERA,
+    DISK,
+    IMAGE,
+    LEADER,
+    burst_session,
+    pieces,
+    receive_image,
+    report,
+    upload,
+)
+
+pytestmark = pytest.mark.virtual
+
+
+async def begun_session(root: Path, *names: str) -> BurstSession:
+    session = burst_session(root, *names)
+    await session.write_plan(LEADER)
+    return session
+
+
+async def breaking_off(data: bytes) -> AsyncIterator[bytes]:
+    async for piece in pieces(data):
+        yield piece
+    raise NetworkError("the connection broke off")
+
+
+def lies(session: Session) -> list[str]:
+    return [str(lie) for lie in verify(session) if lie.kind != "unreadable"]
+
+
+async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a")
+    assert (await session.accept_report(report("a", 0, 1), 0)).receipts == ()
+    with pytest.raises(NetworkError):
+        await receive_image(session, upload("a", 0), breaking_off(IMAGE[:10]))
+    # The leader is killed too; what had come is still there.
+    await session.suspend()
+    session = await asyncio.to_thread(BurstSession.resume, session.folder, 0, DISK)
+    (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
+    assert (receipt.instant, receipt.bytes, receipt.stored) == (0, 10, False)
+    await receive_image(session, upload("a", 0, offset=10), pieces(IMAGE[10:]))
+    (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
+    assert (receipt.stored, receipt.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
+    await receive_image(session, upload("a", 1), pieces(IMAGE))
+    assert session.session is not None
+    opened = Session.open(session.session)
+    assert lies(opened) == []
+    assert [opened.image_file(image).read_bytes() for image in opened.manifest.images] == [IMAGE, IMAGE]
+    assert not (opened.folder / "incoming").exists()
+
+
+async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a")
+    await session.accept_report(report("a", 0, 1), 0)
+    with pytest.raises(TryAgainError, match="have arrived"):
+        await receive_image(session, upload("a", 0, offset=7), pieces(IMAGE[7:]))
+    with pytest.raises(TryAgainError, match="damaged"):
+        await receive_image(session, upload("a", 0), pieces(IMAGE[:-1] + b"?"))
+    assert (await session.accept_report(report("a", 0, 1), 0)).receipts == (), "nothing of it is kept"
+    await session.suspend()
+
+
+async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a", "b")
+    await session.accept_report(report("a", 0, 1), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    await session.suspend()
+    assert list(interrupted_folders(tmp_path)) == [session.folder]
+
+    taken_up: list[BurstSession] = []
+    resumed = ResumedBursts(tmp_path, taken_up.append, DISK)
+    await resumed.resume_all(0)
+    (again,) = resumed.sessions()
+    assert list(interrupted_folders(tmp_path)) == [], "it is locked"
+    await receive_image(again, upload("a", 1), pieces(IMAGE))
+    await again.finish_now("the rest never came")
+    assert len(Session.open(session.folder).manifest.missing) == 2
+    before = {path: path.read_bytes() for path in session.folder.glob("images/**/*.jpg")}
+
+    # A week later the other node is found, with its spool.
+    other = ResumedBursts(tmp_path, taken_up.append, DISK)
+    late = await other.reopen(report("b", 0, 1), 0)
+    await late.accept_report(report("b", 0, 1), 0)
+    for instant in (0, 1):
+        await receive_image(late, upload("b", instant), pieces(IMAGE))
+    whole = Session.open(session.folder)
+    assert lies(whole) == []
+    assert (len(whole.manifest.images), whole.manifest.missing) == (4, ())
+    assert {path: path.read_bytes() for path in before} == before
+    stranger = msgspec.structs.replace(report("b", 0, 1), leader=1)
+    with pytest.raises(BadInputError, match="no session"):
+        await other.reopen(stranger, 0)
+
+
+async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:
+    session = await begun_session(tmp_path, "a", "b")
+    await session.accept_report(report("a", 0, 1), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
+    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
+    assert "being written" in busy[0].what
+    await session.suspend()
+    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
+    opened = Session.open(session.folder)
+    assert lies(opened) == []
+    assert len(opened.manifest.images) == 1
+    assert all("no node sent it" in gap.reason for gap in opened.manifest.missing)
+
+
+async def test_repair_says_who_may_still_have_missing_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jpeg = cv2.imencode(".jpg", np.zeros((CAMERA.height, CAMERA.width), np.uint8))[1].tobytes()
+    monkeypatch.setattr("tests.unit.node.bursts.IMAGE", jpeg)
+    session = await begun_session(tmp_path, "a", "b", "c")
+    gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame", dropped=True)
+    await session.accept_report(report("a", 0, missing=(gap,)), 0)
+    await receive_image(session, upload("a", 0), pieces(jpeg))
+    await session.accept_report(report("c", 0, 1), 0)
+    await session.finish_now("it sent nothing for 180 s")
+    (result,) = await repair(tmp_path, wait_s=9, address=Address("127.0.0.1", 0), log=Log())
+    assert (result.ok, result.changed, result.missing) == (True, False, 5)
+    assert result.awaited == ("b", "c")
+    for name in ("b", "c"):
+        late = await ResumedBursts(tmp_path, lambda _: None, DISK).reopen(report(name, 0, 1), 0)
+        await late.accept_report(report(name, 0, 1), 0)
+        for instant in (0, 1):
+            await receive_image(late, upload(name, instant), pieces(jpeg))
+    (result,) = await repair(tmp_path, wait_s=9, address=Address("127.0.0.1", 0), log=Log())
+    assert (result.awaited, result.missing) == ((), 1), "no node is asked for a frame that was dropped"
+
+
+def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, "a")
+    assert spool.open() == []
+    with pytest.raises(TryAgainError, match="another node uses"):
+        Spool(tmp_path, "a").open()
+    burst = spool.create_burst(report("a", 0, 1))
+    for instant in (0, 1):
+        burst.add_image(upload("a", instant), IMAGE)
+    journal = burst.folder / "journal.ndjson"
+    journal.write_bytes(journal.read_bytes()[:-3])
+    spool.close()
+    (found,) = Spool(tmp_path, "a").open()
+    assert found.read_report() == report("a", 0, 1)
+    assert [image.record.instant for image in found.read_images()] == [0]

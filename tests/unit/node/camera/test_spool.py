@@ -1,0 +1,46 @@
+"""A burst's folder in the spool, which the encoder writes while the sender takes it away."""
+
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
+from capture_app.protocol.messages import CameraReport
+from tests.unit.node.camera.uploading import Picture, burst_upload
+
+UPLOAD = burst_upload(Picture(b"zero"))
+
+
+def write_report(burst: SpoolFolder, report: CameraReport) -> None:
+    burst.write_report(report)
+
+
+def add_image(burst: SpoolFolder, report: CameraReport) -> None:
+    burst.add_image(*encode_frame(report, UPLOAD.frames[0]))
+
+
+@pytest.mark.parametrize("write", [write_report, add_image])
+def test_what_is_written_while_a_burst_is_removed_is_not_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[SpoolFolder, CameraReport], None]
+) -> None:
+    """The writer comes when all files are deleted, and the folder is not: it would stay with that file."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    burst = spool.create_burst(UPLOAD.report)
+    writer = threading.Thread(target=write, args=(burst, UPLOAD.report))
+    remove_folder = os.rmdir
+
+    def rmdir(path: str, *, dir_fd: int | None = None) -> None:
+        writer.start()
+        writer.join(0.2)
+        remove_folder(path, dir_fd=dir_fd)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "rmdir", rmdir)
+        burst.remove()
+    writer.join()
+    spool.close()
+    assert not list((tmp_path / "a").iterdir())

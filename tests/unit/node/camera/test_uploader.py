@@ -1,0 +1,171 @@
+"""The uploader against a leader that misbehaves, over real loopback streams."""
+
+import asyncio
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.errors import BadInputError, DiskFullError
+from capture_app.net.channel import Channel
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
+from capture_app.protocol.messages import (
+    CameraReport,
+    Refusal,
+    ReportAck,
+    ToLeader,
+)
+from capture_app.session.format.manifest import JOURNAL
+from tests.unit.node.camera.uploading import Picture, burst_upload, images, receipts_of, uploading
+from tests.waiting import until
+
+pytestmark = pytest.mark.virtual
+
+
+def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:
+    """The rig aligns the middle of a row's exposure here, 7 ns after the stamp."""
+    burst = burst_upload(Picture(b"0"))
+    image, data = encode_frame(burst.report, replace(burst.frames[0], alignment_offset_ns=7))
+    assert data == b"0"
+    record = image.record
+    assert (record.leader_ns, record.alignment_offset_ns, record.exposure_start_ns) == (2000, 7, 1993)
+
+
+async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> None:
+    stored: dict[int, bytes] = {}
+    done = asyncio.Event()
+    streams = 0
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        nonlocal streams
+        streams += 1
+        mine = 0
+        async for image, payload in images(channel, lambda _: receipts_of(stored)):
+            mine += 1
+            if streams < 3 and mine == 2:
+                return  # The leader dies with this image in its hands.
+            assert image.record.instant not in stored
+            stored[image.record.instant] = payload
+            if len(stored) == 4:
+                done.set()
+
+    pictures = [Picture(f"picture {n}".encode()) for n in range(4)]
+    async with uploading(serve, []) as uploader:
+        uploader.add_burst(burst_upload(*pictures))
+        await done.wait()
+    assert stored == {n: picture.data for n, picture in enumerate(pictures)}
+    assert [picture.encoded for picture in pictures] == [1, 1, 1, 1]
+    assert streams == 3
+
+
+async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
+    reports: list[CameraReport] = []
+    done = asyncio.Event()
+
+    def note(report: CameraReport) -> ReportAck:
+        reports.append(report)
+        return ReportAck()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, _ in images(channel, note):
+            if image.record.instant == 2:
+                done.set()
+
+    said: list[str] = []
+    async with uploading(serve, said) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b""), Picture(b"2")))
+        await done.wait()
+    assert reports[-1].plan.instants == (0, 2)
+    assert [gap.instant for gap in reports[-1].plan.missing] == [1]
+    assert "the film is torn" in reports[-1].plan.missing[0].reason
+    assert any("is lost" in line for line in said)
+
+
+async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one_sent() -> None:
+    got: asyncio.Queue[int] = asyncio.Queue()
+
+    def refuse_the_old(report: CameraReport) -> ReportAck | Refusal:
+        return (
+            Refusal(what="burst 1 is not of this leader") if len(report.plan.instants) == 1 else ReportAck()
+        )
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, _ in images(channel, refuse_the_old):
+            got.put_nowait(image.record.instant)
+
+    said: list[str] = []
+    async with uploading(serve, said) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"old")))
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
+        assert [await got.get(), await got.get()] == [0, 1]
+    assert any("not of this leader" in line for line in said)
+
+
+async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -> None:
+    """A node that is stopped in the middle sends the rest, byte for byte, when it is started again."""
+    stored: dict[int, bytes] = {}
+    down, done = asyncio.Event(), asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, payload in images(channel, lambda _: receipts_of(stored), down):
+            stored[image.record.instant] = payload
+            # After the first image it is as if the leader's plug had been pulled.
+            (down if len(stored) == 1 else done).set()
+
+    pictures = [Picture(f"picture {n}".encode()) for n in range(3)]
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(*pictures))
+        await down.wait()
+        # An image is safe when its line is: the file comes before it.
+        journal = tmp_path / "a/00000001-000001" / JOURNAL
+        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 3)
+    down.clear()
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")):
+        await done.wait()
+        await until(lambda: not any((tmp_path / "a").iterdir()))
+    assert stored == {n: picture.data for n, picture in enumerate(pictures)}
+    assert [picture.encoded for picture in pictures] == [1, 1, 1]
+    assert any("still in" in line for line in said)
+
+
+class FullSpool(Spool):
+    """A spool on a disk without room."""
+
+    def create_burst(self, report: CameraReport) -> SpoolFolder:
+        raise DiskFullError("the disk of /spool is full")
+
+
+async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -> None:
+    stored: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _, payload in images(channel):
+            stored.put_nowait(payload)
+
+    said: list[str] = []
+    async with uploading(serve, said, FullSpool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
+        assert [await stored.get(), await stored.get()] == [b"0", b"1"]
+    assert any("stays in memory" in line for line in said)
+
+
+async def test_a_burst_whose_session_was_removed_is_named_with_what_to_do(tmp_path: Path) -> None:
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for _ in images(channel, lambda _: refusal):
+            raise AssertionError("nothing is wanted")
+
+    error = BadInputError("burst 1 of that leader has no session in /rig", hint="move its session back there")
+    refusal, said = Refusal.of_error(error), list[str]()
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0")))
+        await until(lambda: said)
+        assert uploader.leader is not None
+        shutil.rmtree(tmp_path / "a/00000001-000001")
+        uploader.set_leader(uploader.leader, 2)
+        await until(lambda: len(said) == 2)
+        assert not uploader._bursts, "it is offered no more"
+    what = "burst 1 given up: burst 1 of that leader has no session in /rig (move its session back there)"
+    folder = tmp_path / "a/00000001-000001"
+    assert said == [f"{what}; its images stay in {folder}: delete that folder to drop them", what]

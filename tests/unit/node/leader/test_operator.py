@@ -1,0 +1,258 @@
+"""What operators see of a leader and ask of it, over a connection that comes back."""
+
+import asyncio
+import os
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.common.address import Address
+from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError, SimulshotError
+from capture_app.node.leader import local_nodes
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.protocol import log as log_module
+from capture_app.protocol.log import MAX_LINES_A_NODE, Log
+from capture_app.protocol.orders import (
+    AddSimulated,
+    CancelBurst,
+    RemoveCamera,
+    StopRig,
+)
+from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
+from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
+from capture_app.session.files.locks import lock_folder
+from capture_app.sync.rig.events import NodeChanged, TriggerAnswered
+from capture_app.sync.timekeeping.rates import HostOffRate
+
+TIMEOUT_S = 60.0
+
+
+async def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
+    return await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=port, spool=spool))
+
+
+@pytest.fixture
+async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
+    async with await leader_at(tmp_path / "sessions") as node:
+        yield node
+
+
+async def next_of(updates: AsyncIterator[Update], wanted: Callable[[Update], bool]) -> Update:
+    async with asyncio.timeout(TIMEOUT_S):
+        async for update in updates:
+            if wanted(update):
+                return update
+    raise AssertionError("the updates have ended")
+
+
+async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderNode) -> None:
+    leader.log.add("a joined", camera="a")
+    leader.log.add("lost a: it left", camera="a", level="warning")
+    updates = RigLink(leader.own_address).updates()
+    first = await next_of(updates, lambda _: True)
+    assert isinstance(first, RigStatus)
+    assert first.sessions_folder == str(leader.options.sessions)
+    assert first.disk_free_bytes
+    lines = [await next_of(updates, lambda update: isinstance(update, LogLine)) for _ in range(2)]
+    assert [(line.text, line.level) for line in lines if isinstance(line, LogLine)] == [
+        ("a joined", "info"),
+        ("lost a: it left", "warning"),
+    ]
+    leader.log.add("a is back", camera="a")
+    line = await next_of(updates, lambda update: isinstance(update, LogLine))
+    assert isinstance(line, LogLine)
+    assert line.text == "a is back"
+    await updates.aclose()
+
+
+async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(
+    tmp_path: Path,
+) -> None:
+    first = await leader_at(tmp_path / "sessions")
+    first.log.add("of the first run")
+    link = RigLink(first.own_address)
+    updates = link.updates()
+    await next_of(updates, lambda update: isinstance(update, LogLine))
+    await first.stop()
+    lost = await next_of(updates, lambda update: isinstance(update, LinkLost))
+    assert isinstance(lost, LinkLost)
+    assert "closed the connection" in lost.reason
+    port, folder = first.own_address.port, (tmp_path / "sessions").absolute()
+    assert lost.reason.endswith(f": capture-app rig start --port {port} --sessions {folder}")
+    async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
+        await next_of(updates, lambda update: isinstance(update, RigStatus))
+        second.log.add("of the second run")
+        line = await next_of(updates, lambda update: isinstance(update, LogLine))
+        assert isinstance(line, LogLine)
+        assert line.text == "of the second run"
+        await updates.aclose()
+
+
+async def test_a_leader_that_is_not_there_is_told_once_and_waited_for(tmp_path: Path) -> None:
+    async with await leader_at(tmp_path / "sessions") as gone:
+        address = gone.own_address
+    updates = RigLink(address).updates()
+    assert isinstance(await next_of(updates, lambda _: True), LinkLost)
+    coming = asyncio.ensure_future(next_of(updates, lambda _: True))
+    await asyncio.sleep(0.3)
+    async with await leader_at(tmp_path / "sessions", address.port):
+        assert isinstance(await coming, RigStatus)
+        await updates.aclose()
+
+
+async def test_a_port_without_a_leader_is_an_error_for_one_request() -> None:
+    with pytest.raises(NetworkError, match="no leader at"):
+        await ask_status(Address("127.0.0.1", 9))
+
+
+async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_path: Path) -> None:
+    taken = leader.own_address.port
+    with pytest.raises(NetworkError, match="cannot listen on"):
+        await leader_at(tmp_path / "other", taken)
+    async with await LeaderNode.start(
+        LeaderOptions(sessions=tmp_path / "other", host="127.0.0.1", port=taken, or_free_port=True)
+    ) as other:
+        assert other.own_address.port not in (0, taken)
+        await ask_status(other.own_address)
+
+
+async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
+    with pytest.raises(NotAvailableError, match="runs no cameras"):
+        await give_order(leader.own_address, AddSimulated(cameras=2))
+
+
+async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
+    tmp_path: Path,
+) -> None:
+    async with (
+        await leader_at(tmp_path / "sessions") as leader,
+        aclosing(LocalNodes(leader.own_address, tmp_path / "spool")) as nodes,
+    ):
+        await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]
+        await asyncio.sleep(0)
+        with pytest.raises(BadInputError, match="desk already exists"):
+            await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        await asyncio.gather(*removals)
+        assert list(nodes.names) == []
+        assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
+
+
+def test_bursts_of_killed_rigs_are_moved_to_the_next_one(tmp_path: Path) -> None:
+    def leave(root: Path, burst: str) -> Path:
+        (root / "cam00" / burst).mkdir(parents=True)
+        (root / "cam00" / burst / "image.jpg").write_text(burst)
+        return root
+
+    spool = leave(tmp_path / "spool", "1")
+    assert local_nodes._free_spool(spool, "cam01") == spool
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    using = lock_folder(spool / "cam00")
+    second = leave(local_nodes._free_spool(spool, "cam00"), "2")
+    assert second != spool
+    assert local_nodes._free_spool(spool, "cam00") == second, "it is free, and has what a rig left in it"
+    using_second = lock_folder(second / "cam00")
+    leave(local_nodes._free_spool(spool, "cam00"), "3")
+    os.close(using)
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    os.close(using_second)
+    images = [f"{burst}/image.jpg" for burst in ("1", "3")]
+    assert sorted(str(path.relative_to(spool / "cam00")) for path in spool.glob("cam00/*/*")) == images
+    assert local_nodes._free_spool(spool, "cam00") == spool
+    assert sorted(path.read_text() for path in spool.glob("cam00/*/*")) == ["1", "2", "3"]
+    assert not [*spool.glob(".*/cam00/*")]
+
+
+async def test_simulated_cameras_that_cannot_start_say_why(tmp_path: Path) -> None:
+    (tmp_path / "spool").write_text("a file")
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        with pytest.raises(SimulshotError, match="spool' is a file"):
+            await give_order(leader.own_address, AddSimulated(cameras=2, scene="bars"))
+
+
+async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
+    async with await leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        for cameras, scene in ((8, "studio"), (0, "bars"), (65, "bars")):
+            with pytest.raises(BadInputError, match="further simulated cameras"):
+                await give_order(leader.own_address, AddSimulated(cameras=cameras, scene=scene))
+        with pytest.raises(BadInputError, match="no simulated scene 'moon'"):
+            await give_order(leader.own_address, AddSimulated(cameras=1, scene="moon"))
+
+
+async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
+    await RigLink(leader.own_address).order(StopRig())
+    async with asyncio.timeout(TIMEOUT_S):
+        await leader.service.stop_requested.wait()
+
+
+async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None:
+    link = RigLink(leader.own_address)
+    with pytest.raises(BadInputError, match="burst 7 is not under way"):
+        await link.order(CancelBurst(burst=7))
+    with pytest.raises(BadInputError, match="no node named never-joined"):
+        await give_order(leader.own_address, RemoveCamera(name="never-joined"))
+
+
+def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter((5, 3, 9, 9))
+    monkeypatch.setattr(log_module, "MAX_LOG_LINES", 3)
+    monkeypatch.setattr(time, "time_ns", lambda: next(clock))
+    log = Log()
+    log.note(NodeChanged("a", "joined"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(TriggerAnswered("b", 1, "no clock"))
+    log.note(BurstStatus(burst=1, name="x", cameras=1, instants=1, received=0, expected=1))
+    done: dict[str, Any] = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
+    log.note(BurstStatus(received=1, session="/s/x", **done))
+    assert [(line.unix_ns, line.camera, line.level) for line in log.after(0)] == [
+        (6, "a", "warning"),
+        (9, "b", "warning"),
+        (10, None, "info"),
+    ]
+    assert [line.unix_ns for line in log.after(6)] == [9, 10]
+
+
+def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
+    told: list[dict[str, object]] = []
+    log = Log(record=told.append)
+    log.note(NodeChanged("a", "joined"))
+    log.note(NodeChanged("a", "moved", where="below"))
+    log.note(NodeChanged("a", "moved"))
+    log.note(NodeChanged("a", "lost", "it left"))
+    log.note(NodeChanged("b", "refused", "the rig is full", "at 10.0.0.2"))
+    log.note(TriggerAnswered("a", 1))
+    log.note(TriggerAnswered("b", 1, "no clock"))
+    log.note(HostOffRate("a", 210.0, ambiguous=True))
+    log.note(HostOffRate("a", 0.0))
+    assert told == [
+        {"event": "node-joined", "name": "a"},
+        {"event": "node-moved", "name": "a", "relay": "below"},
+        {"event": "node-moved", "name": "a", "relay": None},
+        {"event": "node-lost", "name": "a", "reason": "it left"},
+        {"event": "node-refused", "name": "b", "where": "at 10.0.0.2", "reason": "the rig is full"},
+        {"event": "burst-accepted", "name": "a", "burst": 1},
+        {"event": "burst-refused", "name": "b", "burst": 1, "reason": "no clock"},
+        {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "ambiguous": True},
+        {"event": "host-at-rate", "name": "a"},
+    ]
+
+
+async def test_the_log_takes_few_lines_about_one_node_and_cuts_long_ones() -> None:
+    shown: list[str] = []
+    log = Log(shown.append)
+    for number in range(1000):
+        log.say_of_disk("cam1", f"{number}" + "x" * 100_000)
+        log.note(NodeChanged("cam2", "lost", f"{number}"))
+    log.say("b joined", camera="b")
+    about = Counter(line.camera for line in log.after(0))
+    assert about == {"cam1": MAX_LINES_A_NODE, "cam2": MAX_LINES_A_NODE, "b": 1}
+    assert sum(map(len, shown)) < 2 * MAX_LINES_A_NODE * 1000 + 100
+    assert any("left out" in line for line in shown)

@@ -1,0 +1,156 @@
+"""What the client node adds to the engine: cameras that fail and come back, restarts that keep their aim."""
+
+import asyncio
+import contextlib
+import errno
+from collections.abc import AsyncIterator
+from typing import Any, cast
+
+import pytest
+from msgspec.structs import replace
+
+from capture_app.cameras.frames import CapturedFrame
+from capture_app.common.errors import CameraError
+from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.plugins.cameras.v4l2.v4l2_driver import V4L2Camera
+from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+from tests.unit.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
+from tests.unit.plugins.cameras.v4l2.fake_device import MJPG, FakeDevice
+
+
+class StoppedClock:
+    """The node's clock, moved by the test alone."""
+
+    ns = 1_000_000_000
+    local_from_true = true_from_local = staticmethod(lambda ns: ns)
+
+    def now_ns(self) -> int:
+        return self.ns
+
+
+class Bench:
+    """A camera under supervision, with its devices, clock and engine in the test's hands."""
+
+    def __init__(self) -> None:
+        self.opened: asyncio.Queue[FakeCamera] = asyncio.Queue()
+        self.next_facts = FACTS
+        self.clock = StoppedClock()
+        self.stamps: list[FrameStamp] = []
+        self.starts_ns: list[int] = []
+        self.failures: list[str] = []
+        self.wanted: list[CameraCommand] = []
+        options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
+        self.supervisor = CameraSupervisor(options, retry_s=0.0)
+
+    async def start(self) -> None:
+        await self.supervisor.open()
+        self.supervisor.connect(cast(Any, self), cast(Any, self))
+
+    async def next_camera(self) -> FakeCamera:
+        return await asyncio.wait_for(self.opened.get(), 30)
+
+    def _open(self) -> FakeCamera:
+        camera = FakeCamera(self.next_facts)
+        self.opened.put_nowait(camera)
+        return camera
+
+    # As the pump
+
+    def turn(self) -> None:
+        self.supervisor.collect_commands()
+
+    # As the engine
+
+    has_burst_pending = False
+
+    def frame_arrived(
+        self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int, size_bytes: int = 0
+    ) -> None:
+        self.stamps.append(stamp)
+
+    def stream_started(self, now_ns: int) -> None:
+        self.starts_ns.append(now_ns)
+
+    def fail(self, reason: str) -> None:
+        self.failures.append(reason)
+
+    def next_command(self) -> CameraCommand | None:
+        if not self.wanted:
+            return None
+        self.clock.ns += 8_000_000
+        return self.wanted.pop()
+
+
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    bench = Bench()
+    await bench.start()
+    running = asyncio.gather(bench.supervisor.keep_open(), bench.supervisor.carry_out_commands())
+    yield bench
+    running.cancel()
+    with contextlib.suppress(asyncio.CancelledError, CameraError):
+        await running
+
+
+async def started(camera: FakeCamera) -> None:
+    """Let the node go on until it has started this camera and serves it."""
+    while not hasattr(camera, "on_frame"):  # noqa: ASYNC110
+        await asyncio.sleep(0.001)
+    await asyncio.sleep(0.01)
+
+
+async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> None:
+    first = await bench.next_camera()
+    await started(first)
+    for stream in (1, 2, 3):
+        first.on_frame(frame(stream))
+    bench.next_facts = replace(FACTS, exposure_ns=20_000_000)
+    first.on_failure(CameraError("unplugged"))
+    second = await bench.next_camera()
+    await started(second)
+    second.on_frame(frame(1))
+    streams = [stamp.stream for stamp in bench.stamps]
+    assert streams == sorted(set(streams))
+    assert len(streams) == 4
+    assert bench.failures == ["unplugged", ""]
+
+
+async def test_a_camera_that_does_not_start_is_released() -> None:
+    device = FakeDevice()
+    device.stream_on_error = errno.ENOSPC
+    bench = Bench()
+    bench.supervisor = CameraSupervisor(
+        NodeOptions(
+            name="cam", open_camera=lambda: V4L2Camera(device, MJPG, PERIOD_NS), leaders=(), clock=bench.clock
+        )
+    )
+    with pytest.raises(CameraError, match="bandwidth"):
+        await bench.supervisor.open()
+    assert device.calls[-1] == "close", "else the next try finds it in use"
+
+
+async def test_another_camera_in_its_place_is_an_error() -> None:
+    bench = Bench()
+    await bench.start()
+    first = await bench.next_camera()
+    bench.next_facts = replace(FACTS, model="Another camera")
+    first.on_failure(CameraError("unplugged"))
+    with pytest.raises(CameraError, match="another camera is connected now: Another camera"):
+        await asyncio.wait_for(bench.supervisor.keep_open(), 30)
+
+
+@pytest.mark.parametrize(
+    ("delay_ns", "given_ns"), [(20_000_000, 12_000_000), (5_000_000, PERIOD_NS - 3_000_000)]
+)
+async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(
+    bench: Bench, delay_ns: int, given_ns: int
+) -> None:
+    camera = await bench.next_camera()
+    await started(camera)
+    frame_ns = bench.clock.ns
+    bench.wanted = [RestartStream(delay_ns)]
+    camera.on_frame(frame(1))
+    assert await asyncio.wait_for(camera.commands.get(), 30) == RestartStream(given_ns)
+    await asyncio.sleep(0)
+    assert (bench.starts_ns[-1] - frame_ns - delay_ns) % PERIOD_NS == 0

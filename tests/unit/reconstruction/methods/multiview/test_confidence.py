@@ -1,0 +1,155 @@
+"""Confidence of depth: what raises and lowers it, and that it is as high as the fraction that is right."""
+
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.plane_sweep import Surface
+from reconstruction.methods.multiview.confidence import (
+    ASSUMED_MISFIT_PX,
+    HOLES,
+    IN_FRONT,
+    POSE_FACTOR,
+    UNEVEN,
+    DepthSupport,
+    measure_support,
+)
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from tests.unit.reconstruction.depth.small_views import HEIGHT, WIDTH, photo_of, view_at
+
+INNER = slice(25, -25), slice(35, -35)
+
+
+def supports(levels: dict[float, Array], known: Array | None = None) -> list[DepthSupport]:
+    """What supports the depth of cameras at these places along x, which found these inverse depths.
+
+    `known`: where they have a depth that others confirmed; everywhere if None.
+    """
+    images: dict[str, CalibratedImage] = {}
+    found = {}
+    for x, level in levels.items():
+        images[f"{x}"] = photo_of(view_at(x), np.zeros(2))[0]
+        flat = np.zeros_like(level)
+        depth = 1 / level if known is None else np.where(known, 1 / level, 0)
+        found[f"{x}"] = ViewDepth(depth, flat, Surface(level, flat, flat, flat))
+    sources = {name: [other for other in images if other != name] for name in images}
+    return [support for _, support in measure_support(images, sources, found)]
+
+
+def wall(level: float = 0.5) -> Array:
+    return np.full((HEIGHT, WIDTH), level, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("others", "evidence"),
+    [
+        ((0.5, 0.5), 1.5),
+        ((0.5, 0.494), 1.25),
+        ((0.494, 0.494), 1.0),
+        ((0.5, 0.45), 0.75),
+        ((0.45, 0.45), 0.0),
+    ],
+)
+def test_evidence_is_the_fraction_of_views_that_agree_and_of_those_that_agree_closely(
+    others: tuple[float, float], evidence: float
+) -> None:
+    here = supports({0.0: wall(), -0.1: wall(others[0]), 0.1: wall(others[1])})[0]
+    # 0.75 / 21 is what remains of the nearest edge's weight at 20 px.
+    assert here.evidence[INNER] == pytest.approx(2 * evidence / 2.25 - 0.75 / 21, abs=1e-4)
+
+
+def test_views_that_cannot_see_a_surface_do_not_count() -> None:
+    hidden = wall()
+    hidden[:, :] = 0.8
+    here = supports({0.0: wall(), -0.1: wall(), 0.1: hidden})[0]
+    assert here.evidence[INNER] == pytest.approx(1.5 / 1.25 - 0.75 / 21, abs=1e-4)
+    # Beyond the right picture's left end only the left camera sees.
+    assert supports({0.0: wall(), 3.0: wall()})[0].evidence[INNER].max() < 0
+
+
+def test_depth_beside_an_edge_has_less_evidence() -> None:
+    level = wall()
+    level[:, WIDTH // 2 :] = 0.6
+    evidence = supports({0.0: level, 0.1: level})[0].evidence[HEIGHT // 2]
+    edge, beyond = WIDTH // 2, WIDTH // 2 + 12
+    assert evidence[edge] < evidence[beyond] - 0.5
+    # As a jump of 4 % is none, a slope has no edges.
+    slope = np.broadcast_to(np.linspace(0.5, 0.6, WIDTH, dtype=np.float32), (HEIGHT, WIDTH)).copy()
+    middle = supports({0.0: slope, 0.1: slope})[0].evidence[HEIGHT // 2]
+    assert middle[edge] > evidence[edge] + 0.2
+
+
+def test_depth_in_front_of_an_edge_has_less_evidence_than_depth_behind_it() -> None:
+    # Windows widen objects: what they add has the object's depth.
+    level = wall()
+    level[:, WIDTH // 2 :] = 0.6
+    evidence = supports({0.0: level, 0.01: level})[0].evidence[HEIGHT // 2]
+    behind, in_front = evidence[WIDTH // 2 - 7], evidence[WIDTH // 2 + 6]
+    assert in_front == pytest.approx(behind - IN_FRONT, abs=1e-4)
+
+
+def test_depth_among_holes_has_less_evidence() -> None:
+    known = np.ones((HEIGHT, WIDTH), bool)
+    known[::3] = False
+    whole, holed = (supports({0.0: wall(), 0.1: wall()}, seen)[0].evidence[INNER] for seen in (None, known))
+    assert holed == pytest.approx(whole - HOLES / 3, abs=1e-4)
+
+
+def test_depth_that_differs_from_its_neighbours_has_less_evidence() -> None:
+    level = wall()
+    level[HEIGHT // 2, WIDTH // 2] = 0.495
+    evidence = supports({0.0: level, 0.1: level})[0].evidence
+    at, beside = evidence[HEIGHT // 2, WIDTH // 2], evidence[HEIGHT // 2, WIDTH // 2 - 12]
+    # 1 % off: half of the weight, and the other view does not agree closely.
+    assert at == pytest.approx(beside - UNEVEN / 2 - 0.5 / 1.25, abs=1e-3)
+
+
+def test_a_surface_beyond_infinity_has_evidence_that_is_a_number() -> None:
+    level = wall()
+    level[HEIGHT // 2, WIDTH // 2] = -0.01
+    assert np.isfinite(supports({0.0: level, 0.1: wall()})[0].evidence).all()
+
+
+def test_two_percent_are_worth_what_the_widest_baseline_moves() -> None:
+    near, wide = (supports({0.0: wall(), x: wall()})[0].worth_px[INNER] for x in (0.05, 0.2))
+    # A point at 2 m moves by focal length x baseline / depth: 2 % of that.
+    assert near == pytest.approx(0.02 * 110 * 0.05 / 2, rel=1e-3)
+    assert wide == pytest.approx(0.02 * 110 * 0.2 / 2, rel=1e-3)
+    both = supports({0.0: wall(), 0.05: wall(), 0.2: wall()})[0].worth_px[INNER]
+    assert both == pytest.approx(wide)
+
+
+def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
+    def confidence(worth_px: float, misfit_px: float | None, evidence: float = 1.5) -> float:
+        support = DepthSupport(np.array(evidence), np.array(worth_px), cameras=1000)
+        return float(support.confidence(misfit_px))
+
+    assert confidence(4.0, 0.1) == pytest.approx(0.99, abs=0.001)
+    # One standard deviation: 68.3 % of 99 %. A perfect calibration has a misfit of 0.08 px.
+    assert confidence(0.1, 0.0) == pytest.approx(0.676, abs=0.001)
+    assert confidence(0.1, 0.08) == pytest.approx(0.676, abs=0.001)
+    assert confidence(np.hypot(0.1, 1.2), np.hypot(0.08, 1.0)) == pytest.approx(0.676, abs=0.001)
+    assert confidence(0.5, None) == confidence(0.5, ASSUMED_MISFIT_PX)
+    assert confidence(1.0, 2.0) < confidence(1.0, 0.5) < confidence(1.0, 0.15)
+    assert confidence(4.0, 0.1, -0.75) < confidence(4.0, 0.1, 0.5) < confidence(4.0, 0.1, 1.0)
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 5])
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_few_cameras_know_less_of_the_errors_that_points_do_not_show(cameras: int, ratio: float) -> None:
+    """As many errors along epipolar lines are small enough as are said to be, whatever their size is."""
+    rng = np.random.default_rng(0)
+    shown_px, hidden_px = rng.normal(0, 1, (cameras, 20_000)), abs(rng.normal(0, 1, 20_000))
+    misfits_px = np.sqrt((shown_px**2).mean(axis=0))
+    said = DepthSupport(np.array(1.5), np.array(20 * POSE_FACTOR * ratio), cameras).measurable(20.0)
+    assert float(said) == pytest.approx((hidden_px < ratio * misfits_px).mean(), abs=0.01)
+
+
+def test_the_support_of_a_view_knows_the_cameras_of_its_rig() -> None:
+    assert [support.cameras for support in supports({0.0: wall(), 0.1: wall(), 0.2: wall()})] == [3, 3, 3]
+
+
+def test_maps_without_a_surface_have_no_confidence() -> None:
+    images = {"left": photo_of(view_at(0.0), np.zeros(2))[0]}
+    assert not list(measure_support(images, {"left": []}, {"left": ViewDepth(wall(), wall())}))

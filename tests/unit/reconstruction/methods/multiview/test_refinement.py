@@ -1,0 +1,171 @@
+"""Poses that are pixels off are refined by points at rest, and depth says what it rests on."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.common.errors import NotApplicableError
+from reconstruction.calibration.consistency import (
+    check_rig,
+    consistent_matches,
+    describe_misfit,
+    triangulate,
+)
+from reconstruction.common.geometry import View
+from reconstruction.methods.multiview.confidence import DepthSupport
+from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
+from reconstruction.pairs import Features
+from tests.unit.reconstruction.conftest import make_view
+
+VIEWS = {
+    f"cam{k}": make_view((x, y, 0.0), yaw=-5 * x)
+    for k, (x, y) in enumerate([(-0.3, 0), (-0.1, 0.05), (0.1, -0.05), (0.3, 0)])
+}
+
+
+def seen(count: int = 300, noise_px: float = 0.1) -> dict[str, Features]:
+    """Points that all cameras see, each with a descriptor of its own."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-0.8, -0.6, 2.0), (0.8, 0.6, 5.0), (count, 3))
+    descriptors = rng.random((count, 128), np.float32)
+    return {
+        name: Features(
+            view.project(points @ view.rotation.T + view.translation) + rng.normal(0, noise_px, (count, 2)),
+            descriptors,
+            np.ones(count),
+        )
+        for name, view in VIEWS.items()
+    }
+
+
+def spoilt(px: float) -> dict[str, View]:
+    rng, found = np.random.default_rng(1), {}
+    for name, view in VIEWS.items():
+        rotation = cv2.Rodrigues(rng.normal(0, px / view.focal, 3))[0] @ view.rotation
+        found[name] = replace(view, rotation=rotation, translation=-rotation @ view.centre)
+    return found
+
+
+def moved(sigma: float, seed: int) -> dict[str, View]:
+    rng = np.random.default_rng(seed)
+    return {
+        name: replace(view, translation=-view.rotation @ (view.centre + rng.normal(0, sigma, 3)))
+        for name, view in VIEWS.items()
+    }
+
+
+def error_px(views: dict[str, View], features: dict[str, Features]) -> float:
+    found = check_rig(views, features).error_px
+    assert found is not None
+    return found
+
+
+def depth_error(views: dict[str, View], features: dict[str, Features]) -> float:
+    """The median relative error of points triangulated by the first and the last camera, as seen by it."""
+    depths = []
+    for of in (views, VIEWS):
+        first, last = of["cam0"], of["cam3"]
+        pixels = np.stack([features[name].positions for name in ("cam0", "cam3")])
+        depths.append((triangulate([first, last], pixels) @ first.rotation.T + first.translation)[:, 2])
+    return float(np.median(np.abs(depths[0] / depths[1] - 1)))
+
+
+@pytest.mark.parametrize("px", [0.5, 2.0])
+def test_poses_that_are_off_fit_again(px: float) -> None:
+    views, features = spoilt(px), seen()
+    assert error_px(views, features) > 0.3 * px
+    refined = refine_views(views, features)
+    assert error_px(refined, features) < 0.15
+    assert depth_error(refined, features) < 0.01
+    assert depth_error(views, features) > 0.015 * px
+    spread = [np.std([view.centre for view in of.values()], axis=0) for of in (views, refined)]
+    assert np.linalg.norm(spread[1]) == pytest.approx(np.linalg.norm(spread[0]), rel=1e-6)
+
+
+def test_the_scale_of_refined_poses_is_as_uncertain_as_it_says() -> None:
+    sigmas, sizes = [], []
+    for seed in range(40):
+        views = moved(0.01, seed)
+        # What a refinement finds: the true shape, at the size that the moved cameras have.
+        centres, true = (np.array([view.centre for view in of.values()]) for of in (views, VIEWS))
+        middle, true_middle = centres.mean(0), true.mean(0)
+        size = float(np.linalg.norm(centres - middle) / np.linalg.norm(true - true_middle))
+        found = {
+            name: replace(
+                view, translation=-view.rotation @ (middle + size * (VIEWS[name].centre - true_middle))
+            )
+            for name, view in views.items()
+        }
+        sigmas.append((size - 1) / estimate_scale_error(views, found))
+        sizes.append(size)
+    assert np.std(sizes) > 0.01
+    assert 0.8 < np.std(sigmas) < 1.3
+
+
+def test_depth_of_an_uncertain_scale_is_not_sure() -> None:
+    support = DepthSupport(np.array([[1.5, 1.5]]), np.array([[8.0, 0.1]]))
+    sure, no_more = support.confidence(0.1)[0], support.confidence(0.1, 0.02)[0]
+    assert sure[0] > 0.98
+    # One standard deviation of the scale is the 2 % within which depth is right.
+    assert no_more[0] == pytest.approx(0.68, abs=0.02)
+    assert no_more[1] < sure[1] < 0.6
+
+
+def test_a_camera_with_few_points_is_not_refined() -> None:
+    few = seen()
+    few["cam2"] = Features(few["cam2"].positions[:9], few["cam2"].descriptors[:9], np.ones(9))
+    with pytest.raises(NotApplicableError, match="cam2 shares only"):
+        refine_views(VIEWS, few)
+
+
+@pytest.mark.parametrize(
+    ("px", "text"),
+    [
+        (0.21, "points at rest fit within 0.21 px (1,200 matches); at such a misfit, 81 to 84 %"),
+        (0.7, "warning: this depth is inaccurate: points at rest fit within 0.70 px"),
+        (0.7, "calibrate the rig again, or try --refine"),
+        (2.4, "warning: this depth is not a measurement"),
+        (None, "could not be checked"),
+    ],
+)
+def test_depth_says_what_it_rests_on(px: float | None, text: str) -> None:
+    assert text in describe_misfit(px, 1200)
+
+
+def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
+    assert describe_misfit(0.21, 1200, expected=0.915) == (
+        "points at rest fit within 0.21 px (1,200 matches); "
+        "92 % of the pixels are expected within 2 % of the true depth"
+    )
+
+
+def test_matches_for_which_opencv_fails_an_assertion_fit_no_geometry(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_given: object) -> None:
+        raise cv2.error("Assertion failed: !model.empty() in function 'setModelParameters'")
+
+    views = make_view((0.0, 0.0, 0.0)), make_view((0.1, 0.0, 0.0))
+    at = np.random.default_rng(0).uniform(20, 200, (60, 2))
+    assert consistent_matches(views, at, at) is not None
+    monkeypatch.setattr(cv2, "findFundamentalMat", fails)
+    assert consistent_matches(views, at, at) is None
+
+
+def test_depth_of_few_pixels_is_no_success() -> None:
+    result = SimpleNamespace(
+        views=VIEWS,
+        fused_points=900,
+        seconds=1.0,
+        moving_measured=None,
+        within_2pct=None,
+        basis="",
+        coverage=0.02,
+        reference="cam1",
+    )
+    lines = [*Multiview()._instant_lines(result)]
+    assert lines[-1].startswith("warning: only 2 % of cam1's pixels have a depth")
+    result.coverage = 0.8
+    assert len([*Multiview()._instant_lines(result)]) == len(lines) - 1

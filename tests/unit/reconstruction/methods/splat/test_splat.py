@@ -1,0 +1,181 @@
+"""`reconstruct splat`: Gaussians made of depth maps and optimized, on a moment that is known exactly."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.common.errors import ExitCode
+from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import Array
+from reconstruction.common.worker_pool import worker_pool
+from reconstruction.methods.splat.gaussians import (
+    Gaussians,
+    Projected,
+    draw,
+    make_gaussians,
+    project,
+    quaternions,
+    read_splats,
+    render_gaussians,
+    write_splats,
+)
+from reconstruction.methods.splat.optimization import _Picture, optimize
+from reconstruction.methods.splat.splat_run import _Learned
+from reconstruction.scores.picture_quality import psnr
+from tests.unit.reconstruction.conftest import Reconstruct
+from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
+
+
+def one_gaussian(x: float = 0.0, opacity: float = 0.8, size: float = 0.1, z: float = 2.0) -> Gaussians:
+    """A sphere before the camera at the origin."""
+    return Gaussians(
+        places=np.array([[x, 0, z]], np.float32),
+        axes=np.eye(3, dtype=np.float32)[None],
+        sizes=np.full((1, 3), size, np.float32),
+        colours=np.array([[0.2, 0.4, 0.9]], np.float32),
+        opacities=np.array([opacity], np.float32),
+        pixels=np.zeros(1, np.int64),
+    )
+
+
+def joined(*given: Gaussians) -> Gaussians:
+    return Gaussians(**{name: np.concatenate([vars(one)[name] for one in given]) for name in vars(given[0])})
+
+
+def drawn(gaussians: Gaussians, grown: float = 0.0) -> tuple[Projected, Array, Array]:
+    with worker_pool() as pool:
+        logs = np.full(len(gaussians), grown, np.float32)
+        projected = project(gaussians, view_at(0.0), logs, pool)
+        return projected, *draw(projected, gaussians.colours, gaussians.opacities, pool, 3)
+
+
+def test_a_gaussian_is_drawn_as_its_formula_says() -> None:
+    _, picture, passes = drawn(one_gaussian())
+    y, x = np.mgrid[:90, :120]
+    away = (x - 59.5) ** 2 + (y - 44.5) ** 2
+    spread = (FOCAL * 0.1 / 2) ** 2 + 0.3
+    alpha = np.where(away < 9 * spread, 0.8 * np.exp(-away / spread / 2), 0)
+    alpha[alpha < 1 / 255] = 0
+    # A sphere off the axis is an ellipse; here it is too small to tell.
+    assert np.abs(1 - passes - alpha).max() < 5e-3
+    assert np.abs(picture - alpha[..., None] * [0.2, 0.4, 0.9]).max() < 5e-3
+
+
+def test_the_nearer_one_hides_the_farther_in_any_order() -> None:
+    near, far = one_gaussian(opacity=0.99, size=0.15), one_gaussian(z=3.0)
+    near.colours[:] = 1.0
+    for pair in ((near, far), (far, near)):
+        _, picture, _ = drawn(joined(*pair))
+        assert picture[44, 59].min() > 0.97
+
+
+def test_what_is_behind_the_camera_or_beside_the_picture_is_not_drawn() -> None:
+    for hidden in (one_gaussian(z=-2.0), one_gaussian(x=4.0)):
+        assert not drawn(hidden)[1].any()
+
+
+def test_gradients_are_those_of_the_picture() -> None:
+    gaussians = joined(one_gaussian(0.0), one_gaussian(0.08, 0.6, z=2.5), one_gaussian(-0.1, 0.5, 0.15))
+    target = np.random.default_rng(0).random((90, 120, 3)).astype(np.float32)
+
+    def loss(colours: Array, opacities: Array, grown: Array) -> float:
+        with worker_pool() as pool:
+            projected = project(gaussians, view_at(0.0), grown, pool)
+            picture, _ = draw(projected, colours, opacities, pool, 2)
+        return float(((picture.astype(float) - target) ** 2).sum())
+
+    values = [gaussians.colours, gaussians.opacities, np.zeros(3, np.float32)]
+    projected, picture, passes = drawn(gaussians)
+    slopes = [np.zeros_like(one) for one in values]
+    errors = 2 * (picture - target)
+    made = _Picture(projected, gaussians.opacities, gaussians.colours, picture, errors, passes)
+    made.add_slopes((slopes[0], slopes[1], slopes[2]), (0, 50))
+    made.add_slopes((slopes[0], slopes[1], slopes[2]), (50, 90))
+    # What a larger size adds at the cut-off border has no gradient.
+    for number, (step, near) in enumerate([(1e-2, 0.02), (1e-2, 0.02), (1e-2, 0.2)]):
+        for place in np.ndindex(values[number].shape):
+            ends = []
+            for sign in (-1, 1):
+                changed = [one.copy() for one in values]
+                changed[number][place] += sign * step
+                ends.append(loss(*changed))
+            assert slopes[number][place] == pytest.approx((ends[1] - ends[0]) / 2 / step, rel=near, abs=0.3)
+
+
+def test_optimizing_makes_a_held_out_view_better() -> None:
+    cameras, view = moment(), view_at(-0.1, 0.02)
+    gaussians, truth = make_gaussians(cameras), seen(view).colours
+    before = psnr(render_gaussians(gaussians, view), truth)
+    better, kept = optimize(gaussians, cameras, 15)
+    assert psnr(render_gaussians(better, view), truth) > before + 2
+    assert kept.sum() == len(better)
+
+
+def test_surfaces_that_two_cameras_see_are_made_once() -> None:
+    number = len(make_gaussians(moment()))
+    assert 90 * 120 < number < 1.9 * 90 * 120
+
+
+def test_plain_blocks_become_one_gaussian_each() -> None:
+    cameras = {"left": moment()["left"]}
+    cameras["left"].colours[:] = 90
+    assert len(make_gaussians(cameras)) < 0.35 * 90 * 120
+    made = render_gaussians(make_gaussians(cameras), cameras["left"].view)
+    assert np.abs(made.astype(int) - 90).max() <= 3
+
+
+def test_a_file_has_the_fields_of_3d_gaussian_splatting(tmp_path: Path) -> None:
+    gaussians, _ = optimize(make_gaussians(moment()), moment(), 3)
+    write_splats(tmp_path / "splat.ply", gaussians)
+    head, _, body = (tmp_path / "splat.ply").read_bytes().partition(b"end_header\n")
+    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property float")]
+    assert names == [
+        *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+        *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+    ]
+    assert len(body) == 68 * len(gaussians)
+    rows = np.frombuffer(body, "<f4").reshape(-1, 17)
+    assert 0.5 + 0.28209479 * rows[:, 6:9] == pytest.approx(gaussians.colours[:, ::-1], abs=1e-5)
+    assert np.linalg.norm(rows[:, 13:], axis=1) == pytest.approx(1, abs=1e-5)
+    again, view = read_splats(tmp_path / "splat.ply"), view_at(0.1)
+    assert psnr(render_gaussians(again, view), render_gaussians(gaussians, view)) > 45
+
+
+def test_quaternions_of_all_rotations() -> None:
+    vectors = np.random.default_rng(0).normal(size=(200, 3)) * 2
+    turns = np.array([cv2.Rodrigues(vector)[0] for vector in vectors])
+    w, x, y, z = quaternions(turns).T
+    columns = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]
+    assert np.stack(columns, axis=1) == pytest.approx(turns[:, :, 0], abs=1e-6)
+    assert 1 - 2 * (x * x + y * y) == pytest.approx(turns[:, 2, 2], abs=1e-6)
+
+
+def test_what_stands_still_begins_with_what_was_learned() -> None:
+    gaussians = make_gaussians(moment())
+    gaussians = gaussians.chosen(np.argsort(gaussians.pixels, kind="stable"))
+    better, kept = optimize(gaussians, moment(), 4)
+    begun = _Learned(gaussians.chosen(kept), better).begin(gaussians)
+    assert begun.chosen(kept).opacities == pytest.approx(better.opacities)
+    assert begun.chosen(kept).sizes == pytest.approx(better.sizes, rel=1e-5)
+    moved = gaussians.chosen(np.arange(len(gaussians)))
+    moved.places[:] += 0.3
+    again = _Learned(gaussians.chosen(kept), better).begin(moved)
+    assert (again.opacities == gaussians.opacities).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        (("--instants", "7-9"), ExitCode.BAD_INPUT, "no instant"),
+        (("--iterations", "-1"), ExitCode.USAGE, "--iterations"),
+    ],
+)
+def test_what_cannot_be_is_said(
+    reconstruct: Reconstruct, boards: Session, tmp_path: Path, options: tuple[str, ...], code: int, says: str
+) -> None:
+    done = reconstruct("splat", boards.folder, *options, "--out", tmp_path / "out")
+    assert done.code == code
+    assert says in done.err
+    assert not (tmp_path / "out").exists()

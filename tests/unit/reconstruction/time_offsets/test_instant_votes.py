@@ -1,0 +1,110 @@
+"""Every instant votes by itself: dropped frames, another frame rate, and runs that disagree are told."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reconstruction.report.findings import timing_sentences
+from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak
+from reconstruction.time_offsets.crossings import Crossings, fit_offset
+from reconstruction.time_offsets.instant_votes import Change, Step
+from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS, crossings
+
+INSTANTS = 24
+
+
+def take(
+    *jumps: tuple[int, int], drift: float = 0.0, wander_ms: float = 0.0, seed: int = 0, points: int = 12
+) -> Crossings:
+    """Points of each instant and wrong ones, 3; from each jump on, R is so many frames later."""
+    found = crossings(0.3, right=points * INSTANTS, wrong=70, instants=INSTANTS, seed=seed)
+    late_ms = drift * PERIOD_MS * (found.instant - INSTANTS / 2)
+    for instant, frames in jumps:
+        late_ms = late_ms + PERIOD_MS * frames * (found.instant >= instant)
+    wander = np.random.default_rng(seed).uniform(-wander_ms, wander_ms, INSTANTS)
+    return found.later(late_ms + wander[found.instant])
+
+
+def judged(found: Crossings) -> Timing:
+    return judge_timing(("L", "R"), fit_offset(found, NOTHING_STILL, PERIOD_MS), 0.0, PERIOD_MS)
+
+
+@pytest.mark.parametrize(
+    "jumps",
+    [[(15, 1)], [(9, 1)], [(8, 1), (16, 1)], [(3, 1)], [(21, 1)], [(12, -1)], [(7, 1), (17, -1)], [(12, 2)]],
+)
+def test_dropped_and_repeated_frames_are_placed(jumps: list[tuple[int, int]]) -> None:
+    for seed in range(3):
+        found = judged(take(*jumps, seed=seed))
+        assert [step.frames for step in found.change.steps] == [frames for _, frames in jumps]
+        for step, (instant, _) in zip(found.change.steps, jumps, strict=True):
+            assert abs(step.instant - instant) <= 1
+            assert step.earliest <= step.instant <= step.latest
+        assert found.offset
+        assert not found.synchronized
+        assert found.same_frame_ms is None
+        assert found.late_ms == pytest.approx(0.3, abs=2)
+
+
+def test_a_dropped_frame_is_told_with_what_to_do() -> None:
+    text = timing_sentences(judged(take((15, 1))))
+    assert "R is one frame later than L from instant 15 on" in text
+    assert "reconstruct time --repair-drops" in text
+
+
+def test_two_changes_are_told_together() -> None:
+    change = Change(steps=(Step(8, 1, 8, 8), Step(20, -1, 17, 22)))
+    text = "R is one frame later than L from instant 8 on, as before from instant 20 on (between 17 and 22)"
+    assert change.describe("R", "L") == text
+
+
+@pytest.mark.parametrize("drift", [0.05, -0.03, 0.2])
+def test_another_frame_rate_is_told(drift: float) -> None:
+    found = judged(take(drift=drift))
+    assert found.change.drift == pytest.approx(drift, abs=max(2 * found.change.drift_sd, 1e-3))
+    assert not found.change.steps
+    assert found.offset
+    assert found.same_frame_ms is None
+    assert "R's frames last " in timing_sentences(found)
+
+
+@pytest.mark.parametrize(("drift", "text"), [(1 / 6, "20 ± 3 % longer"), (-0.25, "20 ± 1 % shorter")])
+def test_frames_that_last_longer_are_told_by_their_own_length(drift: float, text: str) -> None:
+    """A delay that grows by a sixth of the time recorded is that of frames that last a fifth longer."""
+    assert Change(drift=drift, drift_sd=0.01).describe("R", "L") == f"R's frames last {text} than L's"
+
+
+@pytest.mark.parametrize("wander_ms", [0.0, 6.0])
+def test_what_is_steady_or_wanders_changes_nothing(wander_ms: float) -> None:
+    for seed in range(4):
+        found = judged(take(wander_ms=wander_ms, seed=seed))
+        assert not found.change
+        assert found.synchronized == (not wander_ms)
+
+
+def test_a_run_that_disagrees_takes_certificate_and_frame_away() -> None:
+    found = take()
+    odd = found.instant >= INSTANTS - 2
+    found = replace(found, offset_ms=np.where(odd, found.offset_ms + 0.7 * PERIOD_MS, found.offset_ms))
+    timing = judged(found)
+    assert not timing.change
+    assert timing.disagreeing == (INSTANTS - 2, INSTANTS - 1)
+    assert not timing.synchronized
+    assert timing.same_frame_ms is None
+    assert with_curve_peak(timing, [0.0] * 6, PERIOD_MS).same_frame_ms is None
+
+
+def test_two_instants_at_the_end_are_no_step_of_three_frames() -> None:
+    """Where motion turns back, points cross their lines again: two instants agree on another offset."""
+    assert not judged(take((INSTANTS - 2, 3), points=60)).change.steps
+    assert judged(take((INSTANTS - 2, 1), points=60)).change.steps
+
+
+def test_changes_of_pairs_add_up() -> None:
+    one, other = (
+        Change(steps=(Step(10, 1, 9, 11),)),
+        Change(steps=(Step(11, -1, 11, 12), Step(20, 1, 20, 20))),
+    )
+    assert one.followed_by(other).steps == (Step(20, 1, 20, 20),)
+    assert not one.followed_by(one.reversed())

@@ -1,0 +1,192 @@
+"""What crossings of epipolar lines agree on, among wrong matches and with a calibration that is off."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reconstruction.time_offsets.crossings import Crossings, StillErrors, fit_offset
+from reconstruction.time_offsets.pair_geometry import TERMS, geometry_terms
+from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
+
+PERIOD_MS = 20.0
+NOTHING_STILL = np.zeros(0), np.zeros((0, TERMS))
+
+
+def still(shift_px: float, count: int = 300) -> StillErrors:
+    """What stands still all over the picture, so far off its lines."""
+    rng = np.random.default_rng(9)
+    off = shift_px + rng.normal(0, 0.2, count)
+    return off, geometry_terms(A, B, *seen((2.0, 5.0), count, seed=9))
+
+
+def crossings(
+    offset_ms: float,
+    *,
+    right: int = 60,
+    wrong: int = 60,
+    shift_px: float = 0.0,
+    instants: int = 8,
+    seed: int = 0,
+    speeds: tuple[float, ...] = (-1, 1),
+) -> Crossings:
+    """Points that cross their line up- and downwards at other speeds; wrong ones cross it at any time."""
+    rng = np.random.default_rng(seed)
+    count = right + wrong
+    speed = rng.choice(speeds, count) * rng.uniform(0.1, 0.6, count)
+    found = offset_ms + (shift_px + rng.normal(0, 0.3, count)) / speed
+    found[right:] = rng.uniform(-150, 150, wrong)
+    geometry = geometry_terms(A, B, *seen((1.5, 6.0), count, seed=seed)) if count else np.zeros((0, TERMS))
+    return Crossings(
+        rng.integers(0, instants, count), found, speed, np.ones(count), np.zeros(count), geometry
+    )
+
+
+def test_the_error_bar_holds_the_error() -> None:
+    misses = []
+    for seed, offset_ms in enumerate(np.linspace(-80, 80, 30)):
+        found = fit_offset(crossings(float(offset_ms), seed=seed), NOTHING_STILL, PERIOD_MS)
+        assert found.offset_ms is not None, found.reason
+        assert found.sd_ms is not None
+        misses.append((found.offset_ms - offset_ms) / found.sd_ms)
+    assert np.sqrt(np.mean(np.square(misses))) < 1.4
+    assert np.max(np.abs(misses)) < 4
+
+
+def test_wrong_matches_tell_no_offset_where_all_else_moves_along_its_lines() -> None:
+    """A board that moves sideways before two cameras beside each other "was 66.6 ± 1.6 ms early"."""
+    alike = crossings(-66.0, right=60, wrong=560)
+    assert fit_offset(alike, NOTHING_STILL, PERIOD_MS).offset_ms is not None
+    along = crossings(0.0, right=0, wrong=9000, seed=1)
+    along = replace(along, across_px_per_ms=along.across_px_per_ms / 100)
+    found = fit_offset(Crossings.join([alike, along]), NOTHING_STILL, PERIOD_MS)
+    assert (found.offset_ms, found.reason) == (
+        None,
+        "nearly all moving points move along their epipolar lines",
+    )
+
+
+def test_a_calibration_that_is_off_is_no_lateness() -> None:
+    found = fit_offset(crossings(5.0, shift_px=1.5), still(1.4), PERIOD_MS)
+    assert found.offset_ms == pytest.approx(5.0, abs=1)
+    one_way = crossings(5.0, wrong=0, shift_px=1.5, seed=1, speeds=(0.9, 1.1))
+    known, unknown = (fit_offset(one_way, one, PERIOD_MS) for one in (still(1.5), NOTHING_STILL))
+    assert known.offset_ms == pytest.approx(5.0, abs=1.5)
+    assert known.sd_ms is not None
+    assert unknown.sd_ms is not None
+    # What moves one way hardly tells lateness from a calibration that is off, unless that is known.
+    assert unknown.sd_ms > 1.3 * known.sd_ms
+
+
+def test_a_calibration_that_does_not_fit_what_is_at_rest_measures_nothing() -> None:
+    found = fit_offset(crossings(5.0, shift_px=12.8), still(12.8, 139), PERIOD_MS)
+    assert found.offset_ms is None
+    assert found.misfit_px == pytest.approx(12.8, abs=0.2)
+    assert "139 points at rest are 12.8 pixels off their epipolar lines" in found.reason
+
+
+def test_a_corrected_calibration_gives_a_larger_error_and_is_remembered() -> None:
+    one_way = crossings(5.0, wrong=0, seed=1, speeds=(0.4, 0.5))
+    good, corrected = (fit_offset(one_way, still(0.0, 3), PERIOD_MS, px) for px in (0.0, 8.0))
+    assert good.sd_ms is not None
+    assert corrected.sd_ms is not None
+    assert corrected.sd_ms > good.sd_ms
+    assert (good.misfit_px, corrected.misfit_px) == (None, 8.0)
+
+
+def test_a_calibration_that_is_worse_at_rest_gives_a_larger_error() -> None:
+    """At rest the residuals vary over the picture as no smooth error of a calibration does."""
+    one_way = crossings(0.0, wrong=0, seed=1, speeds=(0.9, 1.1))
+    good, geometry = still(0.0)
+    bad = np.where(np.arange(len(good)) % 2, 1.6, -1.6) + good
+    small, large = (fit_offset(one_way, (off, geometry), PERIOD_MS).sd_ms for off in (good, bad))
+    assert small is not None
+    assert large is not None
+    assert large > 1.5 * small
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_an_error_of_the_geometry_can_explain_is_not_claimed(seed: int) -> None:
+    """All moves at one speed but for what the place in the picture explains."""
+    true = crossings(0.0, right=400, wrong=0, seed=seed, speeds=(1.0,))
+    speed = 0.15 + 0.1 * true.geometry[:, 2]
+    rng = np.random.default_rng(seed)
+    off_px = true.geometry @ (0.5 * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
+    found = fit_offset(
+        Crossings(true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry),
+        NOTHING_STILL,
+        33.0,
+    )
+    assert found.offset_ms is not None
+    assert found.sd_ms is not None
+    assert abs(found.offset_ms) < 2 * found.sd_ms
+
+
+def test_nothing_is_said_where_nothing_agrees() -> None:
+    nothing = fit_offset(crossings(0.0, right=0, wrong=0), NOTHING_STILL, PERIOD_MS)
+    assert nothing.offset_ms is None
+    assert "too few moving points" in nothing.reason
+    chance = [
+        fit_offset(crossings(0.0, right=0, wrong=120, seed=s), NOTHING_STILL, PERIOD_MS) for s in range(20)
+    ]
+    assert sum(found.offset_ms is not None for found in chance) <= 1
+    alone = fit_offset(crossings(3.0, instants=1), NOTHING_STILL, PERIOD_MS)
+    assert alone.offset_ms is None
+    assert "3 are needed" in alone.reason
+
+
+def test_one_instant_that_disagrees_does_not_move_the_result() -> None:
+    good, late = crossings(0.0, wrong=0, instants=6), crossings(15.0, right=30, wrong=0, instants=1)
+    odd = replace(late, instant=late.instant + 6)
+    found = fit_offset(Crossings.join([good, odd]), still(0.0), PERIOD_MS)
+    assert found.offset_ms == pytest.approx(0.0, abs=1)
+    assert found.instants[-1].late_ms == pytest.approx(15.0, abs=2)
+
+
+def test_crossings_of_one_point_are_one_measurement() -> None:
+    """A point crosses its line in both cameras and for each other image, always with its own error."""
+    few = crossings(0.0, right=60, wrong=0, instants=6)
+    again = Crossings.join([few] * 4)
+    once, often = (fit_offset(one, still(0.0), PERIOD_MS).instants for one in (few, again))
+    for one, four in zip(once, often, strict=True):
+        assert four.sd_ms == pytest.approx(one.sd_ms, rel=0.1)
+        assert four.points == pytest.approx(one.points, abs=1)
+
+
+def test_an_outline_of_which_a_part_is_missing_makes_its_instant_and_the_offset_less_certain() -> None:
+    sharp = crossings(0.0, right=80, wrong=0, instants=8)
+    rough = replace(sharp, shared_px=np.where(sharp.instant < 4, 1.5, 0.3))
+    before, after = (fit_offset(one, still(0.0), PERIOD_MS) for one in (sharp, rough))
+    assert before.sd_ms is not None
+    assert after.sd_ms is not None
+    assert after.sd_ms > 1.2 * before.sd_ms
+    errors = {one.instant: one.sd_ms for one in after.instants}
+    assert errors[1] > 2 * errors[6]
+
+
+def test_a_geometry_that_moving_points_contradict_widens_the_error() -> None:
+    """A moving rig sees nothing at rest: what its points tell of the geometry says how wrong it may be."""
+    true = crossings(0.0, right=400, wrong=0, speeds=(1.0,))
+    speed = 0.15 + 0.1 * true.geometry[:, 2]
+    rng = np.random.default_rng(3)
+    found = []
+    for size in (0.3, 6.0):
+        off_px = true.geometry @ (size * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
+        seen = replace(true, offset_ms=off_px / speed, across_px_per_ms=speed)
+        found.append(fit_offset(seen, NOTHING_STILL, 33.0))
+    small, large = found
+    assert small.sd_ms is not None
+    assert large.sd_ms is None or large.sd_ms > 1.5 * small.sd_ms
+
+
+def test_instants_that_are_vague_confirm_nothing() -> None:
+    """A wheel that turns: one instant agrees with itself, others agree by chance with what is near it."""
+    sharp = crossings(0.0, wrong=0, instants=1)
+    vague = [
+        replace(few, instant=few.instant + later, offset_ms=np.array([-7.0, 0.5, 6.0, 8.0]))
+        for later, seed in ((1, 5), (2, 6))
+        for few in [crossings(0.0, right=4, wrong=0, instants=1, seed=seed)]
+    ]
+    found = fit_offset(Crossings.join([sharp, *vague]), still(0.0), PERIOD_MS)
+    assert found.offset_ms is None
+    assert "3 are needed" in found.reason

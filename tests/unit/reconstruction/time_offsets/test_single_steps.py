@@ -1,0 +1,56 @@
+"""Single steps of time offsets, each against a value that can be worked out by hand."""
+
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.time_offsets.crossings import Crossings, _Fit
+from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
+from reconstruction.time_offsets.motion_alignment import rough_offsets_ms
+from reconstruction.time_offsets.pair_geometry import geometry_terms
+from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL
+from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
+
+WIDTH_MS, ROW_MS, FIRST_MS = 10.0, 0.05, 100.0
+
+
+def test_an_edge_is_of_the_row_whose_exposure_it_halves() -> None:
+    rows = np.arange(480)
+    times_ms = FIRST_MS + ROW_MS * rows
+    at = times_ms[200]
+    lit = np.clip((times_ms - at) / WIDTH_MS + 0.5, 0, 1)
+    edge = BlinkEdge(True, rows.astype(float), times_ms, lit, np.full(480, 0.01))
+    found = find_edge_time(edge, (WIDTH_MS, 1.0))
+    assert found is not None
+    assert found[0] == pytest.approx(at, abs=0.05)
+    assert found[1] == pytest.approx(200, abs=2)
+
+
+@pytest.mark.parametrize("late_ms", [-700.0, 0.0, 450.0])
+def test_bursts_of_motion_tell_roughly_how_late_a_camera_is(late_ms: float) -> None:
+    rng = np.random.default_rng(4)
+    scene_ms, busy = np.arange(-3000.0, 12000.0, 20.0), rng.uniform(0, 1, 750)
+    busy = np.convolve(busy, np.hanning(9), "same") ** 4
+
+    def activity(start_ms: float, late_ms: float) -> tuple[Array, Array]:
+        """What a camera shows from a time of its own on; late by that, it shows what was before."""
+        times_ms = np.arange(start_ms, start_ms + 8000.0, 33.0)
+        return times_ms, np.interp(times_ms + late_ms, scene_ms, busy)
+
+    first, second = activity(40.0, 0.0), activity(160.0, late_ms)
+    assert rough_offsets_ms(first, second, 33.0)[0] == pytest.approx(late_ms, abs=25)
+
+
+def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> None:
+    """Runs of four: of the lags 1 and 2, a half and none of the variance, at weights of 2/3 and 1/3."""
+
+    def sd_ms(signs: Array) -> float:
+        instants = np.repeat(np.arange(len(signs)), 12)
+        speed = np.tile([0.5, -0.5], len(instants) // 2)
+        late_ms = 2.0 * signs[instants]
+        geometry = geometry_terms(A, B, *seen((1.5, 6.0), len(instants), seed=1))
+        one, none = np.ones(len(instants)), np.zeros(len(instants))
+        return _Fit(Crossings(instants, late_ms, speed, one, none, geometry), NOTHING_STILL, 1.0).sd_ms
+
+    fours, twos = np.tile([1, 1, 1, 1, -1, -1, -1, -1], 5), np.tile([1, 1, -1, -1], 10)
+    assert sd_ms(fours) / sd_ms(twos) == pytest.approx((1 + 2 / 3) ** 0.5, abs=0.1)

@@ -1,0 +1,92 @@
+"""What is said of a recording whose cameras have no common times."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import run
+from capture_app.common.errors import ExitCode
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
+from capture_app.session.library.listing import read_card
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import judge
+from capture_app.session.reading.verify import verify
+from tests.unit.session.importing.numbered_video import write_video
+
+
+def imported(folder: Path, *arguments: str) -> Session:
+    assert (
+        run(["sessions", "import", str(folder), "--out", str(folder.parent), "--name", "s", *arguments]) == 0
+    )
+    return Session.open(folder.parent / "s")
+
+
+@pytest.fixture
+def videos(tmp_path: Path) -> Path:
+    for name in ("left", "right"):
+        write_video(tmp_path / "rec" / f"{name}.mp4", [33_333 * n for n in range(6)])
+    return tmp_path / "rec"
+
+
+@pytest.mark.parametrize("arguments", [["--times", "video"], ["--fps", "30"]])
+def test_two_videos_by_themselves_are_not_synchronized(
+    videos: Path, arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = imported(videos, *arguments)
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state == "unknown"
+    verdict = judge(session.manifest)
+    assert (verdict.grade, verdict.spread_ns) == ("unknown", None)
+    assert verdict.headline.startswith(NOT_SYNCHRONIZED)
+    assert read_card(session.folder).unsynchronized
+    assert verify(session) == []
+    capsys.readouterr()
+    assert run(["sessions", "show", str(session.folder)]) == ExitCode.OK
+    shown = capsys.readouterr().out
+    assert NOT_SYNCHRONIZED in shown
+    assert "if the times are right" not in shown
+    assert " apart at the median" not in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "state"),
+    [
+        (["--fps", "30", "--synchronized"], "given"),
+        (["--synchronized"], "given"),
+        (["--time-shift-ms", "right=-33"], "given"),
+        (["--times", "video", "--uncertainty-ms", "2"], "given"),
+    ],
+)
+def test_what_the_user_says_of_the_times_is_kept_as_said(
+    videos: Path, arguments: list[str], state: TimesState, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = imported(videos, *arguments)
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.state is state
+    assert NOT_SYNCHRONIZED not in capsys.readouterr().out
+
+
+def test_numbered_images_and_tables_have_common_times(
+    tmp_path: Path, make_images: Callable[..., Path]
+) -> None:
+    names = [f"{n}.png" for n in range(3)]
+    folder = make_images("left", names).parent
+    make_images("right", names)
+    of_images = imported(folder, "--fps", "10").manifest.burst.common_times
+    table = tmp_path / "times.csv"
+    rows = [f"{camera},{n},{n / 10}" for camera in ("left", "right") for n in range(3)]
+    table.write_text("\n".join(["camera,frame,time", *rows]))
+    arguments = ["--out", str(tmp_path / "other"), "--name", "t", "--timestamps", str(table)]
+    assert run(["sessions", "import", str(folder), *arguments]) == ExitCode.OK
+    of_table = Session.open(tmp_path / "other" / "t").manifest.burst.common_times
+    assert of_images is not None
+    assert of_table is not None
+    assert (of_images.state, of_table.state) == ("given", "recorded")
+
+
+def test_one_camera_needs_no_common_times(tmp_path: Path) -> None:
+    write_video(tmp_path / "rec" / "only.mp4", [0, 40_000])
+    assert imported(tmp_path / "rec", "--times", "video").manifest.burst.common_times is None

@@ -1,0 +1,96 @@
+"""Folders of which a part can be used: a mute clip, a later clip, chapters; and what is no recording."""
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import run
+from capture_app.common.errors import ExitCode
+from capture_app.session.importing import recording_sources
+from capture_app.session.importing.clips import find_shoots
+from capture_app.session.importing.recording_sources import Video
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from tests.unit.session.conftest import jpeg
+from tests.unit.session.importing.numbered_video import numbers_of, write_video
+from tests.unit.session.importing.strangers import CLAPS, A, B
+
+
+def imported(folder: Path, *arguments: str) -> Session:
+    out = folder.parent / "out"
+    call = ["sessions", "import", str(folder), "--out", str(out), "--name", "s", *arguments]
+    assert run(call) == ExitCode.OK
+    session = Session.open(out / "s")
+    assert verify(session) == []
+    return session
+
+
+def test_a_count_is_from_where_all_run(tmp_path: Path) -> None:
+    for name, phone in (("a", A), ("b", B)):
+        replace(phone, fps=15).record(CLAPS, tmp_path / "in" / f"{name}.mp4", 6)
+    session = imported(tmp_path / "in", "--count", "5")
+    assert [len(images) for images in session.images_by_instant()] == [2] * 5
+
+
+def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, first in (("GX010012.MP4", 0), ("GX020012.MP4", 3), ("GX030012.MP4", 6)):
+        write_video(tmp_path / "in" / name, (0, 33_000, 66_000), first=first)
+    write_video(tmp_path / "in" / "GOPR0044.MP4", (0, 33_000, 66_000, 99_000, 132_000))
+    write_video(tmp_path / "in" / "GP010044.MP4", (0, 33_000, 66_000, 99_000), first=5)
+    shoots, left_out = find_shoots(tmp_path / "in")
+    assert [sorted(clip.path.name for clip in clips.values()) for _, clips in shoots] == [
+        ["GOPR0044.MP4", "GX010012.MP4"]
+    ]
+    assert left_out == []
+    video = Video("a", tmp_path / "in" / "GX010012.MP4")
+    assert video.note == "GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4"
+    assert [at_ns // 1_000_000 for at_ns in video.use_embedded_times()] == list(range(0, 297, 33))
+    monkeypatch.setattr(recording_sources, "count_video_streams", lambda path: 2)
+    video.use_embedded_times()
+    assert video.note.startswith("GX010012.MP4 goes on in GX020012.MP4, GX030012.MP4; GX010012.MP4 has more")
+    monkeypatch.undo()
+    session = imported(tmp_path / "in")
+    shown = numbers_of(session)
+    assert len(shown) == 9
+    assert all(set(of.values()) == {number} for number, of in enumerate(shown))
+
+
+def refused(path: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    assert run(["sessions", "import", str(path), "--out", str(path.parent / "out")]) == ExitCode.BAD_INPUT
+    return capsys.readouterr().err
+
+
+def test_what_is_no_recording_is_named_with_what_would_read_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with zipfile.ZipFile(tmp_path / "shoot.zip", "w") as archive:
+        archive.writestr("a.mp4", b"")
+    talk = refused(tmp_path / "shoot.zip", capsys)
+    assert "is an archive" in talk
+    assert f"capture-app sessions import {tmp_path}/shoot" in talk
+    (tmp_path / "packed").mkdir()
+    (tmp_path / "shoot.zip").rename(tmp_path / "packed" / "shoot.zip")
+    assert "packed/shoot.zip is an archive" in refused(tmp_path / "packed", capsys)
+    flat = tmp_path / "flat"
+    flat.mkdir()
+    for number in range(3):
+        for side in ("L", "R"):
+            (flat / f"{side}_{number:04}.jpg").write_bytes(jpeg(number))
+    talk = refused(flat, capsys)
+    assert "6 images of 2 cameras by their names: L, R" in talk.replace("R, L", "L, R")
+    assert "mv L*.jpg L/" in talk
+    single = tmp_path / "single"
+    single.mkdir()
+    for number in range(3):
+        (single / f"IMG_{number:04}.jpg").write_bytes(jpeg(number))
+    talk = refused(single, capsys)
+    assert "3 images of one camera" in talk
+    assert f"capture-app sessions import cam0={single} --fps" in talk
+
+
+def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "My clip (1).mp4", (0, 33_000, 66_000))
+    session = imported(tmp_path / "in" / "My clip (1).mp4")
+    assert [camera.name for camera in session.manifest.cameras] == ["My-clip-1"]

@@ -1,0 +1,75 @@
+"""Bursts whose frames are told as they come, in virtual time: of any length, ended early, cut off."""
+
+from dataclasses import replace
+
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
+from capture_app.common.clock import SimulatedClock
+from capture_app.plugins.cameras.sim.profiles import PROFILES
+from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
+from tests.unit.sync.rig.rigs import LAN, S, ready_rig
+
+FRAMES = 300
+"""Five times what the ring buffer holds."""
+
+
+def rig_of_two(drop_fraction: float = 0.0) -> VirtualRig:
+    profile = replace(PROFILES["perfect"], drop_fraction=drop_fraction)
+    return ready_rig([NodeSpec(f"cam{n}", profile, SimulatedClock(n * S), LAN) for n in range(2)], seed=3)
+
+
+def ended(rig: VirtualRig, number: int) -> bool:
+    return all(number in node.bursts and node.bursts[number].ended for node in rig.nodes.values())
+
+
+def test_every_frame_of_a_long_burst_is_reported_as_it_arrives() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=FRAMES, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[100], limit_ns=10 * S)
+    for node in rig.nodes.values():
+        assert 99 <= node.bursts[burst.number].over <= 101
+        assert not node.bursts[burst.number].ended
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
+    for node in rig.nodes.values():
+        picked = node.bursts[burst.number]
+        assert [pick.instant for pick in picked.frames] == [*range(FRAMES)]
+        assert all(abs(p.frame.start_true_ns - burst.instants_ns[p.instant]) < 150_000 for p in picked.frames)
+        events = [event for event in node.events if isinstance(event, FramesSelected)]
+        assert max(len(event.frames) for event in events) <= 2
+        assert len(node.client.ring) <= 61
+
+
+def test_dropped_frames_are_reported_with_the_rest() -> None:
+    rig = rig_of_two(drop_fraction=0.05)
+    burst = rig.trigger(frames=FRAMES, streamed=True)
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
+    for node in rig.nodes.values():
+        picked = node.bursts[burst.number]
+        instants = sorted([p.instant for p in picked.frames] + [gap.instant for gap in picked.gaps])
+        assert instants == [*range(FRAMES)]
+        assert picked.gaps
+        assert {gap.reason for gap in picked.gaps} == {DROPPED}
+        assert picked.over == FRAMES
+
+
+def test_a_long_burst_can_be_ended_early() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=10_000_000, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[50], limit_ns=10 * S)
+    assert rig.end(burst, 70).frames == 70
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=10 * S)
+    for node in rig.nodes.values():
+        assert [pick.instant for pick in node.bursts[burst.number].frames] == [*range(70)]
+        assert not node.client.has_burst_pending
+
+
+def test_a_burst_ends_with_its_leader() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=10_000_000, streamed=True)
+    # A node notices within one request, mostly before a frame just taken has arrived.
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
+    rig.restart_leader()
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=60 * S)
+    for node in rig.nodes.values():
+        picked = node.bursts[burst.number]
+        assert picked.over == len(picked.frames) >= 50
+        assert abs(picked.frames[0].residual_ns) < 100_000, "it begins on the grid, though its end is open"

@@ -1,0 +1,3 @@
+"""Sessions for jobs."""
+
+from tests.unit.session.conftest import session as session

@@ -1,0 +1,211 @@
+"""Help, palette, changed keys, and leaving."""
+
+import asyncio
+import re
+from pathlib import Path
+
+import pytest
+from textual.command import Command, CommandList, CommandPalette
+from textual.dom import DOMNode
+
+from capture_app.common.errors import NetworkError
+from capture_app.protocol.orders import StopRig
+from capture_app.protocol.status import BurstStatus
+from capture_app.tui.app import SimulshotApp
+from capture_app.tui.jobs.run import COMMANDS
+from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
+from capture_app.tui.question import Question
+from capture_app.tui.screen_settings import Settings
+from tests.project import ROOT
+from tests.unit.tui.driving import make_app, screen_of, settle, text, toasts, until
+from tests.unit.tui.fake_rig import FakeRig, make_node
+
+
+def own_rig(cameras: int = 2) -> FakeRig:
+    """A rig whose cameras are processes of the leader's."""
+    rig = FakeRig(0)
+    rig.nodes = tuple(make_node(f"cam{n:02d}", on_leader=True) for n in range(cameras))
+    return rig
+
+
+async def test_help_lists_the_keys_of_where_it_is_asked_for() -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("question_mark")
+        await settle(pilot)
+        shown = text(app, "#help-keys")
+        for words in ("del ", "Remove", "remove a lost one", "everywhere", "asks first"):
+            assert words in shown
+        await pilot.press("escape")
+        assert not isinstance(app.screen, HelpScreen)
+        await pilot.press("4", "question_mark")
+        await settle(pilot)
+        assert "remove a lost one" not in text(app, "#help-keys")
+
+
+async def test_the_palette_does_what_a_key_does() -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("ctrl+p")
+        palette = screen_of(app, CommandPalette)
+        await pilot.press(*"add cameras")
+        found = palette.query_one(CommandList)
+        await until(
+            pilot,
+            lambda: [one.hit.text for one in found.options if isinstance(one, Command)] == ["Add cameras"],
+        )
+        await pilot.press("down", "enter")
+        await settle(pilot)
+        assert app.screen.query_one("#start").display
+
+
+def test_every_action_has_a_name_and_words() -> None:
+    assert {"app.quit", "rig.remove", "start.simulate"} <= set(known_actions())
+    assert all(action.description and action.key for action in known_actions().values())
+
+
+def test_a_letter_means_the_same_on_every_screen() -> None:
+    meanings: dict[str, set[str]] = {}
+    for action in known_actions().values():
+        for key in action.key.split(","):
+            # Other keys move, open and close what is on the screen; lists also move by j and k.
+            if len(key) == 1 and key not in "jk" and key.isalpha():
+                meanings.setdefault(key, set()).add(action.description)
+    assert len(meanings) > 25
+    assert {key: labels for key, labels in meanings.items() if len(labels) > 1} == {}
+
+
+def test_every_key_has_an_action_that_exists() -> None:
+    known_actions()  # imports all screens
+    kinds, missing = [DOMNode], []
+    while kinds:
+        kind = kinds.pop()
+        kinds += kind.__subclasses__()
+        if kind.__module__.startswith("capture_app."):
+            for binding in kind.__dict__.get("BINDINGS", ()):
+                action, _, parameter = binding.action.partition("(")
+                what = parameter.strip("')")
+                is_method = action == "on_session" and what not in COMMANDS
+                method = f"_{what}" if is_method else f"action_{action}"
+                if "." not in action and not hasattr(kind, method):
+                    missing.append(f"{kind.__name__}.{method}")
+    assert not missing
+
+
+async def test_keys_are_changed_in_a_file_that_help_writes(tmp_path: Path) -> None:
+    app = make_app(FakeRig(5), settings=Settings.load(tmp_path))
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await settle(pilot)
+        for _ in range(2):  # the second time it exists already, and stays
+            await pilot.press("question_mark", "W")
+            for worker in [worker for worker in app.workers if worker.group == "settings"]:
+                await worker.wait()
+            await settle(pilot)
+        path = tmp_path / "keys.toml"
+        assert path.read_text() == keys_file_text()
+        assert any("exists already" in toast for toast in toasts(app))
+    lines = path.read_text().splitlines()
+    (line,) = (line for line in lines if "rig.log" in line)
+    path.write_text(line.replace("# ", "", 1).replace('"L"', '"z"') + '\n"rig.dance" = "y"\n')
+    app = make_app(FakeRig(5), settings=Settings.load(tmp_path))
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await settle(pilot)
+        assert toasts(app) == ["keys.toml names unknown actions: rig.dance; the help (?) lists all"]
+        await pilot.press("z")
+        assert app.focused is app.screen.query_one("#log")
+
+
+@pytest.mark.parametrize(("key", "stopped"), [("l", False), ("s", True)])
+async def test_a_rig_of_this_machine_is_left_or_stopped_as_the_user_says(key: str, stopped: bool) -> None:
+    rig = own_rig()
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        assert isinstance(app.screen, Question)
+        await pilot.press("n")  # stay
+        await settle(pilot)
+        assert app.is_running
+        assert not rig.asked
+        await pilot.press("q", key)
+        await settle(pilot)
+    assert rig.asked == ([("order", StopRig())] if stopped else [])
+    assert app.return_code == 0
+
+
+async def test_a_rig_that_takes_its_time_to_stop_is_said_to_be_stopping(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig, stopped = own_rig(), asyncio.Event()
+
+    async def order(_: object) -> None:
+        await stopped.wait()
+
+    monkeypatch.setattr(rig, "order", order)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await settle(pilot)
+        await pilot.press("q", "s")
+        await settle(pilot)
+        assert toasts(app) == ["Stopping the rig …"]
+        stopped.set()
+        await settle(pilot)
+    assert app.return_code == 0
+
+
+async def leaves_at_once(app: SimulshotApp) -> bool:
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        return not isinstance(app.screen, Question)
+
+
+async def test_nothing_is_asked_where_nothing_is_lost() -> None:
+    elsewhere = own_rig()
+    assert await leaves_at_once(make_app(elsewhere, local=False))
+    assert await leaves_at_once(make_app(FakeRig(5)))  # cameras of other machines, a rig that was there
+    assert not await leaves_at_once(make_app(FakeRig(5), started=True))
+    empty = FakeRig(0)
+    assert await leaves_at_once(make_app(empty, started=True))
+    assert empty.asked == [("order", StopRig())]
+    assert not elsewhere.asked
+
+
+async def test_a_burst_under_way_is_spoken_of_and_a_rig_that_will_not_stop_too() -> None:
+    rig = own_rig()
+    rig.burst_status = BurstStatus(burst=1, name="burst-001", cameras=2, instants=5, received=3, expected=10)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        assert "burst-001 is being saved" in str(app.screen.query_one(".question").render())
+        rig.failure = NetworkError("the leader does not answer")
+        await pilot.press("s")
+        await settle(pilot)
+    assert app.return_code == 0
+    assert rig.asked == [("order", StopRig())]
+
+
+async def test_leaving_twice_needs_no_answer() -> None:
+    rig = own_rig()
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("ctrl+q")
+        await settle(pilot)
+        await pilot.press("ctrl+q")
+        await settle(pilot)
+    assert app.return_code == 0
+    assert not rig.asked
+
+
+def test_the_page_names_actions_that_exist() -> None:
+    page = (ROOT / "docs" / "terminal-ui.md").read_text()
+    named = set(re.findall(r'^    "([\w.-]+)" = ', page, re.MULTILINE))
+    assert named
+    assert unknown_names(named) == []

@@ -1,0 +1,64 @@
+"""Jobs that are started from the list of sessions: their forms, and what they leave."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.widgets import Input, OptionList, Static
+
+from capture_app.tui.jobs.run import COMMANDS
+from tests.unit.tui.driving import settle, until
+from tests.unit.tui.library.screen import choose, library, text, type_text
+
+NO_PATHS = ("~nobody-of-this-name/films", "x" * 300)
+
+
+def jobs(pilot: Any) -> list[Any]:
+    return list(pilot.app.runs.all)
+
+
+async def test_no_explanation_is_cut_at_80_columns(sessions: Path) -> None:
+    async with library(sessions, (80, 24)) as pilot:
+        await choose(pilot, "one")
+        for key in ("A", "e"):
+            await pilot.press(key)
+            await settle(pilot)
+            options = pilot.app.screen.query_one(OptionList)
+            width = options.scrollable_content_region.width
+            assert all(option.prompt.cell_length <= width - 2 for option in options.options)
+            await pilot.press("escape")
+            await settle(pilot)
+
+
+async def test_how_far_a_job_is_is_told_beside_its_session_at_once(
+    sessions: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("capture_app.tui.library.sessions_view.LOOK_AGAIN_S", 3600.0)
+    quick = replace(COMMANDS["compare"], module="tests.unit.tui.jobs.quick_command")
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        going = pilot.app.runs.add(
+            quick, sessions / "one", f"wait {tmp_path / 'go'} say '[3/5] depth' wait {tmp_path / 'never'}"
+        )
+        await until(pilot, lambda: "▶ compare" in text(pilot.app))
+        (tmp_path / "go").touch()
+        await until(pilot, lambda: "▶ compare 40 %" in text(pilot.app))
+        await pilot.app.runs.cancel(going)
+
+
+async def test_a_path_that_none_can_be_is_no_folder_and_no_error(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        await pilot.press("I")
+        await settle(pilot)
+        line = pilot.app.screen.query_one(Input)
+        line.focus()
+        for typed in NO_PATHS:
+            await type_text(pilot, typed)
+            assert line.value == typed
+            wrong = pilot.app.screen.query_one(".wrong", Static)
+            assert "this folder does not exist" in str(wrong.content)
+        await pilot.press("escape")
+        await settle(pilot)
+        assert not jobs(pilot)

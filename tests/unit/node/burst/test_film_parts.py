@@ -12,8 +12,8 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.messages import FilmPart, Refusal
 from capture_app.session.format.burst_plan import MissingRun
 from tests.images import small_jpeg
-from tests.node.burst.test_broken_off_recordings import begin, recording_of, whole
-from tests.node.bursts import IMAGE, burst_session, pieces, report, upload
+from tests.unit.node.burst.test_broken_off_recordings import begin, recording_of, whole
+from tests.unit.node.bursts import IMAGE, burst_session, pieces, report, upload
 
 OTHER = small_jpeg(b"another picture")
 TORN = IMAGE[: len(IMAGE) // 2]

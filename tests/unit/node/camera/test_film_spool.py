@@ -9,7 +9,7 @@ from capture_app.node.camera import film_spool
 from capture_app.node.camera.film_spool import SpooledFilm
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.files.durable import write_all
-from tests.node.bursts import IMAGE, upload
+from tests.unit.node.bursts import IMAGE, upload
 
 FRAMES = [(upload("a", instant), IMAGE) for instant in range(6)]
 

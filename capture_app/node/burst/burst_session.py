@@ -561,6 +561,12 @@ class BurstSession:
             except SimulshotError as error:
                 self.failure = error
                 self.message = f"{error}; then: capture-app sessions repair {self.folder}"
+                if not self.folder.exists():
+                    self.failure = BadInputError(
+                        f"{self.folder} was removed while it was being written",
+                        hint="its cameras keep the images that were not saved before",
+                    )
+                    self.message = str(self.failure)
                 await on_disk(self._disk, self._writer.abort)
             self.finished.set()
 

@@ -9,6 +9,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
+from errno import ENOENT
 from pathlib import Path
 
 import msgspec
@@ -166,6 +167,9 @@ class VideoStore:
             try:
                 if frames:
                     os.fdatasync(video.handle)
+                    if not os.fstat(video.handle).st_nlink:
+                        # A person has deleted it; no frame of it may count as saved.
+                        raise FileNotFoundError(ENOENT, os.strerror(ENOENT), video.record.path)
                     video.lines.append(*(line for _, line, _ in frames), durable=True)
             except OSError:
                 self._truncate(video)

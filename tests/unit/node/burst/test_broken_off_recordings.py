@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import shutil
 import threading
 from collections.abc import AsyncIterator
 from hashlib import sha256
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.common.errors import DiskFullError, TryAgainError
+from capture_app.common.errors import DiskError, DiskFullError, TryAgainError
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
@@ -126,6 +127,19 @@ async def test_a_recording_that_a_full_disk_ends_is_whole_once_there_is_room(
     longer = whole(session.folder).manifest
     assert (len(longer.burst.instants_ns), len(longer.images)) == (end + 2, 2 * end + 2)
     assert {gap.camera for gap in longer.missing} == {"b"}
+
+
+async def test_a_recording_whose_folder_is_removed_ends_and_acknowledges_nothing_more(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        await bring(session, "a", 0)
+        shutil.rmtree(session.folder)
+        with pytest.raises(DiskError):
+            await bring(session, "a", 1)
+        await until(session.finished.is_set)
+        assert "was removed while it was being written" in session.message
+        assert not bursts._bursts, "it is not open any more"
 
 
 async def test_frames_after_the_end_that_an_operator_ordered_are_not_acknowledged(

@@ -21,8 +21,8 @@ from capture_app.session.files.durable import AppendOnlyFile, write_all
 from capture_app.session.format.journal import lines_of_file, record_of_line
 
 FILM, INDEX = ".film", ".ndjson"
-SEGMENT_BYTES = 32 << 20
-"""Length of a segment, which is deleted when the leader has all its frames."""
+SEGMENT_BYTES = 8 << 20
+"""Length of a segment; most are deleted before the system has written them to the disk."""
 
 
 class IndexLine(Struct, frozen=True, kw_only=True):
@@ -48,6 +48,8 @@ class SpooledFilm:
         self._places: dict[int, tuple[Segment, int]] = {}
         """Segment and offset of each frame that the leader does not have, by instant."""
         self._current: Segment | None = None
+        self._number = 0
+        """Number of the last segment; 0 while unknown."""
         self._handle = -1
         self._lines: AppendOnlyFile | None = None
         self._unsynced: set[Segment] = set()
@@ -147,8 +149,11 @@ class SpooledFilm:
         """Return the current segment, a new one after SEGMENT_BYTES. Raises OSError."""
         if self._current is None or self._lines is None or self._current.length >= SEGMENT_BYTES:
             self._close()
-            numbers = [int(path.stem) for path in self._folder.glob(f"*{FILM}") if path.stem.isdecimal()]
-            segment = Segment(self._folder / f"{1 + max(numbers, default=0):06d}{FILM}")
+            if not self._number:
+                left = (path.stem for path in self._folder.glob(f"*{FILM}"))
+                self._number = max((int(stem) for stem in left if stem.isdecimal()), default=0)
+            self._number += 1
+            segment = Segment(self._folder / f"{self._number:06d}{FILM}")
             self._handle = os.open(segment.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
             self._current, self._lines = segment, AppendOnlyFile(segment.index)
         return self._current, self._lines

@@ -31,6 +31,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.readiness import (
     check_room,
     degraded_nodes,
+    drift_apart,
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
@@ -57,6 +58,8 @@ SOON_NS = 30_000_000_000
 """Bursts that begin later than this count as ahead, and not among those being saved."""
 SURE_FRAMES = 300
 """A recording needs room for at least this many frames of each camera before it begins."""
+UNKNOWN_LENGTH_NS = 60_000_000_000
+"""For a recording without an end, the cameras' drift within this time is reported."""
 SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
@@ -197,6 +200,11 @@ class ActiveBursts:
         grid = engine.grid
         # Without a camera there is no grid; `order` reports that.
         order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
+        if grid is not None and order.streamed:
+            is_open = request.frames is None and request.seconds is None
+            lasts_ns = UNKNOWN_LENGTH_NS if is_open else order.frames * order.spacing * grid.period_ns
+            if drift := drift_apart(grid, engine.roster.cameras(), asked_ns, lasts_ns):
+                yield replace(before, message=drift)
         session = await self.order(order, name=request.name, note=request.note)
         for follower in self._options.followers:
             follower.take_part(session)

@@ -65,6 +65,8 @@ class LazyGroup(click.Group):
         elif cmd_name in (names := self.list_commands(ctx)):
             command = load_plugin(PLUGIN_COMMANDS, cmd_name, "get_short_help_str")
         else:
+            if cmd_name in importlib.import_module("capture_app.commands.sessions").sessions.commands:
+                raise click.UsageError(f"No such command '{cmd_name}': it is capture-app sessions {cmd_name}")
             # Click's suggestions for a mistyped name come from this attribute.
             self.commands = {name: click.Command(name) for name in names}
             return None

@@ -1,5 +1,6 @@
-"""Processor time of each test: the dearest are printed at the end, and a unit test that is too dear fails."""
+"""Processor time of each test: the dearest are printed, and in CI a unit test that is too dear fails."""
 
+import os
 import resource
 import time
 from collections.abc import Generator, Iterable
@@ -7,7 +8,10 @@ from collections.abc import Generator, Iterable
 import pytest
 
 UNIT_LIMIT_S = 1.0
-"""Processor time that a test in tests/unit may take; what takes more belongs in tests/system."""
+"""Processor time that a test in tests/unit may take in CI; what takes more belongs in tests/system.
+
+Elsewhere nothing is refused: on a machine at a load of 16 the same test takes two and a half times as much.
+"""
 DEAREST = 10
 _PROPERTY = "cpu_s"
 
@@ -25,7 +29,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     result = yield
     cost_s = cpu_s() - before_s
     item.user_properties.append((_PROPERTY, cost_s))
-    if item.nodeid.startswith("tests/unit/") and cost_s > UNIT_LIMIT_S:
+    if os.environ.get("CI") and item.nodeid.startswith("tests/unit/") and cost_s > UNIT_LIMIT_S:
         pytest.fail(
             f"a unit test of {cost_s:.1f} s of a processor, over {UNIT_LIMIT_S:g} s: "
             "make it cheaper, or move it to tests/system",

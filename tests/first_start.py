@@ -1,5 +1,6 @@
 """Computes in a fresh clone, once and on all processors, what each of pytest's workers would compute."""
 
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from multiprocessing import get_context
@@ -29,8 +30,10 @@ def compile_changed_tests(config: pytest.Config) -> None:
 
 
 def save_characters() -> None:
-    """Let Hypothesis save its table of all characters, which takes it two seconds."""
-    st.text().validate()
+    """Let Hypothesis save its table of all characters: two seconds, and a warning that it is early."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        st.text().validate()
 
 
 def compiled(path: Path) -> Path:

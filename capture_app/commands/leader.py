@@ -178,7 +178,7 @@ async def _run_leader(
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
-            for warning in await asyncio.to_thread(warnings_for_leader, host, node.address.port):
+            for warning in await asyncio.to_thread(warnings_for_leader, host, node.address.port, sessions):
                 talk(warning)
                 node.log.add(warning, level="warning")
             if as_json:

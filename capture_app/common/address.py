@@ -73,6 +73,10 @@ def parse_address(text: str) -> Address:
     port = int(found["port"]) if found["port"] else DEFAULT_PORT
     if not 0 < port < 65536:
         raise ValueError(f"port {port} in {text!r} is not between 1 and 65535")
+    try:
+        found["host"].encode("idna")
+    except UnicodeError:
+        raise ValueError(f"the host in {text!r} has an empty part or one of over 63 letters") from None
     return Address(found["host"], port)
 
 

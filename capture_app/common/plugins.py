@@ -11,7 +11,7 @@ from typing import Any
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.optional_packages import DISTRIBUTION
-from capture_app.common.text import first_line
+from capture_app.common.text import first_line, printable
 from capture_app.common.timeouts import NAMED_PLUGIN_TIMEOUT_S, PLUGIN_TIMEOUT_S
 
 COMMANDS = f"{DISTRIBUTION}.commands"
@@ -54,7 +54,7 @@ def _load_all(group: str, attributes: tuple[str, ...], path: tuple[str, ...]) ->
         try:
             loaded[name] = _load(package, entry, attributes, PLUGIN_TIMEOUT_S)
         except NotAvailableError as error:
-            _log.warning("%s", error)
+            _log.warning("%s", printable(str(error)))
     return loaded
 
 
@@ -62,7 +62,7 @@ def _find_plugins(group: str, path: tuple[str, ...]) -> Mapping[str, tuple[str, 
     """Return a group's packages and entry points by name, sorted; no package replaces one of simulshot's."""
     found = [one for one in _find_all(path) if one[1].group == group]
     found.sort(key=lambda one: (one[0] == DISTRIBUTION, one[0]))
-    return dict(sorted({entry.name: (package, entry) for package, entry in found}.items()))
+    return dict(sorted({printable(entry.name): (package, entry) for package, entry in found}.items()))
 
 
 @cache
@@ -79,8 +79,8 @@ def _find_all(path: tuple[str, ...]) -> list[tuple[str, EntryPoint]]:
         except Exception as error:  # noqa: BLE001 - whatever other people's packages hold
             _log.warning(
                 "the package at %s is skipped: %s (reinstall it, or remove that folder)",
-                getattr(distribution, "_path", distribution),
-                first_line(error),
+                printable(str(getattr(distribution, "_path", distribution))),
+                printable(first_line(error)),
             )
     return [(package, entry) for package, entries in found.items() for entry in entries]
 

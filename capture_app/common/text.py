@@ -8,9 +8,14 @@ from typing import Any, Self
 import msgspec
 
 NO_VALUE = "–"
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-_C1_CONTROL = re.compile(rb"\x7f|\xc2[\x80-\x9f]")
-_JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|\x7f|\xc2[\x80-\x9f]", re.DOTALL)
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff]")
+"""Controls of a terminal, line separators, and what turns the order of the letters on a line round."""
+_SURROGATE = re.compile(r"[\ud800-\udfff]")
+"""Bytes of a file name that are not UTF-8: no terminal can show them."""
+_UNESCAPED = rb"\x7f|\xc2[\x80-\x9f]|\xd8\x9c|\xe2\x80[\x8e\x8f\xa8-\xae]|\xe2\x81[\xa6-\xa9]|\xef\xbb\xbf"
+"""The same controls in UTF-8, but those that JSON escapes anyway."""
+_JSON_CONTROL = re.compile(_UNESCAPED)
+_JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|" + _UNESCAPED, re.DOTALL)
 """In JSON: an escape sequence, or a control character that needs no escape."""
 REPLACEMENT = b"\xef\xbf\xbd"
 Talk = Callable[[str], None]
@@ -72,7 +77,9 @@ def first_line(error: object) -> str:
 
 def printable(text: str) -> str:
     """Return the text with control characters, except tabs and line ends, replaced by their escapes."""
-    return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
+    for odd in (_CONTROL, _SURROGATE):
+        text = odd.sub(lambda found: ascii(found[0])[1:-1], text)
+    return text
 
 
 def printable_json(data: bytes) -> bytes:
@@ -90,7 +97,7 @@ def _printable_escape(found: re.Match[bytes]) -> bytes:
 
 def terminal_json(value: Any) -> bytes:
     """Encode msgspec structs or plain data as JSON without characters that a terminal interprets."""
-    return _C1_CONTROL.sub(lambda found: b"\\u00%02x" % found[0][-1], msgspec.json.encode(value))
+    return _JSON_CONTROL.sub(lambda found: b"\\u%04x" % ord(found[0].decode()), msgspec.json.encode(value))
 
 
 def pretty_json(value: Any) -> bytes:

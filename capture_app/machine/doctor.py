@@ -33,6 +33,7 @@ from capture_app.net.reachability import find_obstacle
 from capture_app.node.camera.burst_upload import REPORT
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.rig_link import ask_status
+from capture_app.session.files.abilities import missing_abilities
 from capture_app.session.files.disk import disk_error, free_bytes
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
@@ -105,6 +106,8 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
     if mb_s < SLOW_MB_S:
         remedy = remedy or f"{other} on a faster disk"
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
+    if lacks := missing_abilities(folder):
+        what, remedy = f"{what}; {'; '.join(lacks)}", remedy or f"go on, or {other}"
     return Finding("disk", "warning" if remedy else "good", what, remedy)
 
 
@@ -237,15 +240,17 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     return Finding("discovery", "good", text)
 
 
-def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[str]:
-    """Return warnings about this machine as a leader's: what would block or degrade other machines' cameras.
+def warnings_for_leader(host: str, port: int, sessions: Path, root: Path = Path("/")) -> list[str]:
+    """Return warnings about this machine as a leader's: what `sessions` lacks, and what hinders cameras.
 
-    Nothing for a leader that only this machine can reach. `root` is the root of the machine's files.
+    Nothing of the network for a leader that only this machine can reach. `root` is the root of the
+    machine's files.
     """
+    lacks = [f"{sessions}: {lack}" for lack in missing_abilities(sessions)] if sessions.is_dir() else []
     if not announced_hosts(host):
-        return []
+        return lacks
     found = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
-    return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
+    return lacks + [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
 
 
 def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ A rig's leader signs its answers to nodes below relays with that key: a relay ca
 
 import contextlib
 import datetime
+import errno
 import functools
 import os
 import secrets
@@ -46,7 +47,7 @@ def load_identity(folder: Path) -> Identity:
         if not path.exists():
             # If another process is faster, its key remains.
             with private_part(path, _new_pem()) as part, contextlib.suppress(FileExistsError):
-                os.link(part, path)
+                _put(part, path)
         pem = path.read_text("ascii")
         certificate = ssl.PEM_cert_to_DER_cert(pem[pem.index("-----BEGIN CERTIFICATE-----") :])
     except OSError as error:
@@ -60,6 +61,19 @@ def load_identity(folder: Path) -> Identity:
             hint="delete it, and pair this machine again",
         ) from error
     return Identity(path, certificate, pin_of(certificate))
+
+
+def _put(part: Path, path: Path) -> None:
+    """Give a file its name, unless another has it. Raises FileExistsError; OSError."""
+    try:
+        os.link(part, path)
+    except OSError as error:
+        # Android's storage and some CIFS have no hard links.
+        if error.errno not in (errno.EPERM, errno.EACCES, errno.ENOSYS, errno.EOPNOTSUPP):
+            raise
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from error
+        part.replace(path)
 
 
 @contextlib.contextmanager

@@ -33,6 +33,10 @@ MIN_PAIR_POINTS = 50
 MIN_TRACKS = 15
 """Minimum common points of three cameras that are compared."""
 RANSAC_PX = 2.0
+PLANE_PX = 3.0
+"""Maximum distance of a match from where a plane's homography puts it; noise and a lens' distortion."""
+MIN_BESIDE_PLANE, MIN_BESIDE_FRACTION = 30, 0.1
+"""Minimum number and fraction of matches that are not in the plane of most."""
 MIN_INLIER_FRACTION = 0.4
 """Minimum fraction of a pair's matches that one epipolar geometry must explain, or a calibration."""
 INCONSISTENT_PX = 1.0
@@ -211,6 +215,23 @@ def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Ar
     if matrix is None or inliers is None or inliers.mean() < MIN_INLIER_FRACTION:
         return None
     return np.asarray(inliers.ravel().astype(bool))
+
+
+def fit_one_plane(at_a: Array, at_b: Array) -> bool:
+    """Return whether matches (n, 2) px determine no geometry: one plane, or one turn, explains nearly all.
+
+    So do points on a wall, points far away, and those of a camera that only turned. They fit many poses and
+    focal lengths equally well (Hartley and Zisserman, 11.6).
+    """
+    if len(at_a) < MIN_MATCHES:
+        return True
+    _, epipolar = cv2.findFundamentalMat(at_a, at_b, cv2.FM_RANSAC, RANSAC_PX, 0.999, 5000)
+    _, plane = cv2.findHomography(at_a, at_b, cv2.RANSAC, PLANE_PX)
+    if epipolar is None or plane is None:
+        return True
+    sure = epipolar.ravel()[: len(at_a)] > 0
+    beside = int((sure & (plane.ravel() == 0)).sum())
+    return beside < max(MIN_BESIDE_PLANE, MIN_BESIDE_FRACTION * int(sure.sum()))
 
 
 def _triples(matches: Groups) -> Groups:

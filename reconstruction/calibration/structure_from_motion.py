@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import product
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.reading.decoding import read_exif
-from reconstruction.common.geometry import View
+from reconstruction.calibration.consistency import fit_one_plane
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget, usable_cores
 from reconstruction.common.native_libraries import ForeignError, load_pycolmap
@@ -170,10 +171,26 @@ def _found(
 
 
 def _lens_errors_text(pycolmap: Any, rec: Any) -> str:
-    """Describe the uncertainty of the focal lengths."""
+    """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
+    if all(fit_one_plane(*at) for at in _shared_pixels(rec)):
+        return ", focal lengths perhaps far off: these points lie in one plane, or far away"
     percent = [100 * error for error in focal_errors(pycolmap, rec)]
     off = f"off by up to {min(percent):.1f} to {max(percent):.1f} % (95 %)" if percent else "perhaps far off"
     return f", focal lengths {off}"
+
+
+def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
+    """Return the pixels (n, 2) of common points in the images of two cameras, for each two."""
+    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    places = [
+        {point.point3D_id: point.xy for point in image.points2D if point.has_point3D()}
+        for image in shown.values()
+    ]
+    shared = (([*one.keys() & other.keys()], one, other) for one, other in combinations(places, 2))
+    return [
+        (np.array([one[key] for key in keys]), np.array([other[key] for key in keys]))
+        for keys, one, other in shared
+    ]
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
@@ -273,6 +290,8 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
+    # With several threads, the images' order in the database, and so the result, changes from run to run.
+    extraction.num_threads = 1
     reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
@@ -284,7 +303,9 @@ def _solve(
         device=pycolmap.Device.cpu,
     )
     _set_focal_lengths(pycolmap, database, focal_px)
-    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    pycolmap.match_exhaustive(database, verification_options=verification, device=pycolmap.Device.cpu)
     plain = work / "plain.db"
     shutil.copy(database, plain)
     found = None
@@ -295,7 +316,11 @@ def _solve(
         # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
         (work / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(
-            random_seed=0, multiple_models=False, min_model_size=2, ba_refine_focal_length=not held
+            random_seed=0,
+            num_threads=1,
+            multiple_models=False,
+            min_model_size=2,
+            ba_refine_focal_length=not held,
         )
         with suppress(ForeignError):
             found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
@@ -326,7 +351,7 @@ def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: boo
         pycolmap.calibrate_view_graph(database)
     work = database.parent
     (work / "rig").mkdir()
-    options = pycolmap.GlobalPipelineOptions(random_seed=0, min_model_size=2)
+    options = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
     options.mapper.bundle_adjustment.refine_focal_length = not held
     return _largest(pycolmap.global_mapping(database, work.parent / "images", work / "rig", options))
 

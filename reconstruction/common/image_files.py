@@ -48,10 +48,9 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         )
     # Decoders write warnings about broken files to stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):
-        how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR)
+        how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
         raw = np.fromfile(path, np.uint8) if data is None else np.frombuffer(data, np.uint8)
         image = cv2.imdecode(raw, how)
-        # An image rotated by its EXIF orientation keeps its shape; the caller then refuses it.
         if image is not None and size is not None and _same_shape(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if image is None:
@@ -71,8 +70,6 @@ def read_small_image(path: Path, longest_px: int) -> Array:
     scale = min(1.0, longest_px / max(width, height))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     image = read_image(path, size)
-    # Its EXIF orientation may have rotated it.
-    size = size if image.shape[1::-1] == size else size[::-1]
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 

@@ -224,7 +224,8 @@ class OffsetFit:
     misfit_px: float | None = None
     """Median epipolar error of static points (of all if cameras move), if the calibration does not fit them.
 
-    If the offset is known, it was measured with a geometry corrected by these points.
+    0 if it is a guess from these points, which fit other calibrations as well. If the offset is known, it was
+    measured with a geometry corrected by these points.
     """
     change: Change = UNCHANGED
     """How the offset changes over the take; `offset_ms` is then that of the first instant."""

@@ -11,6 +11,8 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError
 from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.calibration.consistency import fit_one_plane
+from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
@@ -68,6 +70,10 @@ LINEAR_STEPS = 4
 """Maximum number of times that points are moved along their paths to the offset found."""
 PLACINGS, BESIDE_STEP = 3, 6
 """Maximum number of times that further instants around a step are measured, and how many each time."""
+UNDETERMINED = (
+    "the calibration is a guess from points that lie in one plane, or far away, and that fit other poses as "
+    "well: calibrate with a board"
+)
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
 
@@ -124,10 +130,8 @@ class PairOffsets:
         `rough` is an approximate offset to search around, instead of 0.
         """
         views = self.rig.views
-        if missing := [name for name in (first, second) if name not in views]:
-            return OffsetFit(reason=f"{missing[0]} has no calibration")
-        if np.linalg.norm(views[first].centre - views[second].centre) == 0:
-            return OffsetFit(reason="both cameras are at the same place")
+        if reason := self._why_unmeasurable(first, second):
+            return OffsetFit(reason=reason, misfit_px=0.0 if reason == UNDETERMINED else None)
         times = ImageTimes(self.dataset, (first, second))
         near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
         others = {other: times.at_ms(second, other) + near_ms for other in self.dataset.instants(second)}
@@ -183,6 +187,16 @@ class PairOffsets:
             crossings = Crossings.join((crossings, cross(pair, more)))
             fit = fit_offset(crossings, still, period_ms, recorded_px)
         return self._placed(fit.later(near_ms), (first, second))
+
+    def _why_unmeasurable(self, first: str, second: str) -> str:
+        """Return why the calibration shows no offset between two cameras; empty if it does."""
+        views = self.rig.views
+        if missing := [name for name in (first, second) if name not in views]:
+            return f"{missing[0]} has no calibration"
+        if np.linalg.norm(views[first].centre - views[second].centre) == 0:
+            return "both cameras are at the same place"
+        is_guess = GUESS in self.rig.source and not self.moving((first, second))
+        return UNDETERMINED if is_guess and fit_one_plane(*self._still_matches(first, second)) else ""
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterator
 
 from tests.virtual.plan import Plan, draw
-from tests.virtual.planted import PLANTED
-from tests.virtual.run import Result, run, run_seed
+from tests.virtual.planted import FAULTS
+from tests.virtual.run import Result, hunt, judged_together, run, run_seed
 
 
 def _seeds(text: str) -> list[int]:
@@ -25,7 +25,7 @@ def shrink(plan: Plan, plant: str) -> tuple[Plan, list[int]]:
         is_smaller = False
         for number in reversed(kept):
             fewer = [other for other in kept if other != number]
-            if run(plan.only(fewer), PLANTED.get(plant)).failures:
+            if run(plan.only(fewer), FAULTS.get(plant)).failures:
                 kept, is_smaller = fewer, True
     return plan.only(kept), kept
 
@@ -43,16 +43,36 @@ def _results(seeds: list[int], jobs: int, plant: str) -> Iterator[Result]:
 def main() -> int:
     """Run the command."""
     asks = argparse.ArgumentParser(prog="python -m tests.virtual")
-    asks.add_argument("seeds", help="a seed, or a range as 0-299")
+    asks.add_argument("seeds", nargs="?", help="a seed, or a range as 0-299")
     asks.add_argument("--only", help="numbers of the plan's steps to keep, as 0,3,5")
     asks.add_argument("--shrink", action="store_true", help="search the fewest steps that still fail")
     asks.add_argument("--verbose", action="store_true", help="show the plan and the log")
-    asks.add_argument("--plant", choices=PLANTED, default="", help="put this fault into the product")
+    asks.add_argument(
+        "--plant",
+        choices=("all", *FAULTS),
+        default="",
+        help="put this fault into the product; without seeds: search the first seed that finds it, or each",
+    )
     asks.add_argument("--first", action="store_true", help="stop at the first seed that fails")
     asks.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     asked = asks.parse_args()
+    if asked.seeds is None:
+        if not asked.plant:
+            asks.error("give a seed, a range of seeds, or --plant")
+        return _hunt(list(FAULTS) if asked.plant == "all" else [asked.plant], asked.jobs)
     seeds = _seeds(asked.seeds)
     return _one(seeds[0], asked) if len(seeds) == 1 else _many(seeds, asked)
+
+
+def _hunt(names: list[str], jobs: int) -> int:
+    """Search each planted fault, and print how it was found."""
+    missed = 0
+    with multiprocessing.get_context("spawn").Pool(min(jobs, len(names)), maxtasksperchild=1) as pool:
+        for found in pool.imap(hunt, names):
+            print(found, flush=True)
+            missed += found.seed is None
+    print(f"{len(names) - missed} of {len(names)} planted faults found")
+    return bool(missed)
 
 
 def _one(seed: int, asked: argparse.Namespace) -> int:
@@ -65,7 +85,7 @@ def _one(seed: int, asked: argparse.Namespace) -> int:
         steps = ",".join(str(n if only is None else only[n]) for n in kept)
         print(f"python -m tests.virtual {seed} --only {steps} --verbose")
         print(plan)
-    result = run(plan, PLANTED.get(asked.plant))
+    result = run(plan, FAULTS.get(asked.plant))
     if asked.verbose:
         for at_ns, machine, words in result.trace:
             print(f"{at_ns / 1e9:9.3f} {machine:6} {words}")
@@ -77,7 +97,7 @@ def _many(seeds: list[int], asked: argparse.Namespace) -> int:
     failed = []
     done = 0
     cpu_s = virtual_s = 0.0
-    for result in _results(seeds, asked.jobs, asked.plant):
+    for result in judged_together(_results(seeds, asked.jobs, asked.plant)):
         done, cpu_s, virtual_s = done + 1, cpu_s + result.cpu_s, virtual_s + result.virtual_s
         if result.failures or asked.verbose:
             print(result, flush=True)

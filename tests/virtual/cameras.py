@@ -1,20 +1,24 @@
 """Cameras of a virtual rig: a simulated sensor whose images are ready-made, and say when they were taken."""
 
+import asyncio
 import struct
 from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from msgspec import structs
 
 from capture_app.cameras.base import OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.frames import CapturedFrame, FramePicture
 from capture_app.common.camera_facts import EXACT_STAMPS, PhaseControl
 from capture_app.common.errors import CameraError
 from capture_app.plugins.cameras.sim.profiles import SensorProfile
 from capture_app.plugins.cameras.sim.rendering.picture_source import PictureSource
 from capture_app.plugins.cameras.sim.sensor import Sensor, SensorFrame
 from capture_app.plugins.cameras.sim.simulation_driver import SimulatedCamera
+from capture_app.plugins.cameras.sound.sound_camera import SoundPicture
+from capture_app.plugins.cameras.sound.sound_ring import SoundRing
 from capture_app.session.reading.decoding import encode_image
 
 if TYPE_CHECKING:
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 WIDTH, HEIGHT = 64, 48
 _MARK = b"virtual rig "
 _STAMP = struct.Struct(">12sq16s")
+SOUND_HZ, SOUND_BLOCK_S = 8_000, 0.1
 PROFILE = SensorProfile(
     name="virtual",
     model="Virtual camera",
@@ -40,8 +45,6 @@ PROFILE = SensorProfile(
 
 @cache
 def _jpeg() -> bytes:
-    import numpy as np
-
     shade = np.linspace(0, 255, WIDTH * HEIGHT * 3).reshape(HEIGHT, WIDTH, 3)
     return encode_image(shade.astype(np.uint8))
 
@@ -73,10 +76,17 @@ class ReadyPicture(PictureSource):
 
 def true_ns_of(image: bytes) -> tuple[str, int] | None:
     """Return camera and true start of the exposure of a virtual camera's image; None of any other."""
-    if image[2:4] != b"\xff\xfe" or image[6 : 6 + len(_MARK)] != _MARK:
+    # After the sound, if there is any.
+    at = image.find(b"\xff\xfe\x00" + bytes([_STAMP.size + 2]) + _MARK)
+    if at < 0:
         return None
-    _, true_ns, camera = _STAMP.unpack_from(image, 6)
+    _, true_ns, camera = _STAMP.unpack_from(image, at + 4)
     return camera.rstrip(b"\0").decode(), true_ns
+
+
+def sound_number(true_ns: int) -> int:
+    """Return the number of the sample at a true time."""
+    return true_ns * SOUND_HZ // 1_000_000_000
 
 
 class Device:
@@ -85,6 +95,8 @@ class Device:
     def __init__(self) -> None:
         self.is_stalled = self.is_lost = False
         self.opened: VirtualCamera | None = None
+        self.delivered_ns: list[int] = []
+        """True time of the start of each frame that it delivered."""
 
 
 class VirtualCamera(SimulatedCamera):
@@ -100,11 +112,14 @@ class VirtualCamera(SimulatedCamera):
         drops: float,
         image_bytes: int,
         lie: str,
+        has_sound: bool = False,
     ) -> None:
         if device.is_lost:
             raise CameraError("the camera is not connected", hint="connect it")
         profile = replace(PROFILE, drop_fraction=drops)
-        self._world, self._device = world, device
+        self._world, self._device, self._clock_of_machine = world, device, clock
+        self._sound = SoundRing(SOUND_HZ) if has_sound else None
+        self._listening: asyncio.Task[None] | None = None
         device.opened = self
         super().__init__(
             Sensor(profile, world.chance("sensor", name, world.now_ns)),
@@ -127,10 +142,35 @@ class VirtualCamera(SimulatedCamera):
         """Start streaming."""
 
         def pass_on(frame: CapturedFrame) -> None:
-            if not self._device.is_stalled:
-                on_frame(replace(frame, encode_truth=None, true_ns=None))
+            if self._device.is_stalled:
+                return
+            assert frame.true_ns is not None
+            self._device.delivered_ns.append(frame.true_ns)
+            picture: FramePicture = frame.picture
+            if self._sound is not None:
+                picture = SoundPicture(picture, frame.timestamp_ns, self._sound)
+            on_frame(replace(frame, picture=picture, encode_truth=None, true_ns=None))
 
         await super().start(pass_on, on_failure)
+        if self._sound is not None:
+            self._listening = asyncio.create_task(self._listen(self._sound))
+
+    async def stop(self) -> None:
+        """Stop the camera and its microphone."""
+        if self._listening is not None:
+            self._listening.cancel()
+        await super().stop()
+
+    async def _listen(self, ring: SoundRing) -> None:
+        """Record a microphone's blocks; each sample is its own number, modulo 2 ** 15."""
+        ring.begin_stream()
+        heard = sound_number(self._world.now_ns)
+        while True:
+            await asyncio.sleep(SOUND_BLOCK_S)
+            until = sound_number(self._world.now_ns)
+            samples = (np.arange(heard, until) & 0x7FFF).astype("<i2")
+            ring.add(samples.tobytes(), self._clock_of_machine.now_ns())
+            heard = until
 
     def fail(self) -> None:
         """Go away, as a camera that is unplugged."""

@@ -3,27 +3,53 @@
 import asyncio
 import contextlib
 import hashlib
-from collections import Counter
-from collections.abc import Iterator
+import math
+import re
+from bisect import bisect_left
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.machine.repair import repair
+from capture_app.plugins.cameras.sound.image_sound import SoundPart, sounds_of
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
+from capture_app.session.format.manifest import EVENTS, ImageRecord, Manifest
+from capture_app.session.format.marks import RIG_MARKS, marks_of
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
-from tests.virtual.cameras import true_ns_of
-from tests.virtual.rig import OrderedBurst, VirtualRig
+from tests.virtual.cameras import SOUND_HZ, sound_number, true_ns_of
+from tests.virtual.evidence import OrderedBurst, TimeError, Told
+from tests.virtual.rig import VirtualRig
 
 BEFORE_S, AFTER_S = 3.0, 6.0
 """A fault this long before a burst's order or after its last instant may cost frames."""
-MIN_TIMES, MIN_COVERAGE = 20, 0.9
-"""Fraction of the 95 % bars that hold the true time, of so many or more, where no clock is slewed."""
+HARMLESS = ("clock-slew", "disk-slow", "late-link")
+"""Faults that cost no frame, however long they last."""
 MAX_LINES_PER_MINUTE = 120
 MAX_HELD_S = 0.1
 """Processor time of one step of a leader's event loop, which hears nobody meanwhile."""
+STAMP_NOISE_NS = 20_000
+"""More than the noise of a virtual camera's timestamps: five times its deviation."""
+MAX_BARS = 2.0
+"""Maximum error of a time in 95 % uncertainties, where no clock is slewed and links are as assumed."""
+MIN_LINKS, MAX_ERRORS = 40, 5.0
+"""Over so many links: the mean uncertainty is at most this many times the root mean square error."""
+CHANCE = 1e-4
+"""Probability with which a run's uncertainties that are right count as too narrow."""
+SOUND_ERROR_NS = 30_000_000
+"""Maximum error of the time of sound: a microphone's block arrives up to some ms late."""
+MAX_OVERRUN_S = 3.0
+"""Time within which a recording is over once its operator has ended it."""
+
+Sessions = Mapping[tuple[int, int], "Saved"]
+"""Sessions by the key of their burst."""
 
 
 def broken(rig: VirtualRig) -> Iterator[str]:
@@ -34,11 +60,19 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         with contextlib.suppress(SimulshotError):  # there may be nothing to repair
             asyncio.run(repair(sessions_folder, wait_s=0, address=Address("127.0.0.1", 1), log=Log()))
     sessions = sessions_of(rig)
-    yield from _opened(sessions)
-    yield from _confirmed(rig, sessions)
-    yield from _honest(rig, sessions)
-    yield from _timed(rig, sessions)
-    yield from _said(rig, sessions)
+    for look in (
+        _opened,
+        _confirmed,
+        _honest,
+        _long_enough,
+        _timed,
+        _said,
+        _named,
+        _cancelled,
+        _marked,
+        _heard,
+    ):
+        yield from look(rig, sessions)
     for folder, files in Counter(str(Path(file).parent) for file in rig.spooled(rig.absent_leaders)).items():
         yield f"left in a spool: {files} images in {folder}"
     minutes = rig.world.elapsed_s() / 60
@@ -72,13 +106,36 @@ class Saved:
         except SimulshotError as error:
             self.error = str(error)
 
+    @cached_property
+    def manifest(self) -> Manifest | None:
+        """The session's manifest; None if it does not open."""
+        return None if self.session is None else self.session.manifest
+
     def checksums(self) -> dict[tuple[str, int], str]:
         """Return the images' checksums, by camera and instant as ordered."""
-        if self.session is None or self.plan is None:
+        if self.manifest is None or self.plan is None:
             return {}
-        images = self.session.manifest.images
+        images = self.manifest.images
         chosen = self.plan.chosen or range(max((image.instant for image in images), default=0) + 1)
         return {(image.camera, chosen[image.instant]): image.sha256 for image in images}
+
+    @cached_property
+    def true_images(self) -> list[tuple[ImageRecord, int, bytes]]:
+        """The images of virtual cameras that are as they were taken, with their true times and bytes."""
+        found = []
+        for image in () if self.session is None or self.manifest is None else self.manifest.images:
+            data = b""
+            with contextlib.suppress(SimulshotError, OSError):
+                data = self.session.image_bytes(image)
+            is_whole = self.session is not None and hashlib.sha256(data).hexdigest() == image.sha256
+            if (is_whole or self._is_video) and (true := true_ns_of(data)) is not None:
+                found.append((image, true[1], data))
+        return found
+
+    @property
+    def _is_video(self) -> bool:
+        """Whether it is a recording, whose frames have no checksums of their own."""
+        return self.plan is not None and self.plan.streamed is not None and self.plan.streamed.video
 
 
 def sessions_of(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
@@ -91,7 +148,15 @@ def sessions_of(rig: VirtualRig) -> dict[tuple[int, int], Saved]:
     return found
 
 
-def _opened(sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
+def _judged(rig: VirtualRig, sessions: Sessions) -> Iterator[tuple[OrderedBurst, Saved, Manifest]]:
+    """Yield the bursts that have a session which opens."""
+    for of in rig.evidence.bursts:
+        saved = sessions.get(of.key)
+        if saved is not None and saved.manifest is not None:
+            yield of, saved, saved.manifest
+
+
+def _opened(_: VirtualRig, sessions: Sessions) -> Iterator[str]:
     for saved in sessions.values():
         if saved.session is None and (saved.folder / "images").exists():
             yield f"{saved.folder.name} does not open: {saved.error}"
@@ -99,102 +164,340 @@ def _opened(sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
             yield f"{saved.folder.name}: {problem}"
 
 
-def _confirmed(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
-    """No image is lost that a node was told is safe."""
-    cancelled = {of.key for of in rig.evidence.bursts if of.cancelled}
-    by_key: dict[tuple[int, int], dict[tuple[str, int], str]] = {}
-    lost: dict[tuple[int, int], list[str]] = {}
-    for (leader, burst, camera, instant), sha256 in sorted(rig.evidence.confirmed.items()):
-        key = (leader, burst)
-        if key in cancelled or camera in rig.plan.liars:
+def _confirmed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """No image is lost that a node was told is safe, or that it has made safe in its own spool."""
+    bursts = {of.key: of for of in rig.evidence.bursts}
+    frames = {of.key: of.session.burst.frames for of in rig.evidence.bursts if of.burst.streamed}
+    checksums = {key: saved.checksums() for key, saved in sessions.items()}
+    lost: defaultdict[tuple[str, tuple[int, int]], list[str]] = defaultdict(list)
+    safe = {key: ("synced in its node's spool", *of) for key, of in rig.evidence.synced.items()}
+    safe |= {key: ("confirmed", *of) for key, of in rig.evidence.confirmed.items()}
+    for image, (what, sha256, at_ns) in sorted(safe.items()):
+        *of_burst, camera, instant = image
+        key = (of_burst[0], of_burst[1])
+        of, saved = bursts.get(key), sessions.get(key)
+        if camera in rig.plan.liars:
             continue
-        if key not in by_key:
-            by_key[key] = sessions[key].checksums() if key in sessions else {}
-        saved = sessions.get(key)
+        # After an operator has ended a recording its nodes may delete later frames, unconfirmed.
+        if what != "confirmed" and instant >= frames.get(key, instant + 1):
+            continue
+        # Of a take that is cancelled, only what had arrived is saved.
+        if (
+            of is not None
+            and of.cancel_asked_ns is not None
+            and (what != "confirmed" or at_ns >= of.cancel_asked_ns)
+        ):
+            continue
+        if what != "confirmed" and (of is None or _is_elsewhere(rig, of, saved, camera, instant)):
+            continue
         streamed = None if saved is None or saved.plan is None else saved.plan.streamed
-        there = by_key[key].get((camera, instant))
+        there = checksums.get(key, {}).get((camera, instant))
         # The frames of a video have no checksums of their own.
         if there is None or (there != sha256 and not (streamed is not None and streamed.video)):
-            lost.setdefault(key, []).append(f"{camera}/{instant}")
-    for key, images in lost.items():
+            lost[what, key].append(f"{camera}/{instant}")
+    for (what, key), images in lost.items():
         name = sessions[key].folder.name if key in sessions else f"burst {key}, which has no session"
-        yield f"confirmed and lost: {len(images)} of {name}: {', '.join(images[:5])}"
+        yield f"{what} and lost: {len(images)} of {name}: {', '.join(images[:5])}"
 
 
-def _honest(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
-    """A camera that was ready, and that nothing befell, is whole in its burst."""
+def _is_elsewhere(rig: VirtualRig, of: OrderedBurst, saved: Saved | None, camera: str, instant: int) -> bool:
+    """Return whether an image of a node's spool is still there, or need not be in the session."""
+    if saved is not None and saved.plan is not None:
+        chosen = saved.plan.chosen
+        if chosen is not None and instant not in chosen:
+            return True
+    # What a leader had begun that does not lead any more waits for it.
+    return of.machine in rig.absent_leaders or camera not in of.burst.clients
+
+
+def _honest(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """Each frame that a camera delivered is saved, if it was ready and nothing befell it or the leader."""
     for of in rig.evidence.bursts:
-        if of.cancelled or of.session.order_end is not None or of.machine in rig.absent_leaders:
+        if of.cancel_asked_ns is not None or of.machine in rig.absent_leaders:
             continue
+        honest = [name for name in of.ready if name not in rig.plan.liars and not _befell(rig, of, name)]
         saved = sessions.get(of.key)
-        there = {} if saved is None else saved.checksums()
-        frames = of.burst.frames
-        for camera in of.ready:
-            if camera in rig.plan.liars or rig.plan.drops or _is_excused(rig, of, camera):
-                continue
-            received = sum(name == camera for name, _ in there)
-            if received < frames:
-                yield (
-                    f"{of.name} has {received} of {frames} images of {camera}, which was ready"
-                    + ("" if saved is not None else "; there is no session")
-                )
+        if saved is None or saved.manifest is None:
+            if any(_delivered(rig, of, name, of.burst.instants_ns[0]) for name in honest):
+                yield f"{of.name} has no session, and nothing befell {', '.join(honest)}"
+            continue
+        yield from _whole(rig, of, saved.manifest, honest)
 
 
-def _is_excused(rig: VirtualRig, of: OrderedBurst, camera: str) -> bool:
+def _whole(rig: VirtualRig, of: OrderedBurst, manifest: Manifest, honest: list[str]) -> Iterator[str]:
+    instants_ns = manifest.burst.instants_ns
+    there = {(image.camera, image.instant) for image in manifest.images}
+    delays_ns = {camera.name: camera.delay_ns for camera in manifest.cameras}
+    for name in honest:
+        delivered = [
+            number
+            for number, at_ns in enumerate(instants_ns)
+            if _delivered(rig, of, name, at_ns + delays_ns.get(name, 0))
+        ]
+        if missing := [number for number in delivered if (name, number) not in there]:
+            yield (
+                f"{of.name} lacks {len(missing)} of the {len(delivered)} frames that {name} delivered, which"
+                f" was ready and which nothing befell: at instants {', '.join(map(str, missing[:5]))}"
+            )
+    if of.burst.video or {*honest} != {*of.burst.clients}:
+        return
+    if len(instants_ns) < of.burst.frames:
+        yield f"{of.name} has {len(instants_ns)} of the {of.burst.frames} instants that were ordered"
+    for skipped in manifest.burst.skipped:
+        if all(_delivered(rig, of, name, skipped.leader_ns + delays_ns.get(name, 0)) for name in honest):
+            yield f"{of.name} skips an instant of which every camera delivered its frame"
+
+
+def _delivered(rig: VirtualRig, of: OrderedBurst, camera: str, leader_ns: int) -> bool:
+    """Return whether a camera delivered a frame at that time, well within half a period of it."""
+    due_ns, within_ns = int(of.clock.true_from_local(leader_ns)), of.burst.period_ns // 3
+    stamps_ns = rig.devices[camera].delivered_ns
+    place = bisect_left(stamps_ns, due_ns - within_ns)
+    return place < len(stamps_ns) and stamps_ns[place] <= due_ns + within_ns
+
+
+def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | None = None) -> bool:
+    """Return whether anything befell these cameras or a leader that may have cost frames of a burst."""
     begins_ns = min(of.ordered_ns, int(of.clock.true_from_local(of.burst.instants_ns[0]))) - BEFORE_S * 1e9
-    ends_ns = of.last_ns() + AFTER_S * 1e9
-    concerned = {camera, of.machine, "lead", "lead2"}
-    if camera in rig.plan.behind_relay:
+    ends_ns = of.last_ns() if ends_ns is None else ends_ns
+    concerned = {*cameras, of.machine, "lead", "lead2"}
+    if {*cameras} & {*rig.plan.behind_relay}:
         concerned.add("relay")
     return any(
         span.target in concerned
-        and span.from_ns <= ends_ns
+        and span.kind not in HARMLESS
+        and span.from_ns <= ends_ns + AFTER_S * 1e9
         # Of what was killed, it takes a while until it is ready again.
         and span.until_ns + AFTER_S * 1e9 >= begins_ns
         for span in rig.evidence.spans
     )
 
 
-def _timed(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
-    """Every image's true time is within its hard bound, and 95 % within the bar."""
-    clocks = {of.key: of.clock for of in rig.evidence.bursts}
-    inside = total = 0
-    for key, saved in sessions.items():
-        if saved.session is None or key not in clocks:
+def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """A recording goes on until its operator ends it, and not much longer."""
+    for of, _, manifest in _judged(rig, sessions):
+        ended_ns, instants_ns = of.end_asked_ns, manifest.burst.instants_ns
+        if ended_ns is None or not of.is_ended or of.cancel_asked_ns is not None:
             continue
-        for image in saved.session.manifest.images:
-            file = saved.session.image_file(image)
-            if file.suffix != ".jpg" or not file.is_file() or image.hard_bound_ns is None:
-                continue
-            data = file.read_bytes()
-            if hashlib.sha256(data).hexdigest() != image.sha256 or (true := true_ns_of(data)) is None:
-                continue
-            camera, true_ns = true
-            error_ns = abs(image.leader_ns - clocks[key].local_from_true(true_ns))
-            # The sensor's own noise, of five times its deviation.
-            if camera not in rig.plan.liars and error_ns > image.hard_bound_ns + 20_000:
-                yield (
-                    f"{saved.folder.name}: {camera} at {image.instant} is {error_ns / 1e3:.0f} us off,"
-                    f" and its hard bound is {image.hard_bound_ns / 1e3:.0f}"
-                )
-            total += 1
-            inside += error_ns <= (image.uncertainty_ns or 0) + 20_000
-    rig.inside, rig.total = inside, total
-    is_slewed = any(step.kind == "clock-slew" for step in rig.plan.steps)
-    if not is_slewed and total >= MIN_TIMES and inside < MIN_COVERAGE * total:
-        yield f"{inside} of {total} times are within their 95 % bars"
-
-
-def _said(rig: VirtualRig, sessions: dict[tuple[int, int], Saved]) -> Iterator[str]:
-    """What an operator was told is no better than what is on disk."""
-    for take in rig.evidence.takes:
-        status = take.status
-        if status is None or status.session is None or not take.result.endswith("saved"):
+        # A cut of all its cameras is no excuse.
+        if _befell(rig, of, ends_ns=ended_ns) or not {*of.burst.clients} - {*rig.plan.liars}:
             continue
-        saved = next((of for of in sessions.values() if str(of.folder) == status.session), None)
-        if saved is None or saved.session is None:
-            yield f"{take.step}: said to be saved as {status.name}, which does not open"
-        elif len(saved.session.manifest.images) < status.received:
+        last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns
+        if last_ns < ended_ns:
             yield (
-                f"{status.name}: {status.received} images said, {len(saved.session.manifest.images)} there"
+                f"{of.name} has {len(instants_ns)} instants and lacks the last"
+                f" {(ended_ns - last_ns) / 1e6:.0f} ms before its operator ended it"
             )
+        elif last_ns > ended_ns + MAX_OVERRUN_S * 1e9:
+            yield f"{of.name} went on for {(last_ns - ended_ns) / 1e9:.1f} s after its operator had ended it"
+
+
+def _timed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """Times are within their stated errors, and images off their instant say so."""
+    is_slewed = any(step.kind == "clock-slew" for step in rig.plan.steps)
+    for of, saved, manifest in _judged(rig, sessions):
+        # Of each kind and camera, the worst image is enough.
+        worst: dict[tuple[str, str], tuple[float, str]] = {}
+        for image, true_ns, _ in saved.true_images:
+            if image.camera in rig.plan.liars or image.hard_bound_ns is None:
+                continue
+            true_leader_ns = of.clock.local_from_true(true_ns)
+            error_ns = abs(image.leader_ns - true_leader_ns)
+            is_typical = not is_slewed and image.camera not in (*rig.plan.lopsided, *rig.plan.phones)
+            time = TimeError(image.camera, of.key, error_ns, image.uncertainty_ns or 0, is_typical)
+            rig.times.append(time)
+            wrong = (*_wrong_error(image, time), *_wrong_residual(image, manifest, true_leader_ns))
+            for kind, factor, words in wrong:
+                where = f"{of.name}: {image.camera} at {image.instant} {words}"
+                worst[kind, image.camera] = max(worst.get((kind, image.camera), (0.0, "")), (factor, where))
+        yield from (words for _, words in worst.values())
+
+
+def _wrong_error(image: ImageRecord, time: TimeError) -> Iterator[tuple[str, float, str]]:
+    """Yield which stated error of an image's time is too small: its kind, by what factor, and in words."""
+    bound_ns, bar_ns = image.hard_bound_ns or 0, time.uncertainty_ns
+    for kind, limit_ns, stated_ns in (
+        ("hard bound", bound_ns, bound_ns),
+        *((("95 % uncertainty", MAX_BARS * bar_ns, bar_ns),) if time.is_typical else ()),
+    ):
+        if time.error_ns > limit_ns + STAMP_NOISE_NS:
+            words = f"is {time.error_ns / 1e3:.0f} us off, and its {kind} is {stated_ns / 1e3:.0f}"
+            yield kind, time.error_ns / max(1, stated_ns), words
+
+
+def _wrong_residual(
+    image: ImageRecord, manifest: Manifest, true_leader_ns: int
+) -> Iterator[tuple[str, float, str]]:
+    """Yield if an image is off its instant unmarked, or marked and in time, as `_wrong_error` does."""
+    camera = next(camera for camera in manifest.cameras if camera.name == image.camera)
+    if camera.phase is None or camera.phase.tolerance_ns is None:
+        return
+    due_ns, limit_ns = manifest.burst.instants_ns[image.instant] + camera.delay_ns, camera.phase.tolerance_ns
+    off_ns, doubt_ns = abs(true_leader_ns - due_ns), (image.hard_bound_ns or 0) + STAMP_NOISE_NS
+    if not image.late and off_ns > limit_ns + doubt_ns:
+        words = f"is {off_ns / 1e3:.0f} us off its instant, tolerance {limit_ns / 1e3:.0f}, and not marked"
+        yield "late", off_ns / limit_ns, words
+    if image.late and off_ns < limit_ns - doubt_ns:
+        yield (
+            "late",
+            limit_ns / max(1, off_ns),
+            f"is marked as off its instant, and is {off_ns / 1e3:.0f} us off",
+        )
+
+
+def misjudged(times: Iterable[tuple[int, TimeError]]) -> Iterator[str]:
+    """Yield what is wrong with the uncertainties of a run, from times with their seeds.
+
+    A link's asymmetry, of which a node knows only the distribution, is most of the error, and the same for
+    all images: one image of each link counts.
+    """
+    links = {(seed, of.camera): of for seed, of in times if of.is_typical and of.uncertainty_ns}
+    if len(links) < MIN_LINKS:
+        return
+    errors = [of.error_ns / of.uncertainty_ns for of in links.values()]
+    outside = sum(error > 1.0 for error in errors)
+    if _at_least(outside, len(errors), 0.05) < CHANCE:
+        yield f"95 % uncertainties are too narrow: {outside} of {len(errors)} links have larger errors"
+    ratio = 1.0 / max(1e-9, math.sqrt(sum(error**2 for error in errors) / len(errors)))
+    if ratio > MAX_ERRORS:
+        yield f"95 % uncertainties are {ratio:.1f} times as wide as the errors of {len(errors)} links"
+
+
+def _at_least(count: int, of: int, chance: float) -> float:
+    """Return the probability of so many of so many, each with that chance."""
+    return sum(math.comb(of, n) * chance**n * (1 - chance) ** (of - n) for n in range(count, of + 1))
+
+
+def _said(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """What an operator was told was so on the disk then, and is no better than what is there now."""
+    folders = {str(saved.folder): saved for saved in sessions.values()}
+    for take in rig.evidence.takes:
+        for told in take.told:
+            if (path := told.status.session) is None:
+                continue
+            name, received = told.status.name, told.status.received
+            saved = folders.get(path)
+            if saved is None or saved.manifest is None:
+                yield f"{take.step}: said to be saved as {name}, which does not open"
+            elif len(saved.manifest.images) < received:
+                yield f"{name}: {received} images said, {len(saved.manifest.images)} there"
+            yield from _true_words(told)
+
+
+def _true_words(told: Told) -> Iterator[str]:
+    status, verdict = told.status, told.verdict
+    if told.missing < 0:
+        return
+    if told.received > told.images:
+        yield f"{status.name}: {told.received} images were said to be there, and {told.images} were"
+    if verdict is not None and verdict.images > told.images:
+        yield f"{status.name}: the verdict counts {verdict.images} images, and {told.images} were there"
+    # What a leader said before it was lost is not about the end.
+    if "after its leader was lost" in status.message:
+        return
+    said = re.search(r"(\d+) images? missing", status.message)
+    if told.missing > (int(said[1]) if said else 0):
+        yield (
+            f"{status.name}: {told.missing} images were missing when it was saved, and its operator was told:"
+            f" {status.message or 'nothing'!r}"
+        )
+    for name in told.absent:
+        if name not in status.message:
+            yield f"{status.name}: it was taken without {name}, and its operator was not told"
+
+
+def _named(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """A camera that an operator saw ready takes part in the takes after that, or they name it as absent."""
+    for of, _, manifest in _judged(rig, sessions):
+        absent = {camera.name for camera in manifest.burst.absent}
+        headline = judge(manifest).headline
+        for name in sorted(
+            of.seen & {*rig.plan.cameras} - absent - {camera.name for camera in manifest.cameras}
+        ):
+            # One that was ended in good order has left.
+            if not any(span.target == name and span.kind == "stop" for span in rig.evidence.spans):
+                yield f"{of.name} does not name {name}, which was ready before its order: {headline}"
+        for name in absent:
+            if name not in headline:
+                yield f"the verdict on {of.name} does not name {name}, which took no part: {headline}"
+
+
+def _cancelled(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """A cancelled take has no image that was taken well after its cancellation."""
+    for of, saved, _ in _judged(rig, sessions):
+        if of.cancelled_ns is None or _befell(rig, of, *of.burst.clients):
+            continue
+        late = [
+            image.camera
+            for image, true_ns, _ in saved.true_images
+            if true_ns > of.cancelled_ns + AFTER_S * 1e9
+        ]
+        if late:
+            yield f"{of.name} has {len(late)} images that were taken after it was cancelled"
+
+
+def _marked(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """A mark is in the takes that its operator was told, at the time when it was placed."""
+    for mark in rig.evidence.marks:
+        error_ns = abs(mark.placed.mark.leader_ns - mark.clock.local_from_true(mark.true_ns))
+        if error_ns > mark.placed.mark.uncertainty_ns:
+            yield (
+                f"{mark.text} is {error_ns / 1e3:.0f} us off, and said to be off by at most"
+                f" {mark.placed.mark.uncertainty_ns / 1e3:.0f}"
+            )
+        takes = [
+            of
+            for of in rig.evidence.bursts
+            if of.machine == mark.machine
+            and of.cancel_asked_ns is None
+            and max(of.ordered_ns, int(of.clock.true_from_local(of.burst.instants_ns[0]))) < mark.true_ns
+            and mark.over_ns
+            < int(of.clock.true_from_local(of.session.burst.instants_ns[: of.burst.frames][-1]))
+            and not _befell(rig, of, *of.burst.clients, ends_ns=mark.over_ns)
+        ]
+        for of in takes:
+            if of.name not in mark.placed.sessions:
+                yield f"{mark.text} was placed during {of.name}, and its operator was told otherwise"
+        # A power cut may take what was written last; a kill may not.
+        if any(span.target == mark.machine and span.kind == "power" for span in rig.evidence.spans):
+            continue
+        folder = rig.world.disks.of(mark.machine).folder / "sessions"
+        files = [folder / name / EVENTS for name in mark.placed.sessions] or [folder / RIG_MARKS]
+        for file in files:
+            lines = file.read_bytes().splitlines() if file.exists() else []
+            # A take without any image leaves no session.
+            if file.parent.exists() and mark.placed.mark not in marks_of(lines):
+                yield f"{mark.text} is not in {file.parent.name}/{file.name}, as its operator was told"
+
+
+def _heard(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
+    """Each image's sound is what was heard then, and none of it is in two images."""
+    if not rig.plan.has_sound:
+        return
+    name = rig.plan.cameras[0]
+    for of, saved, _ in _judged(rig, sessions):
+        taken: dict[tuple[int, int], int] = {}
+        parts = [
+            (image.instant, part)
+            for image, _, data in saved.true_images
+            if image.camera == name
+            for part in sounds_of(data)
+        ]
+        for instant, part in parts:
+            if (twice := taken.setdefault((part.stream, part.first), instant)) != instant:
+                yield f"{of.name}: images {twice} and {instant} of {name} have the same sound"
+            if not _befell(rig, of, name):
+                yield from (
+                    f"{of.name}: sound of {name} at {instant} {why}" for why in _wrong(rig, name, part)
+                )
+
+
+def _wrong(rig: VirtualRig, name: str, part: SoundPart) -> Iterator[str]:
+    """Yield what is wrong with a part of a virtual microphone's sound, whose samples are their numbers."""
+    heard, around = np.frombuffer(part.pcm, "<i2").astype(int), 1 << 15
+    true_ns = rig.clocks[name].true_from_local(part.local_ns)
+    off = (heard[0] - sound_number(true_ns) + around // 2) % around - around // 2
+    if abs(off) / SOUND_HZ * 1e9 > SOUND_ERROR_NS:
+        yield f"is {off / SOUND_HZ * 1e3:.0f} ms off"
+    if any((np.diff(heard) % around) != 1):
+        yield "has a gap"

@@ -42,10 +42,12 @@ class Link:
     held: list[Callable[[], None]] = field(default_factory=list)
     """Stream chunks that wait until the link is whole again."""
     sent: int = 0
+    sleeps_ns: Callable[[], int] = lambda: 0
+    """Time until a receiver that saves power listens again."""
 
     def delay_ns(self) -> int:
         """Draw one delay."""
-        return self.base_ns + round(self.rng.expovariate(1.0) * self.jitter_ns)
+        return self.base_ns + round(self.rng.expovariate(1.0) * self.jitter_ns) + self.sleeps_ns()
 
 
 class VirtualSocket:
@@ -130,7 +132,7 @@ class MemoryTransport(asyncio.Transport):
         self._unread: deque[bytes | None] = deque()
         self._unacked = 0
         self._arrives_ns = 0
-        self._high = 1 << 16
+        self._low, self._high = 1 << 14, 1 << 16
         owner.on_death.append(self.die)
 
     # What asyncio asks of a transport
@@ -164,13 +166,21 @@ class MemoryTransport(asyncio.Transport):
         self.soon(self._read)
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
-        self._high = (1 << 16) if high is None else high
+        if high is None:
+            high = (1 << 16) if low is None else 4 * low
+        self._low, self._high = high // 4 if low is None else low, high
+
+    def get_write_buffer_limits(self) -> tuple[int, int]:
+        return self._low, self._high
 
     def get_write_buffer_size(self) -> int:
         return max(0, self._unacked - WINDOW_BYTES)
 
     def can_write_eof(self) -> bool:
         return False
+
+    def write_eof(self) -> None:
+        raise NotImplementedError("no product's stream is closed in one direction only")
 
     def write(self, data: Any) -> None:
         if not self.owner.is_alive:
@@ -194,9 +204,14 @@ class MemoryTransport(asyncio.Transport):
             self.soon(self._lose, None)
 
     def abort(self) -> None:
-        self._is_closing = True
-        self._transmit_reset()
-        self.soon(self._lose, None)
+        self._force_close(None)
+
+    def _force_close(self, error: Exception | None) -> None:
+        """Reset the stream: TLS calls this where it fails, and from Python 3.13 on to abort."""
+        if not self._is_lost:
+            self._is_closing = True
+            self._transmit_reset()
+            self.soon(self._lose, error)
 
     # The network's side
 
@@ -261,7 +276,7 @@ class MemoryTransport(asyncio.Transport):
 
     def _acknowledge(self, size: int) -> None:
         self._unacked -= size
-        if self._write_paused and self.get_write_buffer_size() <= self._high // 4:
+        if self._write_paused and self.get_write_buffer_size() <= self._low:
             self._write_paused = False
             self.soon(self._resume)
 

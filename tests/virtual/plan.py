@@ -43,12 +43,25 @@ class Plan:
     steps: tuple[Step, ...]
     seconds: float
     """Virtual time until everything heals."""
+    lopsided: dict[str, float]
+    """Cameras whose messages take longer in one direction, by so many ms: to the camera, or from it if
+    negative."""
+    phones: tuple[str, ...]
+    """Cameras with a phone's link, which sleeps: what is sent to them waits for the next beacon."""
+    stagger: str
+    """Planned order of the cameras' frames, as the option --stagger; empty for none."""
+    has_sound: bool
+    """Whether the first camera has a microphone."""
 
     def __str__(self) -> str:
         parts = [f"{len(self.cameras)} cameras"]
         parts += [f"{', '.join(self.behind_relay)} behind a relay"] if self.behind_relay else []
         parts += ["a standby"] if self.has_standby else []
         parts += [f"{name} lies ({how})" for name, how in self.liars.items()]
+        parts += [f"{name} is {ms:+.0f} ms lopsided" for name, ms in self.lopsided.items()]
+        parts += [f"{', '.join(self.phones)} with a phone's link"] if self.phones else []
+        parts += [f"staggered: {self.stagger}"] if self.stagger else []
+        parts += [f"{self.cameras[0]} with a microphone"] if self.has_sound else []
         return "; ".join(parts) + "".join(f"\n  {n:3} {step}" for n, step in enumerate(self.steps))
 
     def only(self, numbers: list[int] | None, seconds: float | None = None) -> "Plan":
@@ -94,6 +107,17 @@ def draw(seed: int) -> Plan:
     if has_standby:
         # A leader that comes back while its standby leads takes over again; both are tried.
         steps.append(Step(rng.uniform(SETTLE_S, seconds), "kill", "lead", 0.0, rng.uniform(2, 20)))
+    # From a generator of its own, so that a seed keeps what it drew above.
+    further = random.Random(f"further {seed}")
+    honest = tuple(name for name in cameras if name not in liars)
+    steps += _marks(further, steps)
+    for follow, chance in ((_dark, 0.25), (_absent, 0.25), (_alone, 0.1)):
+        if further.random() < chance:
+            steps += follow(further, further.uniform(SETTLE_S, seconds - 10), honest)
+    latest = random.Random(f"crash {seed}")
+    if latest.random() < 0.15:
+        steps += _crash(latest, latest.uniform(SETTLE_S, seconds - 10))
+    lopsided = {further.choice(honest): _lopsided_ms(further)} if further.random() < 0.15 else {}
     return Plan(
         seed,
         cameras,
@@ -105,7 +129,62 @@ def draw(seed: int) -> Plan:
         wifi=rng.random() < 0.5,
         steps=tuple(sorted(steps, key=lambda step: step.at_s)),
         seconds=seconds,
+        lopsided=lopsided,
+        phones=tuple(name for name in cameras if further.random() < 0.1),
+        stagger=further.choice(("even", "cam0=0ms,cam1=60ms")) if further.random() < 0.12 else "",
+        has_sound=further.random() < 0.1,
     )
+
+
+def _lopsided_ms(rng: random.Random) -> float:
+    return rng.choice((-1, 1)) * rng.uniform(4, 25)
+
+
+def _marks(rng: random.Random, steps: list[Step]) -> list[Step]:
+    """Return marks that an operator places during takes and beside them."""
+    orders = [step for step in steps if step.kind in ("burst", "recording", "long") and rng.random() < 0.4]
+    return [Step(step.at_s + rng.uniform(0, 2), "mark", "desk") for step in orders]
+
+
+def _dark(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a take after which a camera is cut off, and loses its power before it is connected again."""
+    camera = rng.choice(cameras)
+    cut_s = at_s + rng.uniform(0.4, 1.5)
+    power_s = cut_s + rng.uniform(2, 8)
+    return [
+        Step(at_s, "burst", "desk", float(rng.randint(2, 8))),
+        Step(cut_s, "cut", camera, 0.0, power_s - cut_s + rng.uniform(0, 4)),
+        Step(power_s, "power", camera, 0.0, rng.uniform(0.5, 4)),
+    ]
+
+
+def _absent(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a take while a camera is lost."""
+    kind = rng.choice(("kill", "power", "cut", "freeze"))
+    seconds = rng.uniform(6, 12)
+    return [
+        Step(at_s, kind, rng.choice(cameras), 0.0, seconds),
+        Step(at_s + rng.uniform(3, seconds - 1), "burst", "desk", float(rng.randint(1, 6))),
+    ]
+
+
+def _crash(rng: random.Random, at_s: float) -> list[Step]:
+    """Return a take whose leader loses its power while its slow disk still writes the images."""
+    return [
+        Step(at_s, "disk-slow", "lead", rng.uniform(0.1, 0.6), 8.0),
+        Step(at_s + 0.5, "burst", "desk", float(rng.randint(3, 8))),
+        Step(at_s + rng.uniform(2, 6), "power", "lead", 0.0, rng.uniform(0.5, 5)),
+    ]
+
+
+def _alone(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a recording during which all cameras are cut off from their leader, as by an access point."""
+    seconds = rng.uniform(15, 30)
+    cut_s, lasts_s = at_s + rng.uniform(1, 8), rng.uniform(4, 20)
+    return [
+        Step(at_s, "recording", "desk", 0.0, seconds),
+        *(Step(cut_s, "cut", camera, 0.0, lasts_s) for camera in cameras),
+    ]
 
 
 def _fault(rng: random.Random, at_s: float, machines: list[str], cameras: tuple[str, ...]) -> Step:

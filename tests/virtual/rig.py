@@ -4,63 +4,39 @@ import asyncio
 import contextlib
 import contextvars
 import functools
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Coroutine, Iterable, Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-from unittest.mock import patch
-from weakref import WeakKeyDictionary
 
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
-from capture_app.common.node_state import NodeState
-from capture_app.net.channel import Channel
-from capture_app.node import joining
-from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera import burst_upload
+from capture_app.common.stagger import Stagger
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
 from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.log import Log
-from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload
-from capture_app.protocol.status import BurstStatus
+from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
-from capture_app.rig.taking import Begun, Failed, Progress, Saved, TakePlan, Taking
-from capture_app.sync.phase import frame_line
-from capture_app.sync.rig.frame_selection import Burst
-from capture_app.sync.timekeeping import poll_schedule
+from capture_app.rig.rig_time import place_mark
+from capture_app.rig.taking import Begun, Failed, Progress, Saved, TakePlan, Taking, local_session
 from capture_app.trust.trust import Trust
 from tests.virtual.cameras import Device, VirtualCamera
+from tests.virtual.evidence import Evidence, MarkOfDesk, OrderedBurst, Span, Take, TimeError, Told
 from tests.virtual.network import Link
+from tests.virtual.observing import READY
 from tests.virtual.plan import Plan, Step
-from tests.virtual.world import Process, World, process
+from tests.virtual.world import Process, World
 
 PORT = 47010
-RARE = {
-    "first_interval_ns": 20_000_000,
-    "easing_intervals_ns": (60_000_000,),
-    "poll_interval_ns": 500_000_000,
-    "near_ns": 0,
-}
-"""Intervals of the exchanges between a node and its leader."""
-FEW: dict[str, Any] = {
-    "FIRST_SAMPLES": 100,
-    "EASING_SAMPLES": 50,
-    "SPACING_NS": 20_000_000,
-    "TREE_INTERVAL_NS": 200_000_000,
-}
-"""Exchanges after a node's start, and those of relays and standbys."""
-SEARCH_EVERY_FRAMES = 60
-"""Frames between searches for a step of the timestamps: these cameras have none."""
-ESTIMATE_EVERY_NS = 400_000_000
-"""Interval of a node's estimates of its clock: each takes in what one exchange or two have shown."""
 MAX_WAIT_S = 330.0
 """Time after everything is healed within which every burst has ended and every spool is empty."""
+ASYMMETRY = 0.1
+"""Standard deviation of the difference of a path's two delays, relative to their sum, as nodes assume it."""
+BEACON_NS, AWAKE_NS = 102_400_000, 60_000_000
+"""Interval at which a phone that saves power listens, and how long it listens after it has sent something."""
 RESTART_S = 2.0
 """Time after which a process that ended by itself is started again."""
 
@@ -98,64 +74,6 @@ class MachineClock:
         return self.local_from_true(self._world.now_ns)
 
 
-@dataclass(slots=True)
-class OrderedBurst:
-    """A burst as its leader ordered it, and what may excuse a missing image of it."""
-
-    key: tuple[int, int]
-    name: str
-    burst: Burst
-    clock: Any
-    """The leader's clock."""
-    ordered_ns: int
-    """True time of the order."""
-    ready: tuple[str, ...]
-    folder: Path
-    machine: str
-    session: BurstSession
-    cancelled: bool = False
-    ended_ns: int | None = None
-    """True time when the operator was told that it is over."""
-
-    def last_ns(self) -> int:
-        """True time of the last instant."""
-        instants = self.session.burst.instants_ns
-        return int(self.clock.true_from_local(instants[-1]))
-
-
-@dataclass(slots=True)
-class Take:
-    """What an operator was told of a take."""
-
-    step: Step
-    begun_ns: int
-    status: BurstStatus | None = None
-    result: str = ""
-    """"saved", or the error."""
-
-
-@dataclass(slots=True)
-class Span:
-    """A fault: from when to when it befell a machine."""
-
-    target: str
-    kind: str
-    from_ns: int
-    until_ns: int
-
-
-@dataclass
-class Evidence:
-    """What is needed to judge a run."""
-
-    bursts: list[OrderedBurst] = field(default_factory=list)
-    takes: list[Take] = field(default_factory=list)
-    spans: list[Span] = field(default_factory=list)
-    confirmed: dict[tuple[int, int, str, int], str] = field(default_factory=dict)
-    """Checksums of the images that a node counts as safe: by leader's run, burst, camera, ordered instant."""
-    log_lines: Counter[str] = field(default_factory=Counter)
-
-
 class VirtualRig:
     """The machines of a plan; `await rig.run()` in its world is its whole evening."""
 
@@ -165,15 +83,17 @@ class VirtualRig:
         self.leaders: dict[str, LeaderNode] = {}
         """The leading nodes, by machine."""
         self.devices = {name: Device() for name in plan.cameras}
+        self.nodes: dict[str, CameraNode] = {}
+        """The newest node of each camera."""
+        self.seen: defaultdict[int, set[str]] = defaultdict(set)
+        """Cameras that an operator saw ready, by run of the leader."""
         self.clocks: dict[str, MachineClock] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._down: Counter[str] = Counter()
-        self.reported: WeakKeyDictionary[Channel[Any], CameraReport] = WeakKeyDictionary()
-        """The last report on each stream."""
         self.absent_leaders: set[str] = set()
         """Machines that do not lead in the end: images of their bursts wait for them."""
-        self.inside = self.total = 0
-        """Images whose true time is within the stated 95 % bar, and all."""
+        self.times: list[TimeError] = []
+        """Error of the time of each image that was saved."""
         self.works: dict[str, Callable[[], Coroutine[Any, Any, None]]] = {}
         for machine in ("lead", "lead2", "relay", "desk", *plan.cameras):
             world.network.host(machine)
@@ -187,8 +107,8 @@ class VirtualRig:
             self.works["relay"] = self._relay
         for name in plan.cameras:
             self.works[name] = functools.partial(self._camera, name)
-        if plan.wifi:
-            world.network.shape = _as_wifi
+        self._awake_until_ns: Counter[str] = Counter()
+        world.network.shape = self._shape_link
         world.on_end = self._restart_later
 
     # Processes
@@ -214,6 +134,7 @@ class VirtualRig:
                 trust=Trust.open(),
                 clock=self.clocks[machine],
                 log=self._log(machine),
+                stagger=Stagger.parse(self.plan.stagger) if self.plan.stagger else None,
             )
 
         async def lead(node: LeaderNode) -> None:
@@ -225,6 +146,31 @@ class VirtualRig:
                 self.leaders.pop(machine, None)
 
         await lead_by_rank(options, self._leaders if self.plan.has_standby else (), lead)
+
+    def _shape_link(self, source: str, target: str, link: Link) -> None:
+        """Give a link the delays that the plan draws for it."""
+        if self.plan.wifi:
+            link.base_ns, link.jitter_ns = 800_000, 1_500_000
+            link.loss, link.double, link.bytes_per_s = 0.01, 0.002, 2e6
+        first, second = sorted((source, target))
+        longer = max(-0.3, min(0.3, self.world.chance("asymmetry", first, second).gauss(0, ASYMMETRY)))
+        link.base_ns = round(link.base_ns * (1 + (longer if source == first else -longer)))
+        for camera, ms in self.plan.lopsided.items():
+            if (target if ms > 0 else source) == camera:
+                link.base_ns += round(abs(ms) * 1e6)
+        if source in self.plan.phones:
+            link.sleeps_ns = functools.partial(self._wake, source)
+        elif target in self.plan.phones:
+            link.sleeps_ns = functools.partial(self._until_beacon_ns, target)
+
+    def _wake(self, phone: str) -> int:
+        """Let a phone listen for a while, as it sends something."""
+        self._awake_until_ns[phone] = self.world.now_ns + AWAKE_NS
+        return 0
+
+    def _until_beacon_ns(self, phone: str) -> int:
+        now_ns = self.world.now_ns
+        return 0 if now_ns < self._awake_until_ns[phone] else BEACON_NS - now_ns % BEACON_NS
 
     async def _camera(self, name: str) -> None:
         below = name in self.plan.behind_relay
@@ -240,6 +186,7 @@ class VirtualRig:
                 drops=self.plan.drops,
                 image_bytes=self.plan.image_bytes,
                 lie=self.plan.liars.get(name, ""),
+                has_sound=self.plan.has_sound and name == self.plan.cameras[0],
             ),
             leaders=(relay,) if below else self._leaders,
             clock=clock,
@@ -247,7 +194,8 @@ class VirtualRig:
             trust=Trust.open(),
             log=self._log(name),
         )
-        await CameraNode(options).run()
+        self.nodes[name] = CameraNode(options)
+        await self.nodes[name].run()
 
     async def _relay(self) -> None:
         options = RelayOptions(
@@ -380,6 +328,43 @@ class VirtualRig:
                 self.world.fail(f"the take {take.step} never ended; last: {_short(take.status)}")
         for name in self._open_bursts():
             self.world.fail(f"{name} is still under way")
+        for words in (*self._held_by_leaders(), *self._held_by_nodes()):
+            self.world.fail(words)
+
+    def _held_by_leaders(self) -> Iterator[str]:
+        """Yield what leaders hold in memory of takes that are over."""
+        for machine, node in self.leaders.items():
+            over = [of.status.name for of in node.bursts._bursts.values() if of.finished.is_set()]
+            if over:
+                yield f"{machine} holds {len(over)} takes in memory that are over: {', '.join(over[:5])}"
+            for session in (*node.bursts._bursts.values(), *node.bursts.resumed.sessions()):
+                images, seconds = session._intake.waiting()
+                if images and seconds > 60:
+                    yield f"{machine} holds {images} images of {session.status.name} that it does not save"
+
+    def _held_by_nodes(self) -> Iterator[str]:
+        """Yield what nodes hold in memory and in their spools of takes that are over."""
+        elsewhere = {of.key for of in self.evidence.bursts if of.machine in self.absent_leaders}
+        over = {of.key for of in self.evidence.bursts} - elsewhere
+        for name, node in self.nodes.items():
+            if name in self.plan.liars or not self.world.processes[name].is_alive:
+                continue
+            for upload in node._uploader._bursts:
+                key = upload.report.leader, upload.report.burst
+                if key in over and (size := sum(map(len, upload.in_memory.values()))):
+                    yield f"{name} holds {size} bytes in memory of burst {key[1]}, which is over"
+            ring, newest_ns = node._engine.ring, node._engine.ring.newest_local_ns
+            held_ns = 0 if newest_ns is None else newest_ns - (ring.oldest_local_ns or 0)
+            if held_ns > 2 * node.options.ring_ns:
+                yield f"{name} holds frames of the last {held_ns / 1e9:.1f} s"
+            folders = {"{:08x}-{:06}".format(*key) for key in over}
+            spool = self.world.disks.of(name).folder / "spool" / name
+            left = sorted(path.name for path in spool.glob("*") if path.name in folders)
+            # On a disk that fails, they stay until the node is started again.
+            if left and not any(
+                of.target == name and of.kind == "disk-failing" for of in self.evidence.spans
+            ):
+                yield f"{name} has folders of takes in its spool that are over: {', '.join(left[:5])}"
 
     # Faults
 
@@ -493,6 +478,10 @@ class VirtualRig:
         return Address(self.world.network.host(machine), PORT)
 
     def _order(self, step: Step) -> None:
+        desk = self.world.processes["desk"]
+        if step.kind == "mark":
+            self.world.within(desk, lambda: self._soon(self._mark(step)))
+            return
         options: dict[str, Any] = {"frames": round(step.value)}
         if step.kind == "series":
             options = {"frames": 3, "repeat": round(step.value), "every_s": step.seconds}
@@ -500,23 +489,26 @@ class VirtualRig:
             # A value is the ordered length in s; else the operator ends it after the step's seconds.
             options = {"video": True, "seconds": step.value or None}
         plan = TakePlan(wait_ready_s=5, **options)
-        self.world.within(self.world.processes["desk"], lambda: self._do(self._take(step, plan)))
+        self.world.within(desk, lambda: self._do(self._take(step, plan)))
 
     async def _take(self, step: Step, plan: TakePlan) -> None:
         take = Take(step, self.world.now_ns)
         self.evidence.takes.append(take)
         taking = Taking(RigLink(self._address()), plan)
         results = []
+        received = Counter[int]()
         try:
             async for event in taking:
                 if isinstance(event, Progress):
                     take.status = event.status
+                    received[event.number] = event.status.received if event.status.done else 0
                 if isinstance(event, Begun) and step.kind == "recording" and step.seconds:
-                    self.world.loop.call_later(step.seconds, lambda: self._soon(taking.end()))
+                    self.world.loop.call_later(step.seconds, lambda: self._soon(self._end(taking)))
                 if isinstance(event, Begun) and step.kind == "cancel":
                     self._soon(self._cancel(taking))
                 if isinstance(event, Saved):
                     take.status = event.status
+                    take.told.append(_told(event, received[event.number]))
                     results.append("saved")
                 if isinstance(event, Failed):
                     results.append(f"{type(event.error).__name__}: {event.error}")
@@ -532,11 +524,35 @@ class VirtualRig:
 
         self._do(done())
 
+    def _bursts_of(self, taking: Taking) -> list[OrderedBurst]:
+        """Return the bursts that a take has begun and that are not over."""
+        active = {(status.burst, status.name) for status in taking._active.values()}
+        return [of for of in self.evidence.bursts if (of.key[1], of.name) in active]
+
     async def _cancel(self, taking: Taking) -> None:
-        for of in self.evidence.bursts:
-            if any(status.burst == of.key[1] for status in taking._active.values()):
-                of.cancelled = True
+        bursts = self._bursts_of(taking)
+        for of in bursts:
+            of.cancel_asked_ns = self.world.now_ns
         await taking.cancel()
+        for of in bursts:
+            of.cancelled_ns = self.world.now_ns
+
+    async def _end(self, taking: Taking) -> None:
+        bursts = self._bursts_of(taking)
+        for of in bursts:
+            of.end_asked_ns = self.world.now_ns
+        await taking.end()
+        for of in bursts:
+            of.is_ended = True
+
+    async def _mark(self, step: Step) -> None:
+        machine, node = next(iter(self.leaders.items()), ("lead", None))
+        text, at_ns = f"mark at {step.at_s:.3f} s", self.world.now_ns
+        placed = await place_mark(self._address(), text)
+        # A leader that was started meanwhile may have another time.
+        if node is not None and self.leaders.get(machine) is node:
+            clock = node.bursts._options.clock
+            self.evidence.marks.append(MarkOfDesk(text, at_ns, self.world.now_ns, machine, clock, placed))
 
     async def _follow(self) -> None:
         """Follow one leader's status and log after the other, as a screen does."""
@@ -545,7 +561,16 @@ class VirtualRig:
                 async for update in updates:
                     if isinstance(update, LinkLost):
                         break
+                    if isinstance(update, RigStatus):
+                        self._note_ready(update)
             await asyncio.sleep(1)
+
+    def _note_ready(self, status: RigStatus) -> None:
+        """Note the cameras that an operator sees ready."""
+        for machine, node in self.leaders.items():
+            if status.leader == str(Address(self.world.network.host(machine), PORT)):
+                run = node.bursts._engine.config.instance
+                self.seen[run] |= {of.name for of in status.nodes if of.state in READY}
 
     async def _watch(self) -> None:
         """Ask for the status at intervals, and see that it comes."""
@@ -569,88 +594,19 @@ class VirtualRig:
         ends = [min(span.until_ns, now_ns) for span in self.evidence.spans if span.target in targets]
         return (now_ns - max(ends, default=10**12)) / 1e9
 
-    # What is noted
 
-    @contextlib.contextmanager
-    def observed(self) -> Iterator[None]:
-        """Note orders and confirmations within the block, and let liars lie."""
-        rig = self
-        order = ActiveBursts.order
-
-        async def ordering(bursts: ActiveBursts, *arguments: Any, **options: Any) -> BurstSession:
-            ready = tuple(
-                member.name
-                for member in bursts._engine.roster.by_name()
-                if member.report.state in (NodeState.READY, NodeState.DEGRADED)
-            )
-            ordered_ns = rig.world.now_ns
-            session: BurstSession = await order(bursts, *arguments, **options)
-            one = process.get()
-            assert one is not None
-            rig.evidence.bursts.append(
-                OrderedBurst(
-                    (bursts._engine.config.instance, session.burst.number),
-                    session.status.name,
-                    session.burst,
-                    bursts._options.clock,
-                    ordered_ns,
-                    tuple(name for name in ready if name in session.burst.clients),
-                    session.folder,
-                    one.machine,
-                    session,
-                )
-            )
-            return session
-
-        confirm = burst_upload.Upload.confirm
-
-        def confirming(upload: burst_upload.Upload, stored: Any) -> Any:
-            here = upload.images
-            for instant, sha256 in stored.items():
-                if instant in here and here[instant].record.sha256 == sha256:
-                    report = upload.report
-                    rig.evidence.confirmed[report.leader, report.burst, report.camera, instant] = sha256
-            return confirm(upload, stored)
-
-        send = Channel.send
-
-        async def sending(channel: Channel[Any], message: Any, *payloads: Any, **options: Any) -> None:
-            lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
-            if isinstance(message, CameraReport):
-                rig.reported[channel] = message
-            while lie == "silent" and isinstance(message, ImageUpload | FilmPart):
-                # It says again and again what it has, and sends nothing of it.
-                await asyncio.sleep(5)
-                await send(channel, rig.reported[channel])
-            is_short = isinstance(message, CameraReport) and message.plan.picked is None
-            if lie in ("nothing", "partial") and is_short and not message.plan.picking:
-                left = message.plan.instants[:1] if lie == "partial" else ()
-                message = message.with_plan(instants=left, missing=())
-            await send(channel, message, *payloads, **options)
-
-        def estimated(schedule: poll_schedule.SteadySchedule, now_ns: int) -> None:
-            schedule.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS
-
-        # Exchanges are most of the work of a rig at rest: these nodes ask as seldom as among thousands.
-        with (
-            patch.object(ActiveBursts, "order", ordering),
-            patch.object(burst_upload.Upload, "confirm", confirming),
-            patch.object(Channel, "send", sending),
-            patch.object(joining, "power_saving_towards", lambda _: None),
-            patch.object(poll_schedule.SteadySchedule.__init__, "__kwdefaults__", dict(RARE)),
-            patch.object(poll_schedule.SteadySchedule, "estimated", estimated),
-            patch.multiple(poll_schedule, **FEW),
-            patch.object(frame_line, "EVERY_FRAMES", SEARCH_EVERY_FRAMES),
-        ):
-            yield
+def _told(event: Saved, received: int) -> Told:
+    """Return what an operator is told, and what is on the disk now."""
+    images, missing, absent = 0, -1, tuple[str, ...]()
+    with contextlib.suppress(SimulshotError):
+        if (session := local_session(event.status)) is not None:
+            manifest = session.manifest
+            images, missing = len(manifest.images), len(manifest.missing)
+            absent = tuple(camera.name for camera in manifest.burst.absent)
+    return Told(event.status, received, event.verdict, images, missing, absent)
 
 
 def _short(status: BurstStatus | None) -> str:
     if status is None:
         return "no status"
     return f"{status.name} {status.received}/{status.expected} {status.message[:120]}"
-
-
-def _as_wifi(source: str, target: str, link: Link) -> None:
-    link.base_ns, link.jitter_ns = 800_000, 1_500_000
-    link.loss, link.double, link.bytes_per_s = 0.01, 0.002, 2e6

@@ -9,7 +9,6 @@ SPOOL/<camera>/<leader>-<burst>/
 
 import hashlib
 import os
-import shutil
 import threading
 from bisect import bisect_left
 from collections import deque
@@ -152,7 +151,11 @@ class SpoolFolder:
         with self._changing:
             self._is_removed = True
             self.film.close()
-            shutil.rmtree(self.folder, ignore_errors=True)
+            # The report goes last: without it, a restarted node would not find what is left.
+            with suppress(OSError):
+                for file in sorted(self.folder.iterdir(), key=lambda file: file.name == REPORT):
+                    file.unlink()
+                self.folder.rmdir()
 
 
 class Spool:
@@ -171,7 +174,13 @@ class Spool:
         try:
             make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
-            found = [folder for folder in self.folder.iterdir() if (folder / REPORT).is_file()]
+            folders = list(self.folder.iterdir())
+            found = [folder for folder in folders if (folder / REPORT).is_file()]
+            for folder in (folder for folder in folders if folder not in found):
+                # The node was stopped while it made or removed the folder. One with images stays.
+                with suppress(OSError):
+                    (folder / f"{REPORT}{PART}").unlink(missing_ok=True)
+                    folder.rmdir()
         except TryAgainError:
             raise TryAgainError(
                 f"another node uses the spool {self.folder}", hint="give this one another --name or --spool"

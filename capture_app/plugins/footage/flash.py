@@ -63,6 +63,7 @@ MIN_BAR_S = 4e-4
 READOUTS, EXPOSURES = 100, 3
 """Grid sizes for the unknown readout time and exposure time."""
 MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
+_ALONE = "one flash or lamp alone, taken for the same"
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
                 rate_uncertainty_ppm=round((fast - slow) / 2 * 1e6, 4),
                 epoch_local_ns=round(epoch * 1e9),
                 source="flash",
-                reason="one flash or lamp alone, taken for the same" if len(pairs) == 1 else "",
+                reason=_ALONE if len(pairs) == 1 else "",
             )
     return None
 
@@ -364,4 +365,5 @@ METHOD: AlignmentMethod[Lights] = AlignmentMethod(
     of_video_times=True,
     read=lambda path, first_s: read_lights(path),
     match=lambda reference, camera, error_s: match_flashes(reference, camera),
+    doubt=lambda times: "each may have seen another flash or lamp" if times.reason == _ALONE else "",
 )

@@ -5,6 +5,7 @@ windows of the waveforms then refine the offset (generalized cross-correlation w
 Carter 1976).
 """
 
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,7 +45,7 @@ Samples = NDArray[np.float32]
 
 
 Sound = tuple[Samples, float]
-"""A mono sound track at `RATE_HZ`, and its beginning in the video's own times, s."""
+"""The channels (1 or 2, n) of a sound track at `RATE_HZ`, and its beginning in the video's own times, s."""
 
 
 def read_sound(path: Path) -> Sound:
@@ -68,18 +69,19 @@ def read_sound(path: Path) -> Sound:
         (round((begin_s - start_s) * RATE_HZ), samples)
         for begin_s, (samples, _) in zip(starts_s, sounds, strict=True)
     ]
-    joined = np.zeros(max(place + len(samples) for place, samples in places), np.float32)
+    size = max(place + samples.shape[1] for place, samples in places)
+    joined = np.zeros((len(places[0][1]), size), np.float32)
     # An encoder adds some silence to the begin and to the end of each file.
     for place, samples in places:
-        joined[place : place + len(samples)] = samples
+        joined[:, place : place + samples.shape[1]] = samples
     return joined, start_s
 
 
 def _read_file(path: Path) -> Sound:
-    samples, start_s = read_track(path, RATE_HZ, "fltp", 1)
+    samples, start_s = read_track(path, RATE_HZ, "fltp", 2)
     if not samples.any():
         raise BadInputError("it has no sound")
-    return samples[0], start_s
+    return samples, start_s
 
 
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
@@ -87,10 +89,15 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
 
     `error_s` (95 %): possible offset between the cameras' sounds while their images are simultaneous.
     """
-    rough_s = _rough_offset(reference, camera)
-    if isinstance(rough_s, str):
-        return CameraTimes(reason=rough_s)
-    (reference_samples, reference_start_s), (samples, start_s) = reference, camera
+    (_, reference_start_s), (_, start_s) = reference, camera
+    reason = ""
+    for reference_samples, samples in product(_tracks(reference[0]), _tracks(camera[0])):
+        rough_s = _rough_offset((reference_samples, reference_start_s), (samples, start_s))
+        if not isinstance(rough_s, str):
+            break
+        reason = reason or rough_s
+    else:
+        return CameraTimes(reason=reason)
     found = []
     size = round(WINDOW_S * RATE_HZ)
     for at in _loud_windows(samples, size):
@@ -109,6 +116,12 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
         camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s + wrong_s
     )
     return times if jump is None else structs.replace(times, reason=str(jump))
+
+
+def _tracks(channels: Samples) -> list[Samples]:
+    """Return the mean of the channels, then each: one may have a timecode instead of the room."""
+    rows = np.atleast_2d(channels)
+    return [rows.mean(0), *(rows if len(rows) > 1 else ())]
 
 
 class Jump(NamedTuple):
@@ -143,7 +156,7 @@ def find_jump(camera_s: Array, late_s: Array) -> Jump | None:
     return Jump(by_s, float(camera_s[best - 1]), float(camera_s[best]))
 
 
-def _rough_offset(reference: Sound, camera: Sound) -> float | str:
+def _rough_offset(reference: tuple[Samples, float], camera: tuple[Samples, float]) -> float | str:
     """Return the approximate offset (s) to add to the camera's times, or the reason why it is unknown."""
     a, b = (_onsets(samples) for samples, _ in (reference, camera))
     if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():

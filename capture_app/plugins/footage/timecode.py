@@ -1,5 +1,6 @@
 """Alignment by the timecode (SMPTE ST 12-1) of each video's first frame."""
 
+import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,7 +13,10 @@ from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.importing.video_tracks import open_container
 
 _TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
+_GOPRO_FILE = re.compile(r"(G[HXLS]|GP)\d{6}|GOPR\d{4}")
 DAY_S = 86_400
+GOPRO_S = 2.0
+"""Error of the clock of a GoPro that was set, 95 %, s: by QR code it is one to two seconds off."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +31,17 @@ class Timecode:
     first_s: float
     period_s: float
     wall_clock: bool
+    clock_error_s: float = 0.0
+    """Error of the clock that it follows (95 %), beside its frame."""
+    text: str = ""
 
 
 def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
     """Return the camera's times against the reference's; without an offset, the reason."""
+    if reference.text == camera.text:
+        return CameraTimes(
+            reason=f"both timecodes begin at {camera.text}, as counters do that start with each clip"
+        )
     same_rate = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
     if not same_rate and not (camera.wall_clock and reference.wall_clock):
         return CameraTimes(reason="their timecodes count at different rates")
@@ -38,7 +49,13 @@ def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
     # A timecode identifies a frame; the exposures of two cameras are anywhere within it.
     return CameraTimes(
         offset_ns=round((apart_s + reference.first_s - camera.first_s) * 1e9),
-        uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
+        uncertainty_ns=round(
+            (
+                max(reference.period_s, camera.period_s)
+                + math.hypot(reference.clock_error_s, camera.clock_error_s)
+            )
+            * 1e9
+        ),
         rate_uncertainty_ppm=SIGMAS * CRYSTAL_PPM,
         epoch_local_ns=round(camera.first_s * 1e9),
         source="timecode",
@@ -54,6 +71,7 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
         streams = container.streams
         places = (*(stream.metadata for stream in streams), container.metadata)
         text = next((place["timecode"] for place in places if "timecode" in place), "")
+        handlers = " ".join(place.get("handler_name", "") for place in places)
         rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
     nominal = round(rate or 0)
     if (found := _TIMECODE.fullmatch(text.strip())) is None or not nominal:
@@ -68,7 +86,15 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
     number = (whole * 60 + seconds) * nominal + frames
     if drops:
         number -= nominal // 15 * (whole - whole // 10)
-    return Timecode(float(number * period), first_s, float(period), not fractional or drops)
+    gopro = "GoPro" in handlers or _GOPRO_FILE.fullmatch(path.stem) is not None
+    return Timecode(
+        day_s=float(number * period),
+        first_s=first_s,
+        period_s=float(period),
+        wall_clock=not fractional or drops,
+        clock_error_s=GOPRO_S if gopro else 0.0,
+        text=text.strip(),
+    )
 
 
 METHOD: AlignmentMethod[Timecode] = AlignmentMethod(
@@ -76,5 +102,6 @@ METHOD: AlignmentMethod[Timecode] = AlignmentMethod(
     of_video_times=False,
     read=read_timecode,
     match=lambda reference, camera, error_s: match_timecodes(reference, camera),
+    doubt=lambda times: "clocks that nobody set, and counters of recorded time, give such timecodes, too",
 )
 """After GPS: a GoPro's timecode follows its own clock, which is rarely set to the second."""

@@ -41,7 +41,7 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> I
         path,
         [image for image, _, _ in shots],
         "libsoftwaresync",
-        read=lambda file: upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file),
+        read=lambda file: upright(file.read_bytes(), ".jpg") if file.suffix == ".jpg" else _from_nv21(file),
         times=[TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)],
     )
     source.suffix = ".jpg"

@@ -7,15 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.names import natural_order
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.views import View, Views, numbers, rotation_of
+from capture_app.session.importing.views import FLATTEN, View, Views, numbers, rotation_of
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
+_MATRIX_NAMES = frozenset(_MATRIX)
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
 _ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_SIDES = (("1", "2"), ("0", "1"), ("l", "r"), ("left", "right"))
+"""How the first and the second camera's keys end, such as M1 and M2, mtxL and mtxR, K_left and K_right."""
+_FISHEYES = ("equidistant", "fisheye")
 _SIZE_KEYS = ("image_width", "image_height")
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
 
@@ -34,10 +39,13 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     first = paths[0][1]
     if not first.is_dir() and first.suffix.lower() not in _SUFFIXES:
         return None
-    own, pair = _assign(paths, cameras)
+    own, rest = _assign(paths, cameras)
     contents = {name: _load(path) for name, path in own.items()}
-    if pair is not None:
-        contents.update(_split_pair(_load(pair), pair, cameras, contents))
+    pair = " and ".join(map(str, rest))
+    if rest:
+        # OpenCV's sample of stereo calibration writes intrinsics.yml and extrinsics.yml.
+        joined = {key: value for path in rest for key, value in _load(path).items()}
+        contents.update(_split_pair(joined, pair, cameras, contents))
     elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
         raise BadInputError(
             "these calibrations have no R and T",
@@ -48,10 +56,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     views = {
         name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
     }
-    return Views(views, ", ".join(dict.fromkeys(path.name for path in (*own.values(), pair) if path)))
+    return Views(views, ", ".join(dict.fromkeys(path.name for path in (*own.values(), *rest))))
 
 
-def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], Path | None]:
+def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
     own: dict[str, Path] = {}
     rest: list[Path] = []
     for name, path in paths:
@@ -68,17 +76,20 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
             rest.extend(others)
         else:
             rest.append(path)
-    if len(rest) > 1:
+    if len(rest) > 1 and any(_MATRIX_NAMES & _load(path).keys() for path in rest):
         raise BadInputError(
             f"the cameras of {', '.join(path.name for path in rest)} are unknown",
             hint="give --calibration NAME=FILE",
         )
-    return own, rest[0] if rest else None
+    return own, rest
 
 
 def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     own: dict[str, Path] = {}
+    named = any(file.stem.casefold().startswith(name.casefold()) for file in files for name in cameras)
+    if files and not named and not any(_MATRIX_NAMES & _load(file).keys() for file in files):
+        return own, files
     for name in cameras:
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
         patterns = (re.compile(re.escape(name) + end, re.IGNORECASE) for end in (r"(?![A-Za-z0-9])", ""))
@@ -102,6 +113,8 @@ def _load(path: Path) -> Content:
             "COLMAP, nerfstudio, ...",
         )
     values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
+    if values.get("fisheye_model") or str(values.get("distortion_model", "")) in _FISHEYES:
+        raise BadInputError(f"{path} is of a fisheye lens; only perspective ones are supported", hint=FLATTEN)
     return {
         key.lower(): np.atleast_1d(np.asarray(value, np.float64))
         for key, value in values.items()
@@ -110,31 +123,35 @@ def _load(path: Path) -> Content:
 
 
 def _split_pair(
-    content: Content, path: Path, cameras: Sequence[str], own: Mapping[str, Content]
+    content: Content, source: str, cameras: Sequence[str], own: Mapping[str, Content]
 ) -> dict[str, Content]:
     rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
     if rotation is None or translation is None:
         raise BadInputError(
-            f"{path} has no R and T; it has {', '.join(content) or 'nothing'}",
+            f"{source} has no R and T; it has {', '.join(content) or 'nothing'}",
             hint="save the R and T of cv2.stereoCalibrate in it",
         )
     if len(cameras) != 2:
         raise BadInputError(
-            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras",
+            f"{source} calibrates a pair, but the recording has {len(cameras)} cameras",
             hint="give one file a camera, each with its R and T",
         )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
     sizes = {key: content[key] for key in _SIZE_KEYS if key in content}
-    numbered = {
-        number: {
-            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(number)
-        }
-        for number in "12"
-    }
+    lenses = [[_lens(content, side) for side in sides] for sides in _SIDES]
+    both = next((pair for pair in lenses if all(_MATRIX_NAMES & lens.keys() for lens in pair)), lenses[0])
+    # Left before Right, whatever their letter case.
+    order = sorted(cameras, key=lambda name: natural_order(name.casefold()))
     return {
-        name: {**sizes, **numbered[number], **own.get(name, {}), **pose}
-        for name, number, pose in zip(cameras, "12", poses, strict=True)
+        name: {**sizes, **lens, **own.get(name, {}), **pose}
+        for name, lens, pose in zip(order, both, poses, strict=True)
     }
+
+
+def _lens(content: Content, side: str) -> Content:
+    """Return the matrix and the distortion of one of a pair's cameras, by the end of their names."""
+    named = {key.removesuffix(side).rstrip("_"): of for key, of in content.items() if key.endswith(side)}
+    return {key: of for key, of in named.items() if key in (*_MATRIX, *_DISTORTION)}
 
 
 def _view(where: str, content: Content) -> View:

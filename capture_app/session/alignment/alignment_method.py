@@ -35,6 +35,11 @@ class AlignmentMethod(Generic[Track]):
     `sound_error_s` (95 %): possible offset between the cameras' sounds while their images are simultaneous.
     Without an offset, the result has the reason.
     """
+    doubt: Callable[[CameraTimes], str] = lambda times: ""
+    """Return what else would give this offset, as half a sentence; empty if the result proves itself.
+
+    A result in doubt is taken only if another method agrees with it, or if the user names the method.
+    """
 
 
 def alignment_methods(by: str = "auto") -> Mapping[str, AlignmentMethod[object]]:

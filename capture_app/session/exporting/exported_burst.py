@@ -1,7 +1,6 @@
 """A burst being exported: its checked images in order, written as files, and their masks."""
 
 import hashlib
-import os
 from collections.abc import Callable
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.text import Progress
+from capture_app.session.files.durable import link_or_copy
 from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE, read_regular
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
@@ -202,7 +202,7 @@ def place(
     if redraw is not None or _ending(burst, image) != target.suffix:
         target.write_bytes(encode_image(pixels, target.suffix, quality=98))
     elif burst.link and not isinstance(image, FrameRecord):
-        os.link(burst.session.image_file(image).resolve(), target)
+        link_or_copy(str(burst.session.image_file(image).resolve()), str(target))
     else:
         target.write_bytes(data)
 

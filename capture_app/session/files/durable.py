@@ -12,6 +12,8 @@ from pathlib import Path
 
 FEW_SYNCS, MAX_SYNCS = 2, 16
 """Number of syncs up to which they run sequentially, and maximum number of concurrent syncs."""
+UNSUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
+"""What a file system says of a call that it does not have."""
 PART = ".part"
 """Suffix of a file that is still being written; readers ignore such files."""
 
@@ -53,6 +55,10 @@ def _sync(path: Path, kind: int = 0) -> None:
     handle = os.open(path, os.O_RDONLY | kind)
     try:
         os.fsync(handle)
+    except OSError as error:
+        # Virtual machines' shared folders, older CIFS and some FUSE have no sync of folders.
+        if error.errno not in UNSUPPORTED or not path.is_dir():
+            raise
     finally:
         os.close(handle)
 
@@ -127,7 +133,25 @@ def link_or_copy(source: str, target: str) -> None:
     try:
         os.link(source, target, follow_symlinks=False)
     except OSError:
-        shutil.copy2(source, target, follow_symlinks=False)
+        shutil.copyfile(source, target, follow_symlinks=False)
+        _copy_modes(source, target)
+
+
+def copy_tree(folder: Path, target: Path) -> None:
+    """Copy a folder, with hard links to its files, into a new or an existing one. Raises OSError."""
+    target.mkdir(exist_ok=True)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            copy_tree(path, target / path.name)
+        else:
+            link_or_copy(str(path), str(target / path.name))
+    _copy_modes(folder, target)
+
+
+def _copy_modes(source: str | Path, target: str | Path) -> None:
+    """Copy permissions and times, where the file system has them."""
+    with suppress(OSError):
+        shutil.copystat(source, target, follow_symlinks=False)
 
 
 def make_folders(folder: Path, inside: Path) -> None:

@@ -1,15 +1,49 @@
-"""Locks between processes (flock), which the system releases when their holder exits or is killed."""
+"""Locks between processes, which the system releases when their holder exits or is killed.
 
+They are flock's. On a file system without it (NFS without lockd, WSL 1, some Lustre) they are names of
+sockets, which keep out the processes of this machine only.
+"""
+
+import errno
 import fcntl
 import os
+import socket
 import time
 from pathlib import Path
 
 from capture_app.common.errors import TryAgainError, reading
-from capture_app.session.files.durable import make_folders
+from capture_app.session.files.durable import UNSUPPORTED, make_folders
 
 _TRIES = 5
 _READER_S = 0.005
+NO_LOCKS = (*UNSUPPORTED, errno.ENOLCK)
+
+
+def lock_handle(handle: int, *, wait: bool = False, how: int = fcntl.LOCK_EX) -> os.stat_result:
+    """Lock an open file or folder until its handle is closed; return its status.
+
+    Where the file system has no locks, the handle becomes that of a socket. Raises BlockingIOError if another
+    process holds the lock and `wait` is not set; OSError.
+    """
+    status = os.fstat(handle)
+    try:
+        fcntl.flock(handle, how | (0 if wait else fcntl.LOCK_NB))
+        return status
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as named:
+        while True:
+            try:
+                named.bind(f"\0simulshot-lock-{status.st_dev}-{status.st_ino}")
+                os.dup2(named.fileno(), handle, inheritable=False)
+                return status
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                if not wait:
+                    raise BlockingIOError(errno.EWOULDBLOCK, os.strerror(errno.EWOULDBLOCK)) from error
+            time.sleep(_READER_S)
 
 
 def lock_folder(folder: Path) -> int:
@@ -18,9 +52,9 @@ def lock_folder(folder: Path) -> int:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     for _ in range(_TRIES):
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locked = lock_handle(handle)
             # The folder may have been moved meanwhile, and another may have taken its name.
-            if os.path.samestat(os.fstat(handle), folder.stat()):
+            if os.path.samestat(locked, folder.stat()):
                 return handle
             break
         except FileNotFoundError:
@@ -47,8 +81,8 @@ def lock_file(path: Path, *, wait: bool = False) -> int:
         except FileNotFoundError:
             continue  # the previous holder has just removed the folder
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-            if os.path.samestat(os.fstat(handle), path.stat()):
+            locked = lock_handle(handle, wait=wait)
+            if os.path.samestat(locked, path.stat()):
                 return handle
         except FileNotFoundError:
             pass

@@ -26,6 +26,7 @@ from capture_app.common.errors import BadInputError, DiskFullError, SimulshotErr
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import (
     PART,
+    copy_tree,
     exchange_folders,
     free_name,
     link_or_copy,
@@ -100,9 +101,7 @@ class OutputFolder:
                     self._check_target()
                     self.folder.mkdir()
                     if self._reuse and (self.target / self._reuse).is_dir():
-                        shutil.copytree(
-                            self.target / self._reuse, self.folder / self._reuse, copy_function=link_or_copy
-                        )
+                        copy_tree(self.target / self._reuse, self.folder / self._reuse)
                 except BaseException:
                     self._release()
                     raise

@@ -66,8 +66,8 @@ def read_input(path: Path) -> bytes:
         return read_regular(path)
 
 
-def read_text(path: Path, *, encoding: str = "utf-8") -> str:
-    """Return the text of a file. Raises BadInputError if it cannot be read or is not text."""
+def read_text(path: Path, *, encoding: str = "utf-8-sig") -> str:
+    """Return a file's text without a byte order mark. Raises BadInputError if it cannot be read as text."""
     with rejecting(f"cannot read {path}", UnicodeDecodeError, hint="save it as UTF-8 text"):
         return read_input(path).decode(encoding)
 

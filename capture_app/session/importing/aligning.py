@@ -1,13 +1,14 @@
 """Alignment of videos without common times, by methods that are plugins: sound, flashes, timecode, GPS."""
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.text import Talk
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras
@@ -28,8 +29,9 @@ def align_recording(
 ) -> CommonTimes:
     """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
 
-    `by`: a method's name, none, or auto, which takes the smallest uncertainty for each pair of cameras.
-    Cameras that cannot be aligned are not in the result, if at least two others can.
+    `by`: a method's name, none, or auto, which takes the smallest uncertainty for each pair of cameras. auto
+    takes a result in doubt, see `AlignmentMethod.doubt`, only if another method confirms it. Cameras that
+    cannot be aligned are not in the result, if at least two others can.
 
     `talk` receives what each method found for the cameras, unless the state's reason has it. `sound_error_s`
     (95 %): possible offset between two cameras' sounds while their images are simultaneous. `rate_given`:
@@ -42,7 +44,7 @@ def align_recording(
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     methods = alignment_methods(by)
-    timed = {name for name, method in methods.items() if method.of_video_times}
+    timed = [name for name, method in methods.items() if method.of_video_times]
     if by in timed and rate_given:
         raise BadInputError(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
@@ -54,12 +56,18 @@ def align_recording(
     }
     cameras = _largest_chain(
         [source.name for source in videos],
-        lambda first, second: _most_accurate(first, second, measured.values()),
+        lambda first, second: _most_accurate(first, second, measured, methods, trusting=by != "auto"),
     )
-    said = {method: _describe(against, cameras) for method, against in measured.items()}
+    said = {
+        method: _describe(method, methods[method], against, cameras) for method, against in measured.items()
+    }
     aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
     if len(aligned) < 2:
         reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
+        if rate_given:
+            reasons.append(
+                f"by {', '.join(timed)} not tried: that takes the videos' own times (without --fps)"
+            )
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():
         if text:
@@ -114,7 +122,9 @@ def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTi
     return best
 
 
-def _describe(against: Against, cameras: Mapping[str, CameraTimes]) -> str:
+def _describe(
+    name_of_method: str, method: AlignmentMethod[object], against: Against, cameras: Mapping[str, CameraTimes]
+) -> str:
     """Describe one method's result for each camera against the first; equal reasons are listed once.
 
     Why it found nothing matters only for a camera that no other method aligned.
@@ -123,7 +133,12 @@ def _describe(against: Against, cameras: Mapping[str, CameraTimes]) -> str:
     found: dict[str, list[str]] = {}
     for name in others:
         text = (of := against(first, name)).reason
-        if of.offset_ns is not None:
+        if of.offset_ns is not None and cameras[name].offset_ns is None and (doubt := method.doubt(of)):
+            text = (
+                f"{of.offset_ns / 1e6:+.0f} ms, which nothing confirms: {doubt} "
+                f"(if it is right: --align {name_of_method})"
+            )
+        elif of.offset_ns is not None:
             bar_ms = (of.uncertainty_ns or 0) / 1e6
             agrees = cameras[name].offset_ns is None or _agree(of, cameras[name])
             text = (
@@ -136,18 +151,31 @@ def _describe(against: Against, cameras: Mapping[str, CameraTimes]) -> str:
     return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
 
 
-def _most_accurate(first: str, second: str, measured: Collection[Against]) -> CameraTimes:
+def _most_accurate(
+    first: str,
+    second: str,
+    measured: Mapping[str, Against],
+    methods: Mapping[str, AlignmentMethod[object]],
+    *,
+    trusting: bool,
+) -> CameraTimes:
     """Return a pair's offset with the smallest uncertainty that no more trustworthy method contradicts.
 
-    Its rate is the most accurate one of the methods that are not contradicted.
+    Results in doubt come after all others and, unless `trusting`, need one that agrees. The rate is the most
+    accurate one of the methods that are not contradicted.
     """
+    found = {method: against(first, second) for method, against in measured.items()}
+    doubtful = {method for method, of in found.items() if not trusting and methods[method].doubt(of)}
     consistent: list[CameraTimes] = []
-    found = [against(first, second) for against in measured]
-    for one in found:
-        if one.offset_ns is not None and all(_agree(one, other) for other in consistent):
-            consistent.append(one)
-    if not consistent:
-        return CameraTimes(reason="; ".join(one.reason for one in found))
+    for method in sorted(found, key=lambda method: method in doubtful):
+        of = found[method]
+        if of.offset_ns is not None and all(_agree(of, other) for other in consistent):
+            consistent.append(of)
+    proven = len(consistent) > 1 or any(
+        of in consistent for method, of in found.items() if method not in doubtful
+    )
+    if not consistent or not proven:
+        return CameraTimes(reason="; ".join(of.reason for of in found.values() if of.reason))
     best = min(consistent, key=lambda one: one.uncertainty_ns or 0)
     rate = min(consistent, key=lambda one: one.rate_uncertainty_ppm or 0.0)
     return replace(best, rate_ppm=rate.rate_ppm, rate_uncertainty_ppm=rate.rate_uncertainty_ppm)
@@ -158,6 +186,15 @@ def _agree(one: CameraTimes, other: CameraTimes) -> bool:
     at_ns = one.epoch_local_ns
     apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
     return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
+
+
+def heard_together(one: Path, other: Path) -> bool:
+    """Return whether two videos have the same sound, at any offset; False without the method `sound`."""
+    try:
+        (method,) = alignment_methods("sound").values()
+        return method.match(method.read(one, 0.0), method.read(other, 0.0), 0.0).offset_ns is not None
+    except (BadInputError, NotAvailableError):
+        return False
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:

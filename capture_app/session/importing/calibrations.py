@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.text import Talk
 from capture_app.session.format.calibration import (
     METRES,
     Calibration,
@@ -16,8 +17,8 @@ from capture_app.session.format.calibration import (
     check_lens,
 )
 from capture_app.session.format.lens import Array
+from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.rate_or_table import match_name
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 
 Fit = Literal["exact", "crop", "scale"]
@@ -50,24 +51,32 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
 
 
 def fit_calibration(
-    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = "exact"
+    views: Views,
+    sizes: Mapping[str, tuple[int, int]],
+    *,
+    unit: str | None = None,
+    fit: Fit = "exact",
+    talk: Talk = lambda said: None,
 ) -> Calibration:
     """Return the calibration of a recording's cameras, given their image sizes (width, height) in px.
 
     Lengths are converted to metres from the file's own unit, otherwise from `unit` (default m). An unknown
-    unit, such as a board's square, is kept by name. Raises BadInputError if a camera has no calibration, if
+    unit, such as a board's square, is kept by name. `talk` receives which camera of the file is whose, unless
+    the names are equal. Raises BadInputError if a camera has no calibration, if
     its numbers are impossible for a camera, or if the size does not fit.
     """
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or views.assumed_unit
-    labels = {match_name(label, list(sizes)): label for label in views.cameras}
+    labels = pair_labels(views.cameras, list(sizes))
     if lacking := [name for name in sizes if name not in labels]:
         raise BadInputError(
             f"{views.source} calibrates {', '.join(views.cameras)}: "
             f"nothing for {', '.join(lacking)} of the recording",
             hint="name the cameras as in the calibration: NAME=PATH",
         )
+    if said := describe_pairs(views.source, labels, views.cameras):
+        talk(said)
     cameras = {
         name: _camera(
             f"{views.source}: camera {name}", views.cameras[labels[name]], size, METRES.get(given, 1.0), fit
@@ -100,7 +109,7 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
         )
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
         raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
-    x, y = _factors(where, view.size, size, fit)
+    x, y = _factors(where, view, size, fit)
     left, _, right = np.linalg.svd(view.rotation)
     return msgspec.structs.replace(
         camera,
@@ -113,9 +122,8 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     )
 
 
-def _factors(
-    where: str, calibrated: tuple[int, int] | None, size: tuple[int, int], fit: Fit
-) -> tuple[float, float]:
+def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[float, float]:
+    calibrated = view.size
     if calibrated is None or calibrated == size:
         return 1.0, 1.0
     if min(calibrated) < 1:
@@ -125,10 +133,19 @@ def _factors(
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
     if fit != "exact" or abs(x / y - 1) < 1e-3:
         return (1.0, 1.0) if fit == "crop" else (x, y)
-    turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""
-    raise BadInputError(
+    what = (
         f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are "
-        f"{size[0]}x{size[1]}{turned}",
+        f"{size[0]}x{size[1]}"
+    )
+    if calibrated == size[::-1]:
+        said = f" (its {view.turned})" if view.turned else ""
+        raise BadInputError(
+            f"{what}, turned by 90 degrees{said}",
+            hint="import the images as they were when the lens was calibrated, or calibrate these: "
+            "import without --calibration, then reconstruct calibrate SESSION",
+        )
+    raise BadInputError(
+        what,
         hint="--fit crop if their right or bottom is cut off, --fit scale if they are stretched",
     )
 

@@ -7,7 +7,6 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import combinations, product, zip_longest
 from pathlib import Path
@@ -15,8 +14,8 @@ from statistics import median
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
-from capture_app.common.text import count
-from capture_app.session.importing.embedded_times import has_video_times
+from capture_app.common.text import Talk, count
+from capture_app.session.importing.clip_pairs import Clip, Heard, pair_clips
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.recording_sources import images_in, videos_in
 from capture_app.session.importing.video_tracks import open_container
@@ -28,34 +27,20 @@ _CAMERA = re.compile(
 )
 _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
 _CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
-_SLACK_S = 2.0
 _MAX_LENGTH_RATIO = 2.0
 """Maximum ratio of the lengths of two clips of one take."""
-
-
-@dataclass(frozen=True, slots=True)
-class Clip:
-    """A video: its length, and its start by its camera's clock, s; the start is None if unknown."""
-
-    path: Path
-    seconds: float
-    began_s: float | None
-
-    def together(self, other: "Clip") -> bool:
-        """Return whether both were recorded at the same time, by their dates."""
-        if self.began_s is None or other.began_s is None:
-            return False
-        apart_s = other.began_s - self.began_s
-        return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
 
 
 Shoot = tuple[str, Mapping[str, Clip]]
 """Name and clips, by camera, of one take; the name is empty if the folder has only this take."""
 
 
-def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
+def find_shoots(
+    folder: Path, talk: Talk = lambda said: None, heard: Heard = lambda one, other: False
+) -> tuple[list[Shoot], list[str]]:
     """Return the takes in a folder, and lines about what was left out and why.
 
+    `talk` receives what the takes assume of the cameras' clocks; `heard` decides where these allow two takes.
     There are none if neither the folder nor its subfolders contain videos.
     """
     shoots: list[Shoot] = []
@@ -68,14 +53,14 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
         del inner[path]
     if len(inner) == 1 and not own:
         # Unreadable files there were reported already, when its clips were searched.
-        shoots, deeper = find_shoots(next(iter(inner)))
+        shoots, deeper = find_shoots(next(iter(inner)), talk, heard)
         return shoots, [*(line for line in left_out if line not in deeper), *deeper]
     if len(own) >= max(1, len(inner)):
         left_out += [f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()]
-        shoots = _of_one_folder(own, left_out)
+        shoots = _of_one_folder(own, left_out, talk, heard)
     elif inner:
         left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
-        shoots = _of_folders(inner, left_out)
+        shoots = _of_folders(inner, left_out, talk, heard)
     if shoots:
         beside = [path for path in sorted(folder.iterdir()) if path.is_dir() and images_in(path)]
         left_out += [f"{path.name}: images beside videos" for path in beside]
@@ -97,7 +82,7 @@ def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
         if not path.name.startswith("."):
             try:
-                clips.append(_read(path) if has_video_times() else Clip(path, 0.0, None))
+                clips.append(_read(path))
             except BadInputError as error:
                 left_out.append(f"{path.name}: {error.what}")
     return clips
@@ -131,7 +116,7 @@ def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list
     return clips
 
 
-def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
+def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: Heard) -> list[Shoot]:
     """Group the clips of one folder into takes, and add to `left_out` why a clip was left out.
 
     Group them by recording time if that gives several takes, otherwise by names such as cam1_take2. If
@@ -139,7 +124,10 @@ def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
     """
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
-    if len(several) > 1 and all(clip.began_s is not None for clip in clips):
+    dated = all(clip.began_s is not None for clip in clips)
+    if several and len(several) < len(groups) and dated and (cameras := _by_counters(clips)):
+        return _of_cameras(cameras, left_out, talk, heard)
+    if len(several) > 1 and dated:
         left_out += [
             f"{clip.path.name}: by its date, nothing was taken with it"
             for clip, *others in groups
@@ -166,6 +154,17 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
     return groups
 
 
+def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
+    """Return the clips by the word before the number that their camera counts; none if it is one word."""
+    words = {clip: re.fullmatch(r"(\D*)(\d+)", clip.path.stem) for clip in clips}
+    cameras: dict[str, list[Clip]] = {}
+    for clip, found in words.items():
+        if found is None:
+            return {}
+        cameras.setdefault(name_like(found[1].rstrip("_-. "), "cam"), []).append(clip)
+    return cameras if min(map(len, cameras.values())) > 1 < len(cameras) else {}
+
+
 def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
     """Group clips whose two-part names form a complete grid of cameras and takes; none if they do not."""
     words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
@@ -188,7 +187,9 @@ def _are_takes(names: Sequence[str]) -> bool:
     return _TAKE.search(text) is not None and _CAMERA.search(text) is None
 
 
-def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[Shoot]:
+def _of_folders(
+    inner: Mapping[Path, list[Clip]], left_out: list[str], talk: Talk, heard: Heard
+) -> list[Shoot]:
     within = any(one.together(other) for clips in inner.values() for one, other in combinations(clips, 2))
     stems = {clip.path.stem for clips in inner.values() for clip in clips}
     named = _are_takes([path.name for path in inner]) or (
@@ -200,24 +201,31 @@ def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[S
     cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
     if all(len(clips) == 1 for clips in cameras.values()):
         return [("", {name: clips[0] for name, clips in cameras.items()})]
+    return _of_cameras(cameras, left_out, talk, heard)
+
+
+def _of_cameras(
+    cameras: Mapping[str, Sequence[Clip]], left_out: list[str], talk: Talk, heard: Heard
+) -> list[Shoot]:
+    """Group the clips of cameras into takes with the camera that has the most."""
     first = max(cameras, key=lambda name: len(cameras[name]))
-    found = (
-        {name: match for name, clips in cameras.items() if (match := _match(clip, number, clips))}
-        for number, clip in enumerate(cameras[first])
-    )
-    shoots: list[Shoot] = [(f"{number}", of) for number, of in enumerate(found, 1) if len(of) > 1]
+    takes = {clip: {first: clip} for clip in cameras[first]}
+    for name, clips in cameras.items():
+        if name != first:
+            pairs, note = pair_clips((first, name), cameras[first], clips, heard)
+            for one, other in pairs:
+                takes[one][name] = other
+            if note:
+                talk(note)
+    shoots: list[Shoot] = [
+        (f"{number}", {name: of[name] for name in cameras if name in of})
+        for number, of in enumerate(takes.values(), 1)
+        if len(of) > 1
+    ]
     taken = {clip.path for _, of in shoots for clip in of.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
     left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
     return shoots
-
-
-def _match(clip: Clip, number: int, clips: Sequence[Clip]) -> Clip | None:
-    """Return another camera's clip with the same name, otherwise the same time, otherwise the same number."""
-    named = (other for other in clips if other.path.stem == clip.path.stem)
-    found = next(named, None) or next(filter(clip.together, clips), None)
-    dated = clip.began_s is not None and all(other.began_s is not None for other in clips)
-    return found or (clips[number] if not dated and number < len(clips) else None)
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:

@@ -1,10 +1,11 @@
 """Frame times from the recording itself: video timestamps, file names, EXIF."""
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from importlib.util import find_spec
+from itertools import count
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,8 +20,11 @@ from capture_app.session.reading.decoding import read_exif
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
 )
+_EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
+_INTERLACED = (2, 3, 4, 5)
+"""FFmpeg's field orders of frames that are not progressive."""
 DAMAGED = "copy it from the camera again, or leave it out"
 _OTHER_TIMES = "take the times from elsewhere: --times name, --timestamps CSV or --fps RATE"
 
@@ -35,17 +39,12 @@ exif    from the images' EXIF: capture time with fraction of a second
 """
 
 
-def has_video_times() -> bool:
-    """Return whether video timestamps can be read, which requires PyAV."""
-    return find_spec("av") is not None
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a video; yield the package PyAV and the container. Raises BadInputError, NotAvailableError."""
     if not path.is_file():  # a reader would wait for a pipe
         raise BadInputError(f"{path} is not a file", hint=DAMAGED)
-    av = load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")
+    av = load_optional("av", "export", "reading videos")
     with (
         rejecting(f"{path} is not a video that can be decoded", av.FFmpegError, hint=DAMAGED),
         av.open(str(path), metadata_errors="replace") as container,
@@ -57,10 +56,25 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         yield av, container
 
 
+def describe_video(path: Path) -> tuple[float, str]:
+    """Return a video's rate in frames/s, 0 if it states none, and a note for the user on interlaced frames.
+
+    Raises as `video_times_ns`.
+    """
+    with _opened(path) as (_, container):
+        stream = container.streams.video[0]
+        fps = float(stream.guessed_rate or stream.average_rate or 0)
+        if stream.codec_context.field_order not in _INTERLACED:
+            return fps, ""
+        apart = f", {500 / fps:.3g} ms apart" if fps else ""
+        return fps, f"{path.name} is interlaced: the odd and the even rows of a frame are two instants{apart}"
+
+
 def video_times_ns(path: Path) -> list[int]:
     """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
 
-    Raises BadInputError if it is not a video, NotAvailableError without PyAV.
+    Frames that an edit list hides have none. Raises BadInputError if it is not a video, NotAvailableError
+    without PyAV.
     """
     with _opened(path) as (_, container):
         stream = container.streams.video[0]
@@ -76,35 +90,49 @@ def count_video_streams(path: Path) -> int:
         return sum(not stream.disposition & cover for stream in container.streams.video)
 
 
-def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Yield the frames (BGR, H x W x 3, upright) at the requested presentation times in ns, with their times.
+def video_pictures(
+    path: Path, places: Collection[int] | None = None, *, by_time: bool = False
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield the frames (BGR, H x W x 3, upright) at the requested places, or all, with their places.
 
-    Frames that cannot be decoded are skipped. Raises BadInputError if it is not a video.
+    A place is a presentation time in ns, otherwise the number of a decoded frame. Frames that cannot be
+    decoded are skipped. Raises BadInputError if it is not a video.
     """
     with _opened(path) as (av, container):
         scaler = av.video.reformatter.Interpolation
         # Without accurate rounding every image is darker by a level or more.
         rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
-        for packet in container.demux(container.streams.video[0]):
+        numbers, last = count(), inf if places is None else max(places, default=-1)
+        stream = container.streams.video[0]
+        # Of pixels that are not square, an image is as wide as a player shows it.
+        aspect = stream.sample_aspect_ratio or 1
+        for packet in container.demux(stream):
             frames = []
             with suppress(av.InvalidDataError):
                 frames = packet.decode()
-            for frame in frames:
-                at_ns = None if frame.pts is None else round(frame.pts * frame.time_base * 1_000_000_000)
-                if at_ns is not None and at_ns in times_ns:
-                    image = frame.to_ndarray(format="bgr24", interpolation=rounding)
-                    yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
+            for frame, number in zip(frames, numbers, strict=False):
+                timed = by_time and frame.pts is not None
+                place = round(frame.pts * frame.time_base * 1_000_000_000) if timed else number
+                if place > last:
+                    return
+                wanted = places is None or place in places
+                if timed == by_time and wanted and not frame.is_corrupt:
+                    width = round(frame.width * aspect)
+                    image = frame.to_ndarray(format="bgr24", width=width, interpolation=rounding)
+                    yield place, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
 
 
 def name_time_ns(path: Path) -> int:
     """Return the time in a file's name, ns: a date and time with a fraction, or digits of a Unix time.
 
     Examples: IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
-    ns. Raises BadInputError if there is none.
+    ns, with a fraction after a point. Digits that begin with 0 are a frame's number. Raises BadInputError if
+    there is none.
     """
-    for digits in re.findall(r"(?<!\d)\d+(?!\d)", path.stem):
+    for digits, fraction in _EPOCH.findall(path.stem):
         if len(digits) in _EPOCH_NS:
-            return int(digits + "0" * _EPOCH_NS[len(digits)])
+            places = _EPOCH_NS[len(digits)]
+            return int(digits + fraction[:places].ljust(places, "0"))
     if (found := _DATE.search(path.stem)) is None:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"

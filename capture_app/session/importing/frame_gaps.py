@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
-from capture_app.session.importing.embedded_times import has_video_times, video_times_ns
+from capture_app.session.importing.embedded_times import video_times_ns
 from capture_app.session.importing.frame_matching import Timeline
 from capture_app.session.importing.recording_sources import Source, Video
 
@@ -27,7 +27,7 @@ def describe_gaps(sources: Sequence[Source], timeline: Timeline) -> Iterator[str
     cameras = timeline.cameras()
     for source in sources:
         times_ns, advice = sorted(frame.leader_ns for frame in cameras.get(source.name, ())), ""
-        if isinstance(source, Video) and not source.has_times and has_video_times():
+        if isinstance(source, Video) and not source.has_times:
             with suppress(BadInputError):
                 times_ns, advice = video_times_ns(source.path), BY_NUMBERS
         if said := describe_times(times_ns):

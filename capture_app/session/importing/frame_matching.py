@@ -80,7 +80,7 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
     left: list[tuple[int, str, TimedFrame]] = []
     for name, frames in cameras.items():
         for frame in frames if name != lead else ():
-            number = _nearest(lead_ns, frame.leader_ns)
+            number = nearest(lead_ns, frame.leader_ns)
             offset_ns = abs(lead_ns[number] - frame.leader_ns)
             rest: TimedFrame | None = frame
             if is_same_instant(offset_ns, period_ns):
@@ -122,7 +122,8 @@ def middle(frames: Mapping[str, TimedFrame]) -> int:
     return round(statistics.median(frame.leader_ns for frame in frames.values()))
 
 
-def _nearest(times_ns: Sequence[int], at_ns: int) -> int:
+def nearest(times_ns: Sequence[int], at_ns: int) -> int:
+    """Return the place of the time that is nearest to another, in ascending ones."""
     after = bisect_left(times_ns, at_ns)
     around = [number for number in (after - 1, after) if 0 <= number < len(times_ns)]
     return min(around, key=lambda number: abs(times_ns[number] - at_ns))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
@@ -11,16 +12,28 @@ from capture_app.session.importing.calibrations import Fit
 from capture_app.session.importing.embedded_times import (
     TimeSource,
     exif_time_ns,
-    has_video_times,
     name_time_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
+from capture_app.session.importing.rate_or_table import (
+    numbers_of_frames,
+    timeline_by_rate,
+    timeline_by_table,
+    times_by_rate,
+)
 from capture_app.session.importing.recording_sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
 """Assumed rate of images that are matched by their numbers, frames/s."""
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
+BY_PLACE = (
+    "frames are paired by their place in each folder, as their names have no common number: "
+    "this is right only if no camera lacks a frame"
+)
+OTHER_FPS = 0.01
+"""Relative difference of two frame rates that are not the same one, such as 25 and 24; 29.97 is 30."""
+MAX_GAP_NS = 1_000_000_000
+"""Maximum time between the end of one camera and the beginning of another in one recording."""
 SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
@@ -42,6 +55,8 @@ class ImportOptions:
     """95 % uncertainty of the times, stated by the user."""
     known: Timeline | None = None
     """Times written by the program that made the recording."""
+    known_of: str = ""
+    """What these are times of, as `Layout.times_of`."""
     start: int = 0
     """First instant to import, counted from 0."""
     count: int | None = None
@@ -73,9 +88,26 @@ class ImportOptions:
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Compute every frame's time and match frames to instants; each assumption is noted in its source.
 
-    Raises BadInputError if there is no source of times, or more than one.
+    Raises BadInputError if there is no source of times, more than one, or if cameras' times never meet.
     """
+    timeline = _timeline(sources, options)
+    spans = {name: (of[0].leader_ns, of[-1].leader_ns) for name, of in timeline.cameras().items()}
+    for (first, one), (second, other) in combinations(spans.items(), 2):
+        if (gap_ns := max(one[0], other[0]) - min(one[1], other[1])) > max(
+            MAX_GAP_NS, 2 * timeline.period_ns
+        ):
+            raise BadInputError(
+                f"the times of {first} and {second} never meet: {gap_ns / 1e9:.1f} s pass between them, and "
+                f"{abs(one[0] - other[0]) / 1e9:.1f} s between their beginnings",
+                hint="if each counts from its own start, give the difference: --time-shift-ms CAMERA=MS",
+            )
+    return timeline
+
+
+def _timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     _check_options([source.name for source in sources], options)
+    if options.fps is not None:
+        _check_rates([source for source in sources if isinstance(source, Video)], options.fps, options)
     if options.timestamps is not None:
         return _shifted(timeline_by_table(sources, options.timestamps), options, str(options.timestamps))
     if options.fps is not None and not options.offsets_ms:
@@ -104,6 +136,25 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
         )
 
 
+def _check_rates(videos: Sequence[Video], fps: float, options: ImportOptions) -> None:
+    """Note that videos state another rate than the user's. Raises BadInputError if they also differ."""
+    others = [video for video in videos if video.fps and abs(fps / video.fps - 1) > OTHER_FPS]
+    said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in others)
+    rates = [video.fps for video in videos]
+    if others and not options.synchronized and max(rates) > (1 + OTHER_FPS) * min(rates):
+        raise BadInputError(
+            f"the files state other rates than {fps:g} frames a second: {said}",
+            hint="leave out --fps, which takes the videos' own times; --synchronized if one clock "
+            "triggered all frames",
+        )
+    for video in others:
+        note = (
+            f"{video.path.name} states {video.fps:.4g} frames a second: with {fps:g}, "
+            f"its {len(video.numbers) / video.fps:.1f} s become {len(video.numbers) / fps:.1f} s"
+        )
+        video.note = "; ".join(filter(None, (video.note, note)))
+
+
 def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     """Return the times of files without a common clock: each video's own, with the user's corrections."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
@@ -116,15 +167,16 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
         return _by_times("the recording", {one.name: _own(one, "video") for one in sources}, options)
     if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
         return timeline_by_times("the recording", {source.name: [TimedFrame(0, 0)] for source in sources})
+    folders = [one for one in sources if isinstance(one, Images) and one.kind == FOLDER]
     names = ", ".join(one.name for one in sources if isinstance(one, Images))
-    if all(isinstance(one, Images) and one.kind == FOLDER and _named_by_time(one) for one in sources):
+    if len(folders) == len(sources) and all(map(_named_by_time, folders)):
         raise BadInputError(
             f"the images of {names} are named by times, which may be of one clock or not",
             hint="if one clock gave them, take them: --times name",
         )
+    exif = "; --times exif takes those of their EXIF" if all(map(_has_exif_time, folders)) else ""
     raise BadInputError(
-        f"the images of {names} have no times",
-        hint="add their rate, --fps, or a table, --timestamps; --times name or exif takes the images' own",
+        f"the images of {names} have no times", hint=f"add their rate, --fps, or a table, --timestamps{exif}"
     )
 
 
@@ -132,6 +184,12 @@ def _named_by_time(source: Images) -> bool:
     with suppress(BadInputError):
         times_ns = [name_time_ns(file) for file in source.files[:2]]
         return times_ns == sorted(set(times_ns))
+    return False
+
+
+def _has_exif_time(source: Images) -> bool:
+    with suppress(BadInputError):
+        return exif_time_ns(source.files[0]) != 0
     return False
 
 
@@ -155,11 +213,12 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
             raise BadInputError(
                 f"{source.path} is not a video", hint="--times name or exif takes images' times"
             )
-        of_video = source.use_embedded_times() if has_video_times() else ()
+        of_video = source.use_embedded_times()
         if of_video:
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
-        lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
-        source.note = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
+        source.note = (
+            f"{source.path.name} has no times of its own: {source.fps:g} frames a second are assumed"
+        )
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, Images) or source.kind != FOLDER:
         raise BadInputError(
@@ -194,14 +253,15 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
     videos = any(isinstance(source, Video) for source in sources)
     by_program = options.known is not None and not options.report_times and not options.offsets_ms
     by_table = not options.report_times and all(source.embedded_times() is not None for source in sources)
+    numbers = BY_PLACE if numbers_of_frames(sources) is None else EQUAL_NUMBERS
     table = options.timestamps and f"the table {options.timestamps.name}"
     rules: tuple[tuple[object, TimesState, str], ...] = (
         (table, "recorded", str(table)),
-        (by_program, "recorded", "the times that its program wrote"),
-        (options.synchronized, "given", EQUAL_NUMBERS),
+        (by_program, "recorded", options.known_of or "the times that its program wrote"),
+        (options.synchronized, "given", numbers),
         (options.offsets_ms, "given", "--time-shift-ms"),
         (options.uncertainty_ms is not None, "given", "--uncertainty-ms"),
-        (options.fps is not None and not videos, "given", EQUAL_NUMBERS),
+        (options.fps is not None and not videos, "given", numbers),
         (options.times == "name", "given", "the times in file names are taken as of one clock"),
         (by_table, "recorded", "the recording's own table of times"),
         (options.times == "exif", "unknown", "EXIF times are by each camera's own clock"),

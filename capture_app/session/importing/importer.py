@@ -106,22 +106,25 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
     `recording` selects one of several recordings of each camera. Raises BadInputError for missing, empty,
     duplicate or badly named cameras.
     """
-    sources: list[Source] = []
+    cameras: list[tuple[str, Path]] = []
     for text in paths:
         name, path = split_name(text)
         if not path.exists():
             raise BadInputError(f"nothing at {path}", hint="check the path")
         if not name and path.is_dir() and not camera_importer(path):
-            sources += _sources_in(path, png, recording)
+            cameras += _cameras_in(path)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            sources.append(_source(name or name_like(own, "cam0"), path, png, recording))
-    if not sources:
+            cameras.append((name or name_like(own, "cam0"), path))
+    if not cameras:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    [(name, times)] = Counter(source.name for source in sources).most_common(1)
+    [(name, times)] = Counter(name for name, _ in cameras).most_common(1)
     if times > 1:
         raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
-    return sorted(sources, key=lambda source: natural_order(source.name))
+    return [
+        _source(name, path, png, recording)
+        for name, path in sorted(cameras, key=lambda one: natural_order(one[0]))
+    ]
 
 
 def split_name(text: str) -> tuple[str, Path]:
@@ -179,7 +182,7 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     return Video(name, path, png=png)
 
 
-def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
+def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
     videos = videos_in(folder)
     folders = [
         path for path in folder.iterdir() if path.is_dir() and (images_in(path) or camera_importer(path))
@@ -195,7 +198,4 @@ def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]
-    return [
-        _source(name_like(name, f"cam{number}"), path, png, recording)
-        for number, (name, path) in enumerate(named)
-    ]
+    return [(name_like(name, f"cam{number}"), path) for number, (name, path) in enumerate(named)]

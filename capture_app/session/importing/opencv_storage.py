@@ -58,7 +58,7 @@ for name in _MATRICES:
 
 def _read_yaml(data: bytes) -> Any:
     # OpenCV writes %YAML:1.0, whose colon is not valid YAML.
-    text = data.decode("utf-8")
+    text = data.decode("utf-8-sig")
     return yaml.load(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader)  # noqa: S506
 
 

@@ -1,7 +1,6 @@
 """Matching of frames to instants by a constant rate or by a table of times."""
 
 import csv
-import re
 import statistics
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -13,6 +12,7 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.format.manifest import MAX_WRITTEN
+from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -21,6 +21,7 @@ from capture_app.session.importing.frame_matching import (
     middle,
     timeline_by_times,
 )
+from capture_app.session.importing.name_numbers import frame_numbers
 from capture_app.session.importing.recording_sources import Source
 
 _CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
@@ -77,7 +78,7 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     sync_index, frames less than half a period apart are one instant. An empty time is a dropped frame. Raises
     BadInputError, with the line, if the table contradicts itself or the recording.
     """
-    rows = _read_table(path, [source.name for source in sources])
+    rows = _read_table(path, sources)
     timed = {one.name: _timed_frames(path, one.name, rows, len(one.numbers)) for one in sources}
     periods = {name: _period(path, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
     cameras = {
@@ -103,30 +104,23 @@ def _period_of(fps: float) -> Fraction:
     return 1_000_000_000 / Fraction(str(fps))
 
 
-def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
-    """Return each camera's frame numbers; their index if some camera has no numbers of its own."""
-    numbered = all(source.numbered for source in sources)
-    return {one.name: (one.numbers if numbered else range(len(one.numbers))) for one in sources}
+def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | None:
+    """Return each camera's frame numbers; None if some camera has none, so that only the order counts."""
+    names = {
+        one.name: one.name_numbers or ([(number,) for number in one.numbers] if one.numbered else ())
+        for one in sources
+    }
+    if any(source.name_numbers for source in sources):
+        return frame_numbers(names) if all(names.values()) else None
+    return {one.name: one.numbers for one in sources} if all(names.values()) else None
 
 
-def match_name(label: str, names: Sequence[str]) -> str | None:
-    """Return the camera that a label in a file refers to: the same name, or the only one with its number.
-
-    `0` and `port_0` both refer to `cam_0` if no other camera ends in 0.
-    """
-    same = next((name for name in names if name.casefold() == label.casefold()), None)
-    number = _number(label)
-    matching = [name for name in names if number is not None and _number(name) == number]
-    return same or (matching[0] if len(matching) == 1 else None)
+def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
+    return numbers_of_frames(sources) or {one.name: range(len(one.numbers)) for one in sources}
 
 
-def _number(text: str) -> int | None:
-    found = re.search(r"(\d+)$", text)
-    return int(found[1]) if found else None
-
-
-def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
-    text = read_text(path, encoding="utf-8-sig")
+def _read_table(path: Path, sources: Sequence[Source]) -> list[_Row]:
+    text = read_text(path)
     delimiter = next((mark for mark in ",;\t" if mark in text.partition("\n")[0]), ",")
     reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
     with rejecting(f"cannot read the table {path}", csv.Error, hint="save it as comma-separated values"):
@@ -142,6 +136,9 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
             hint=f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}",
         )
     ns = 10 ** _TIMES[time.strip().lower()]
+    labels = list(dict.fromkeys((line[camera] or "").strip() for _, line in lines))
+    pairs = pair_labels(labels, [source.name for source in sources])
+    names = {label: name for name, label in pairs.items()}
     rows = [
         (
             name,
@@ -150,14 +147,16 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
             _parse(where, line[time], ns),
         )
         for where, line in lines
-        if (name := match_name((line[camera] or "").strip(), names)) is not None
+        if (name := names.get((line[camera] or "").strip())) is not None
     ]
     timed = {camera for camera, _, _, at_ns in rows if at_ns is not None}
-    if lacking := [name for name in names if name not in timed]:
+    if lacking := [source.name for source in sources if source.name not in timed]:
         raise BadInputError(
-            f"{path} has no times of camera {lacking[0]}",
+            f"{path} has no times of camera {lacking[0]}; it names {', '.join(labels) or 'none'}",
             hint="add its rows; the column camera must have the names of the imported cameras",
         )
+    if said := describe_pairs(path.name, pairs, labels):
+        sources[0].note = "; ".join(filter(None, (sources[0].note, said)))
     return rows
 
 

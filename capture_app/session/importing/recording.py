@@ -12,6 +12,7 @@ from msgspec import structs
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import is_same_instant
 from capture_app.common.names import check_name
 from capture_app.common.text import Progress, Talk, count
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
@@ -19,11 +20,11 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
-from capture_app.session.importing.aligning import align_recording, with_common_times
+from capture_app.session.importing.aligning import align_recording, heard_together, with_common_times
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
 from capture_app.session.importing.frame_gaps import describe_gaps
-from capture_app.session.importing.frame_matching import Instant, Timeline
+from capture_app.session.importing.frame_matching import Instant, TimedFrame, Timeline, nearest
 from capture_app.session.importing.import_options import (
     SOUND_M_PER_S,
     ImportOptions,
@@ -220,12 +221,12 @@ def _fitting(
 ) -> Calibration | None:
     """Return the calibration for images of these sizes: the given one, the export's, or the one beside."""
     if views is not None:
-        return fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+        return fit_calibration(views, sizes, unit=options.unit, fit=options.fit, talk=talk)
     if options.beside is None:
         return _calibration_of(record, sizes) if record else None
     try:
         beside = read_views([("", options.beside)], list(sizes))
-        calibration = fit_calibration(beside, sizes, unit=options.unit, fit=options.fit)
+        calibration = fit_calibration(beside, sizes, unit=options.unit, fit=options.fit, talk=talk)
     except BadInputError as error:
         talk(f"calibration: {options.beside} is not taken: {error}")
         return _calibration_of(record, sizes) if record else None
@@ -276,12 +277,29 @@ def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
         is_alone = all(abs(one.leader_ns - at_ns) > 0.7 * slowest_ns for at_ns in near_ns)
         if is_alone or not slow.isdisjoint(one.frames):
             kept.append(one)
+    # Of cameras that are little faster, a frame may have been nearest to an instant that is left out.
+    others = {name: frames for name, frames in timeline.cameras().items() if name not in slow}
+    paired = [_with_nearest(one, others, slowest_ns) for one in kept]
     fast = ", ".join(f"{name} {1e9 / of:.4g}" for name, of in periods.items() if name not in slow)
     talk(
         f"{fast} frames a second, {', '.join(sorted(slow))} {1e9 / slowest_ns:.4g}: the nearest are taken, "
         f"{count(len(timeline.instants) - len(kept), 'instant')} between are left out"
     )
-    return replace(timeline, instants=kept, period_ns=slowest_ns)
+    return replace(timeline, instants=paired, period_ns=slowest_ns)
+
+
+def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> Instant:
+    """Return an instant with those cameras' nearest frames within half a period."""
+    near = {
+        name: frames[nearest([frame.leader_ns for frame in frames], instant.leader_ns)]
+        for name, frames in cameras.items()
+    }
+    frames = dict(instant.frames)
+    for name, frame in near.items():
+        if name not in frames and is_same_instant(frame.leader_ns - instant.leader_ns, period_ns):
+            frames[name] = frame
+    why = {name: reason for name, reason in instant.why_missing.items() if name not in frames}
+    return replace(instant, frames=frames, why_missing=why)
 
 
 def import_found(
@@ -309,7 +327,7 @@ def import_found(
     ) or recognize_recording(folder, recording=only):
         chosen = [(paths, "", options)]
     else:
-        found, left_out = find_shoots(folder)
+        found, left_out = find_shoots(folder, talk, heard_together)
         options = replace(options, beside=None if options.calibration else find_calibration(folder))
         for take, clips in found:
             files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
@@ -354,6 +372,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
         options,
         synchronized=options.synchronized or layout.same_frames,
         known=layout.timeline,
+        known_of=f"times of {layout.times_of}" if layout.times_of else "",
         timestamps=options.timestamps if options.report_times else layout.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,

@@ -3,11 +3,9 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
-from typing import Any
 
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
@@ -16,27 +14,27 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import (
     DAMAGED,
     count_video_streams,
+    describe_video,
     video_pictures,
     video_times_ns,
 )
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
+from capture_app.session.importing.name_numbers import Numbers, numbers_in
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import (
-    decode_image,
+    decode_turned,
     encode_image,
     image_size,
-    open_capture,
-    read_exif,
 )
 
-UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
-"""Suffixes of videos that do not state their number of frames."""
-VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv", *UNCOUNTED_SUFFIXES)
+VIDEO_SUFFIXES = (
+    *(".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".insv"),
+    *(".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts"),
+)
 ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
-_LAST_NUMBER = re.compile(r"(\d+)\D*$")
 FOLDER = "images"
 """Type name of a plain folder of images."""
 
@@ -55,6 +53,8 @@ class Source(ABC):
     """The recording's own number of each frame: equal numbers of two cameras belong together."""
     numbered: bool
     """Whether the numbers come from the recording instead of from the order of frames."""
+    name_numbers: Sequence[Numbers] = ()
+    """All numbers in the name of each frame's file; empty if no names count frames."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
         """Return the frames' times by the rig's common clock if its files have them, otherwise None."""
@@ -83,7 +83,7 @@ class Images(Source):
     ) -> None:
         """Take image files; `read` returns the image bytes of a file, `times` are by the rig's clock."""
         self.name, self.path, self.files, self.kind = name, path, files, kind
-        self.numbers, self.numbered = range(len(files)), times is None
+        self.numbers, self.numbered = range(len(files)), False
         self.suffix = files[0].suffix.lower()
         self._read, self._times = read, times
 
@@ -115,24 +115,19 @@ def image_folder(name: str, path: Path) -> Images:
     suffixes = {file.suffix.lower() for file in files}
     if len(suffixes) > 1:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
-    source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes()))
+    source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
-    last = [int(found[1]) for file in files if (found := _LAST_NUMBER.search(file.stem)) and path.is_dir()]
-    source.numbered = len(set(last)) == len(files)
-    source.numbers = last if source.numbered else source.numbers
+    source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
     return source
 
 
-def upright(data: bytes) -> bytes:
-    """Return an image file's bytes unchanged, or re-encoded upright if its EXIF asks for a rotation.
+def upright(data: bytes, suffix: str) -> bytes:
+    """Return an image file's bytes unchanged, or encoded again upright if its EXIF asks for a rotation.
 
     Some programs apply that rotation and some do not; in a session the pixels are unambiguous.
     """
-    turned = False
-    with suppress(ValueError):
-        turned = read_exif(data).orientation in range(2, 9)
-    image = decode_image(data, upright=True) if turned else None
-    return data if image is None else encode_image(image, quality=TURNED_QUALITY)
+    image = decode_turned(data)
+    return data if image is None else encode_image(image, suffix.lower(), quality=TURNED_QUALITY)
 
 
 class Video(Source):
@@ -146,25 +141,25 @@ class Video(Source):
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
         chapters = (path, *later_chapters(path))
-        counts, rates = zip(*map(_count_frames, chapters), strict=True)
-        self._times_ns: dict[Path, Sequence[int]] = dict(zip(chapters, map(range, counts), strict=True))
-        """Presentation times of each file's frames, ns; their numbers until the times are read."""
+        times_ns = {chapter: video_times_ns(chapter) for chapter in chapters}
+        self._timed = all(times_ns.values())
+        """Whether all frames have presentation times, by which they are selected."""
+        self._times_ns: dict[Path, Sequence[int]] = {
+            chapter: of if self._timed else range(sum(1 for _ in video_pictures(chapter)))
+            for chapter, of in times_ns.items()
+        }
+        """The presentation times of each file's frames in ns, or their numbers."""
         self.has_times = False
-        """Whether frames are selected by their presentation times instead of their numbers."""
-        self.numbers, self.fps = range(sum(counts)), rates[0]
-        if len(chapters) > 1:
-            self.note = f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}"
+        """Whether the frames' own times are the recording's."""
+        self.numbers = range(sum(map(len, self._times_ns.values())))
+        self.fps, interlaced = describe_video(path)
+        later = ", ".join(one.name for one in chapters[1:])
+        self.note = "; ".join(filter(None, (interlaced, later and f"{path.name} goes on in {later}")))
         if not self.numbers:
-            raise BadInputError(
-                f"{path} does not give its number of frames",
-                hint="re-mux it (ffmpeg -i IN -c copy OUT), or import images",
-            )
+            raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
     def use_embedded_times(self) -> Sequence[int]:
-        """Read the presentation times of all frames, ns, and select frames by them if there are any.
-
-        See `video_times_ns`.
-        """
+        """Return the presentation times of all frames, ns, as the recording's; none if a file lacks them."""
         if count_video_streams(self.path) > 1:
             # As in an .insv of Insta360, which has a lens in each.
             second = (
@@ -172,14 +167,12 @@ class Video(Source):
                 f" ffmpeg -i {self.path.name} -map 0:v:1 -c copy {self.path.stem}-2.mp4"
             )
             self.note = "; ".join(filter(None, (self.note, second)))
-        found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
-        if not all(found.values()):
+        if not self._timed:
             return ()
+        self.has_times = True
+        found = self._times_ns
         shifts = chapter_shifts_ns([*found.values()])
-        times_ns = [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
-        self._times_ns = {**found}
-        self.has_times, self.numbers = True, range(len(times_ns))
-        return times_ns
+        return [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
@@ -188,45 +181,10 @@ class Video(Source):
             size = len(times_ns)
             inner = [index - first for index in indices if first <= index < first + size]
             # Selected by time, a frame that cannot be decoded does not shift the others.
-            by_time = {times_ns[index]: index for index in inner} if self.has_times else {}
-            timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter, by_time))
-            for index, image in timed if self.has_times else _read_frames(chapter, inner):
-                yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
+            chosen = {times_ns[index]: index for index in inner}
+            for place, image in video_pictures(chapter, chosen, by_time=self._timed):
+                yield first + chosen[place], encode_image(image, self.suffix), image.shape[1::-1]
             first += size
-
-
-def _count_frames(path: Path) -> tuple[int, float]:
-    """Return a video file's number of frames and their rate, frames/s."""
-    import cv2
-
-    with _opened(path) as capture:
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if path.suffix.lower() in UNCOUNTED_SUFFIXES:
-            count = sum(1 for _ in iter(capture.grab, False))
-        return count, float(capture.get(cv2.CAP_PROP_FPS))
-
-
-def _read_frames(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
-    """Yield a video file's frames (BGR) of these indices, up to the first that cannot be decoded."""
-    with _opened(path) as capture:
-        chosen = set(indices)
-        for index in range(max(chosen, default=-1) + 1):
-            good, image = capture.read() if index in chosen else (capture.grab(), None)
-            if not good:
-                return
-            if image is not None:
-                yield index, image
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    capture = open_capture(str(path))
-    if not capture.isOpened():
-        raise BadInputError(f"{path} is not a video that can be decoded", hint=DAMAGED)
-    try:
-        yield capture
-    finally:
-        capture.release()
 
 
 def later_chapters(path: Path) -> list[Path]:
@@ -282,6 +240,8 @@ class Layout:
     """Name of the program that made it, if the importer's name is not specific enough."""
     timeline: Timeline | None = None
     """Times that the program stored."""
+    times_of: str = ""
+    """What these are times of, if not those that the program means to store."""
     timestamps: Path | None = None
     """A table of those times."""
     same_frames: bool = False

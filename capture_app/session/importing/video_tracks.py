@@ -14,6 +14,8 @@ from capture_app.common.errors import BadInputError
 
 MIN_GAP_S = 0.02
 """Shorter gaps between a sound track's frames are rounding of their times."""
+MAX_SILENCE_S = 600.0
+"""Longest gaps of a track in all: they are filled with silence, which takes memory as sound does."""
 
 
 @contextmanager
@@ -37,10 +39,10 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
 
     The samples (channels, n) are of a planar format of FFmpeg, `fltp` or `s16p`, with at most so many
     channels, one or two. A gap in the track is filled with silence, so that later sound keeps its time.
-    Raises BadInputError with a short reason if there is none.
+    Raises BadInputError with a short reason if there is none, or if its gaps are longer than MAX_SILENCE_S.
     """
     parts: list[NDArray[Any]] = []
-    start_s, length = 0.0, 0
+    start_s, length, silent = 0.0, 0, 0
     with open_container(path) as (av, container):
         if not container.streams.audio:
             raise BadInputError("it has no sound")
@@ -56,6 +58,9 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
             made = [one.to_ndarray() for one in resampler.resample(frame)]
             gap = round((at_s - start_s) * rate_hz) - length
             if gap > MIN_GAP_S * rate_hz:
+                silent += gap
+                if silent > MAX_SILENCE_S * rate_hz:
+                    raise BadInputError(f"its sound has holes of {silent / rate_hz:,.0f} s")
                 dtype = np.float32 if sample_format == "fltp" else np.int16
                 parts.append(np.zeros((channels, gap), dtype))
                 length += gap

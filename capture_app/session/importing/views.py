@@ -10,11 +10,12 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_input, rejecting
+from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.format.lens import Array
 
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 """Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
+FLATTEN = "undistort the images to a perspective lens, and calibrate these"
 EXPORT_AGAIN = "export the calibration again with the program that made it"
 
 
@@ -31,6 +32,8 @@ class View:
     rotation: Array
     translation: Array
     size: tuple[int, int] | None = None
+    turned: str = ""
+    """What the file says of images that are turned after the lens was calibrated; empty if nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +52,7 @@ def read_json(path: Path) -> Any:
     if path.suffix.lower() != ".json":
         return None
     with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
-        return msgspec.json.decode(read_input(path))
+        return msgspec.json.decode(read_text(path))
 
 
 def numbers(

@@ -25,8 +25,8 @@ from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import (
+    copy_tree,
     free_name,
-    link_or_copy,
     make_folders,
     move_folder,
     sync_folder,
@@ -135,14 +135,12 @@ def _changeable(folder: Path, **changed: str) -> Iterator[None]:
         if after != before:
             with OutputFolder(folder, lambda _: None) as output:
                 locks.append(lock_folder(output.folder))
-                shutil.copytree(
-                    folder, output.folder, symlinks=True, dirs_exist_ok=True, copy_function=link_or_copy
-                )
+                copy_tree(folder, output.folder)
                 _write_changed(output.folder, after)
         yield
-    except shutil.Error as error:
+    except PermissionError as error:
         raise BadInputError(
-            f"cannot read all of {folder}: {error.args[0][0][2]}",
+            f"cannot read all of {folder}: {error}",
             hint="check the permissions of its files; the session is unchanged",
         ) from error
     finally:

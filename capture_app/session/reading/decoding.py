@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 JPEG_BEGIN, JPEG_END = b"\xff\xd8", b"\xff\xd9"
+PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
+_TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 MAX_PADDING = 1 << 20
 """Limit on the bytes that a camera adds to a JPEG after its end."""
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
@@ -38,7 +40,7 @@ JPEG_QUALITY = 95
 
 @dataclass(frozen=True)
 class Exif:
-    """EXIF fields of a JPEG; a field that the file lacks is empty or None."""
+    """EXIF fields of an image file; a field that the file lacks is empty or None."""
 
     date: str = ""
     """DateTimeOriginal; `part_of_second` is SubSecTimeOriginal."""
@@ -50,14 +52,28 @@ class Exif:
 
 
 def read_exif(data: bytes) -> Exif:
-    """Return the EXIF fields in a JPEG's bytes. Raises ValueError if the EXIF is malformed."""
+    """Return the EXIF fields in the bytes of an image file. Raises ValueError if the EXIF is malformed."""
     try:
-        for marker, at in _segments(data) if data.startswith(JPEG_BEGIN) else ():
-            if marker == 0xE1 and data[at + 2 : at + 8] == b"Exif\0\0":
-                return _exif_of_tiff(data[at + 8 : at + struct.unpack_from(">H", data, at)[0]])
+        tiff = _exif_bytes(bytes(data))
+        return _exif_of_tiff(tiff) if tiff else Exif()
     except (struct.error, IndexError, OverflowError) as error:
         raise ValueError(str(error)) from error
-    return Exif()
+
+
+def _exif_bytes(data: bytes) -> bytes:
+    """Return the TIFF with the EXIF of a JPEG, PNG or TIFF file; empty if it has none."""
+    if data.startswith(JPEG_BEGIN):
+        for marker, at in _segments(data):
+            if marker == 0xE1 and data[at + 2 : at + 8] == b"Exif\0\0":
+                return data[at + 8 : at + struct.unpack_from(">H", data, at)[0]]
+    elif data.startswith(PNG_BEGIN):
+        at = len(PNG_BEGIN)
+        while at < len(data):
+            length, name = struct.unpack_from(">I4s", data, at)
+            if name == b"eXIf":
+                return data[at + 8 : at + 8 + length]
+            at += 12 + length
+    return data if data[:4] in _TIFF_BEGINS else b""
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, int]]:
@@ -188,13 +204,10 @@ def _webp(data: bytes) -> Size | None:
 
 
 _READERS: tuple[tuple[bytes, Callable[[bytes], Size | None]], ...] = (
-    (b"\x89PNG\r\n\x1a\n", lambda data: struct.unpack_from(">II", data, 16)),
+    (PNG_BEGIN, lambda data: struct.unpack_from(">II", data, 16)),
     (JPEG_BEGIN, _jpeg),
     (b"BM", _bmp),
-    (b"II*\0", _tiff),
-    (b"MM\0*", _tiff),
-    (b"II+\0", _tiff),
-    (b"MM\0+", _tiff),
+    *((begin, _tiff) for begin in _TIFF_BEGINS),
     (b"RIFF", _webp),
 )
 
@@ -204,22 +217,21 @@ def decode_image(
     *,
     colour: bool = False,
     min_width: int = 0,
-    upright: bool = False,
     max_pixels: int = MAX_PIXELS,
 ) -> "NDArray[np.uint8] | None":
     """Decode an image file's bytes; return None if they are not an image or if it exceeds `max_pixels`.
 
     A small file can claim a huge size, so a file whose header gives no size is not decoded. `colour`: return
     height x width x BGR of 8 bits, whatever the file contains; with `min_width`, decode at a half, a quarter
-    or an eighth of the size as long as the width stays at least that, which is faster. `upright`: 8 bits,
-    rotated by the EXIF orientation; otherwise the orientation is ignored.
+    or an eighth of the size as long as the width stays at least that, which is faster. The EXIF orientation
+    is ignored: imported images are upright.
     """
     if (size := size_of(data)) is None or not 0 < size[0] * size[1] <= max_pixels:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np
 
-    flags = cv2.IMREAD_ANYCOLOR if upright else cv2.IMREAD_UNCHANGED
+    flags = cv2.IMREAD_UNCHANGED
     if colour:
         sizes = (
             (8, cv2.IMREAD_REDUCED_COLOR_8),
@@ -232,6 +244,26 @@ def decode_image(
         return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
+
+
+def decode_turned(data: bytes) -> "NDArray[np.uint8] | None":
+    """Decode an image file that its EXIF has to be turned, and turn it; None for any other file."""
+    try:
+        orientation = read_exif(data).orientation
+    except ValueError:
+        return None
+    image = decode_image(data) if orientation in range(2, 9) else None
+    # OpenCV turns a TIFF whatever it is asked for.
+    return image if image is None or data[:4] in _TIFF_BEGINS else turn_upright(image, orientation)
+
+
+def turn_upright(image: "NDArray[np.uint8]", orientation: int) -> "NDArray[np.uint8]":
+    """Return an image transformed by an EXIF orientation, 1 to 8."""
+    import numpy as np
+
+    turned = np.swapaxes(image, 0, 1) if orientation > 4 else image
+    rows, columns = (-1 if orientation in flipped else 1 for flipped in ((3, 4, 7, 8), (2, 3, 6, 7)))
+    return np.ascontiguousarray(turned[::rows, ::columns])
 
 
 def decode_preview(data: bytes) -> "NDArray[np.uint8] | None":

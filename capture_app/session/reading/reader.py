@@ -11,6 +11,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
+from capture_app.session.files.locks import lock_handle
 from capture_app.session.files.untrusted_files import (
     read_arrays,
     read_input,
@@ -200,7 +201,7 @@ def is_being_written(folder: Path) -> bool:
     """Return whether a writer currently holds the session's lock."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        lock_handle(handle, how=fcntl.LOCK_SH)
     except BlockingIOError:
         return True
     finally:

@@ -110,7 +110,8 @@ class ShootView(ModeView):
         self._course = ""
         """What these takes wait for, in words."""
         self._failure = ""
-        """Reason why the last order failed."""
+        """Reason why the last order failed; the next order ends it, and a leader that is back."""
+        self._was_lost = False
         self._wants_depth = False
         self._depth: Worker[None] | None = None
         """Worker that shows live depth."""
@@ -154,9 +155,12 @@ class ShootView(ModeView):
                 self._show_course()
                 self.refresh_bindings()
             case LinkLost():
+                self._was_lost = True
                 self.stage.grid.show_lost()
                 self._show_course()
             case RigStatus() as status:
+                if self._was_lost:
+                    self._was_lost, self._failure = False, ""
                 self.plan_panel.show_period(status.period_ns)
                 self.stage.grid.show_status(status)
                 if status.burst is not None and status.burst.name:

@@ -32,6 +32,8 @@ HELD_FOCALS = (1.0, 4.0, 20.0)
 """Trial focal lengths, in longer sides, if the estimate fails; purely shifted images look like telephoto."""
 GOOD_PX = 2.0
 """Residual below which no other focal length is tried."""
+UPRIGHT = 0.7
+"""Minimum cosine between rows of a camera and of the mean of all for a column of upright views."""
 LEVEL_DEG = 3.0
 """Minimum angle between cameras from which the vertical direction can be estimated."""
 EXPECTED_MATCHES = (8.0, 0.2)
@@ -117,7 +119,14 @@ def _level(views: Mapping[str, View]) -> dict[str, View]:
     """Rotate all views together so that the panorama is level."""
     rotations: Sequence[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
     first, *others = views.values()
-    if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
+    # The nearest rotation to their mean: a camera that looks at the middle, as upright as they are.
+    left, _, right = np.linalg.svd(np.sum(rotations, axis=0))
+    by_mean = [(left @ right).T @ rotation for rotation in rotations]
+    across, down, _ = np.ptp([rotation[:, 2] for rotation in by_mean], axis=0)
+    if down > across and min(rotation[0, 0] for rotation in by_mean) > UPRIGHT:
+        # OpenCV lays a column on its side.
+        rotations = by_mean
+    elif max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
         rotations = cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_AUTO)
     return {
         name: replace(view, rotation=np.asarray(rotation, np.float64).T)

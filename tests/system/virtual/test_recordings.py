@@ -24,7 +24,23 @@ def record(monkeypatch: pytest.MonkeyPatch, *faults: Step) -> tuple[int, list[st
 
     monkeypatch.setattr("tests.virtual.run.broken", look)
     steps = (Step(BEGINS_S, "recording", "desk", ORDERED_S), *faults)
-    result = run(Plan(5, ("cam0", "cam1"), (), False, {}, 0.0, 2000, False, steps, 70.0))
+    plan = Plan(
+        seed=5,
+        cameras=("cam0", "cam1"),
+        behind_relay=(),
+        has_standby=False,
+        liars={},
+        drops=0.0,
+        image_bytes=2000,
+        wifi=False,
+        steps=steps,
+        seconds=70.0,
+        lopsided={},
+        phones=(),
+        stagger="",
+        has_sound=False,
+    )
+    result = run(plan)
     assert result.failures == ()
     (recording,) = saved
     return recording

@@ -16,13 +16,18 @@ from capture_app.common.address import DEFAULT_PORT, Address, own_hosts, parse_a
         ("10.0.0.7", "10.0.0.7", DEFAULT_PORT),
         ("[fe80::1%eth0]:5000", "fe80::1%eth0", 5000),
         ("[::1]", "::1", DEFAULT_PORT),
+        ("leader.local.:5000", "leader.local.", 5000),
+        ("führung.local", "führung.local", DEFAULT_PORT),
     ],
 )
 def test_what_is_an_address(text: str, host: str, port: int) -> None:
     assert parse_address(text) == Address(host, port)
 
 
-@pytest.mark.parametrize("text", ["", ":5000", "host:", "host:port", "host:0", "host:65536", "::1", "a b:1"])
+@pytest.mark.parametrize(
+    "text",
+    ["", ":5000", "host:", "host:port", "host:0", "host:65536", "::1", "a b:1", "a..b", "x" * 230, "é" * 60],
+)
 def test_what_is_none(text: str) -> None:
     with pytest.raises(ValueError, match=r".+"):
         parse_address(text)

@@ -1,5 +1,6 @@
 """Times, counts and progress lines as people and programs read them."""
 
+import unicodedata
 from collections.abc import Callable
 
 import msgspec
@@ -53,24 +54,34 @@ def test_a_progress_line_is_read_as_it_was_written() -> None:
     assert ProgressStep.parse("cam00 joined") is None
 
 
+ORDERING = "\u061c\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\ufeff"
+TEXTS = st.text(st.one_of(st.characters(codec="utf-8"), st.sampled_from(ORDERING)), max_size=20)
+
+
 def test_control_characters_are_shown_not_obeyed() -> None:
     assert printable("a\x1b[31m\rb\tc\n") == "a\\x1b[31m\\rb\tc\n"
+    assert printable("gpj\u202e.exe \u2066x\u2069\u2028y") == "gpj\\u202e.exe \\u2066x\\u2069\\u2028y"
+    assert printable("caf\udce9.jpg") == "caf\\udce9.jpg", "a file's name in Latin 1"
+    assert printable("日本 👩\u200d🚀 עברית") == "日本 👩\u200d🚀 עברית"
 
 
 @settings(max_examples=50)
-@given(st.dictionaries(st.text(max_size=20), st.text(max_size=20), max_size=5))
+@given(st.dictionaries(TEXTS, TEXTS, max_size=5))
 def test_json_is_printable_and_keeps_all_but_control_characters(value: dict[str, str]) -> None:
     data = msgspec.json.encode(value)
     expected = {"".join(map(shown, key)): "".join(map(shown, text)) for key, text in value.items()}
     assert msgspec.json.decode(printable_json(data)) == expected
     printed = terminal_json(value)
     assert msgspec.json.decode(printed) == value
-    assert not any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in printed.decode())
+    assert not any(is_control(letter) for letter in printed.decode())
+
+
+def is_control(letter: str) -> bool:
+    return unicodedata.category(letter) == "Cc" or letter in ORDERING
 
 
 def shown(letter: str) -> str:
-    is_control = letter not in "\n\t" and (ord(letter) < 32 or 127 <= ord(letter) < 160)
-    return "\ufffd" if is_control else letter
+    return "\ufffd" if letter not in "\n\t" and is_control(letter) else letter
 
 
 @given(st.binary())

@@ -2,14 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 from capture_app import __version__
-from capture_app.common.pairing_codes import Role
 from capture_app.net.discovery import NOBODY, announced_hosts, search_leaders
-from capture_app.trust.trust import Trust
 from tests.unit.net.ports import answering, closed_port
 
 from .machines import Machine, two_machines
@@ -64,16 +61,6 @@ def test_of_several_leaders_all_are_found_but_those_that_do_not_answer(
     with announcing(leader, "leader:47030:a", "leader:47031:b", "silent-leader:47032:c"):
         found = searched_until(node, ["10.77.0.1:47030", "10.77.0.1:47031"])
     assert [line.split()[2] for line in found] == ["a-47030", "b-47031"]
-
-
-def test_of_several_leaders_the_one_that_is_known_is_taken(
-    machines: tuple[Machine, Machine], tmp_path: Path
-) -> None:
-    leader, node = machines
-    ours, own = Trust(tmp_path / "ours"), Trust(tmp_path / "own")
-    own.known.add(ours.identity.pin, Role.LEADER, name="ours")
-    with announcing(leader, f"leader@{tmp_path}/a:47080:a", f"leader@{ours.folder}:47081:z"):
-        assert searched_until(node, ["10.77.0.1:47081"], str(own.folder))
 
 
 def test_a_relay_is_found_where_there_is_no_leader(machines: tuple[Machine, Machine]) -> None:

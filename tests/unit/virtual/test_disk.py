@@ -121,3 +121,40 @@ def test_a_process_is_killed_in_the_middle_of_its_work(steps: int) -> None:
         assert len(list(folder.iterdir())) <= steps
     finally:
         world.disks.remove()
+
+
+@pytest.mark.parametrize("steps", range(1, 22))
+def test_a_node_finds_again_what_it_was_killed_in_the_middle_of(steps: int) -> None:
+    world = World(1)
+    folder = world.disks.of("machine").folder
+    ended: list[Exception | None] = []
+    left_over: list[Path] = []
+
+    async def make_and_remove() -> None:
+        spool = Spool(folder, "a")
+        spool.open()
+        world.disks.kill_after[world.processes["node"]] = steps
+        burst = spool.create_burst(report("a", 0, 1))
+        for instant in range(2):
+            burst.add_image(upload("a", instant), IMAGE)
+        burst.remove()
+
+    async def look() -> None:
+        found = {burst.folder for burst in Spool(folder, "a").open()}
+        left_over.extend(path for path in (folder / "a").iterdir() if path.is_dir() and path not in found)
+
+    async def evening() -> None:
+        world.on_end = lambda _, error: ended.append(error)
+        for work in (make_and_remove, look):
+            world.start("node", "machine", work)
+            await asyncio.sleep(1)
+            await world.kill("node")
+
+    try:
+        with world.entered():
+            world.run(evening())
+    finally:
+        world.disks.remove()
+    # Killed by its disk, or not at all.
+    assert ended in ([], [None])
+    assert left_over == []

@@ -14,7 +14,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_of_line
 from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord
-from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.recording_sources import Source, Video
 from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image, is_whole_jpeg
 from capture_app.session.reading.reader import Session
@@ -243,7 +242,7 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
         if (embedded := source.embedded_times()) is not None:
             return [frame.leader_ns for frame in embedded]
         if isinstance(source, Video):
-            if has_video_times() and (times_ns := source.use_embedded_times()):
+            if times_ns := source.use_embedded_times():
                 return times_ns
             fps = source.fps
     return [round(number * 1e9 / (fps or TYPICAL_FPS)) for number in range(len(source.numbers))]

@@ -4,14 +4,15 @@ Anipose's calibrations have the same format.
 """
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, rotation_of
+from capture_app.session.importing.views import EXPORT_AGAIN, FLATTEN, View, Views, numbers, rotation_of
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
 _UP = 3
@@ -66,6 +67,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     for key, table in found.items():
         label = str(table.get("name", table.get("cam_id", table.get("port", key))))
         where = f"{path}: camera {label}"
+        _refuse_unread(where, table)
         width, height = numbers(where, table, "size", 2)
         views[label] = View(
             matrix=numbers(where, table, "matrix", 9).reshape(3, 3),
@@ -73,8 +75,21 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
             rotation=rotation_of(numbers(where, table, "rotation", 3, 9)),
             translation=numbers(where, table, "translation", 3),
             size=(int(width), int(height)),
+            turned=f"rotation_count {turns}" if (turns := table.get("rotation_count", 0)) else "",
         )
     return Views(views, path.name)
+
+
+def _refuse_unread(where: str, table: Mapping[str, Any]) -> None:
+    """Raise BadInputError for a fisheye, or for a lens without a pose."""
+    if table.get("fisheye"):
+        raise BadInputError(f"{where} has a fisheye lens; only perspective ones are supported", hint=FLATTEN)
+    if "rotation" not in table and "translation" not in table:
+        raise BadInputError(
+            f"{where} has a lens, but no pose yet",
+            hint="calibrate the poses of the cameras there; or import without --calibration, then: "
+            "reconstruct calibrate SESSION",
+        )
 
 
 IMPORTER = Importer(

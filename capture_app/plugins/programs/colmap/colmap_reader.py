@@ -170,7 +170,7 @@ def _read(folder: Path, name: str) -> list[Any]:
     ):
         if path.suffix == ".bin":
             return list(_BINARY[name](BytesIO(data)))
-        lines = data.decode("utf-8").splitlines()
+        lines = data.decode("utf-8-sig").splitlines()
         return list(_TEXT[name]([line.split() for line in lines if not line.startswith("#")]))
 
 

@@ -10,6 +10,7 @@ child in the parent's coordinates.
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -37,6 +38,9 @@ _PICTURES = (
 _LENSES = ("foxglove.CameraCalibration", "sensor_msgs/msg/CameraInfo")
 _POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
+_MODELS = "plumb_bob", "rational_polynomial"
+"""Distortion models whose coefficients are OpenCV's."""
+_NO_LENS = "import with --calibration PATH, or calibrate the session: reconstruct calibrate SESSION"
 _ENCODINGS = {True: "protobuf", False: "cdr"}
 """Message encoding: Foxglove's (True), and ROS 2's."""
 _RECOVER = "copy it from the recorder again; `mcap recover` repairs an interrupted .mcap"
@@ -74,12 +78,12 @@ class _Message(NamedTuple):
 
     @property
     def timed(self) -> tuple[int, int | None]:
-        """Return the message's timestamp (if 0, its arrival) and, if recorded separately, its arrival; ns."""
+        """Return the message's timestamp, 0 if it has none, and, if recorded separately, its arrival; ns."""
         if self.kind.startswith(_FOXGLOVE):
             stamp = self.content.timestamp
-            return stamp.seconds * 1_000_000_000 + stamp.nanos or self.arrived_ns, None
+            return stamp.seconds * 1_000_000_000 + stamp.nanos, None
         stamp = self.content.header.stamp
-        return stamp.sec * 1_000_000_000 + stamp.nanosec or self.arrived_ns, self.arrived_ns
+        return stamp.sec * 1_000_000_000 + stamp.nanosec, self.arrived_ns
 
 
 class TopicPictures(Source):
@@ -120,6 +124,7 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
     first: dict[str, _Message] = {}
     times: dict[str, list[TimedFrame]] = {}
     numbers: dict[str, list[int]] = {}
+    arrivals: dict[str, list[int]] = {}
     lenses: dict[str, _Message] = {}
     poses: dict[str, tuple[str, Any]] = {}
     for message in _messages(path, (*_PICTURES, *_LENSES, *_POSES)):
@@ -127,6 +132,7 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
         if kind in _PICTURES:
             frames = times.setdefault(first.setdefault(topic, message).topic, [])
             frames.append(TimedFrame(len(frames), *message.timed))
+            arrivals.setdefault(topic, []).append(message.arrived_ns)
             numbers.setdefault(topic, []).append(sequence)
         elif kind in _LENSES:
             lenses[topic] = message
@@ -141,13 +147,27 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
         )
     names = _camera_names({topic: of.frame_id for topic, of in first.items()})
     sources = [TopicPictures(name, path, first[topic], len(times[topic])) for topic, name in names.items()]
+    unstamped = [topic for topic, frames in times.items() if not all(frame.leader_ns for frame in frames)]
+    if unstamped:
+        # Stamps and times of arrival are of two clocks.
+        times = {
+            topic: [replace(frame, leader_ns=at_ns) for frame, at_ns in zip(of, arrivals[topic], strict=True)]
+            for topic, of in times.items()
+        }
     stamped = {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()}
+    views, refused = None, ""
+    try:
+        views = _views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses)
+    except BadInputError as error:
+        refused = f"the calibration in it is not taken: {error.what}"
     layout = Layout(
         program=sources[0].kind,
         path=path,
         sources=tuple(sources),
         timeline=timeline_by_times(str(path), stamped),
-        views=_views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses),
+        views=views,
+        times_of=f"arrival in the bag, as stamps of {', '.join(unstamped)} are zero" if unstamped else "",
+        note=refused,
     )
     return layout, {
         (name, one): index for topic, name in names.items() for index, one in enumerate(numbers[topic])
@@ -179,11 +199,14 @@ def _views(
         turn, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
         if len(k) != 9:
+            raise BadInputError(f"{where} has a calibration without K", hint=_NO_LENS)
+        if (model := lens.distortion_model) not in ("", *_MODELS):
             raise BadInputError(
-                f"{where} has a calibration without K",
-                hint="calibrate the camera before recording, or import with --calibration PATH",
+                f"{where} has a lens of model {model}, not {' or '.join(_MODELS)}", hint=_NO_LENS
             )
         rotation = from_quaternion(where, (turn.w, turn.x, turn.y, turn.z)).T
+        if "rect" in picture.topic.rpartition("/")[2]:
+            raise BadInputError(f"{where}: {picture.topic} is rectified, and its lens is not", hint=_NO_LENS)
         views[name] = View(
             matrix=np.array(k).reshape(3, 3),
             distortion=np.array(d if len(d) else [0.0] * 5),

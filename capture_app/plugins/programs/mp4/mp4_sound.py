@@ -29,6 +29,8 @@ FRAME_SD_S, PART_SD_S = 1e-3, 1e-4
 SOUNDS = "simulshot.sounds"
 """Entry-point group of modules with `read_sounds(session, camera)`: parts of sound, each with its image."""
 MAX_SOUND_S = 86_400.0
+MAX_SLIP_S, MAX_RATE_PPM = 1.0, 20_000.0
+"""How much farther apart than their times samples may be by their numbers, and a microphone's clock error."""
 MAX_BEFORE_NS = 3_000_000_000
 """Maximum time from an image to the sound in it; a replayed image has the sound of another time."""
 MAX_MISS_S = 5e-3
@@ -87,7 +89,8 @@ def add_own_sound(burst: ExportedBurst, camera: str, video: Path, *, wav: bool) 
     firsts = range(0, round(end_s * RATE_HZ), BLOCK)
     sound = np.zeros((max(channels for _, _, channels in streams), len(firsts) * BLOCK), np.int16)
     for (_, rate_hz, channels), parts in streams.items():
-        _add_stream(sound, burst.origin_ns, parts, rate_hz, channels)
+        if not _add_stream(sound, burst.origin_ns, parts, rate_hz, channels):
+            burst.warn(f"{camera}: sound whose sample numbers contradict its times is left out")
     _mux(video, (sound[:, first : first + BLOCK] for first in firsts), len(sound))
     if wav:
         with wave.open(str(video.with_suffix(".wav")), "wb") as file:
@@ -102,12 +105,18 @@ def _end_s(burst: ExportedBurst, camera: str) -> float:
 
 def _add_stream(
     sound: Samples, origin_ns: int, parts: list[tuple[ImageRecord, Any]], rate_hz: int, channels: int
-) -> None:
-    """Add one run of a microphone to the burst's sound (channels, n), which begins at the burst's origin."""
+) -> bool:
+    """Add one run of a microphone to the burst's sound (channels, n), which begins at the burst's origin.
+
+    Return False, and add nothing, if its sample numbers contradict the times at which they were heard.
+    """
     begin = min(part.first for _, part in parts)
     length = max(part.first + part.samples for _, part in parts) - begin
-    if length > MAX_SOUND_S * rate_hz:
-        return
+    heard_ns = [part.local_ns for _, part in parts]
+    # Before any memory is taken: sample numbers are whatever a camera's machine wrote.
+    apart_s = (max(part.first for _, part in parts) - begin) / rate_hz
+    if apart_s > MAX_SLIP_S + (max(heard_ns) - min(heard_ns)) / 1e9:
+        return False
     samples = np.zeros((channels, length), np.int16)
     for _, part in parts:
         at = part.first - begin
@@ -115,16 +124,18 @@ def _add_stream(
     # The images' own times, by which the node's clock is converted to the leader's.
     pairs = sorted((image.local_ns or 0, image.leader_ns) for image, _ in parts)
     late_ns = [leader_ns - local_ns for local_ns, leader_ns in pairs]
-    heard_ns = [part.local_ns for _, part in parts]
     rig_ns = np.array(heard_ns) + np.interp(heard_ns, [local_ns for local_ns, _ in pairs], late_ns)
     own_s = np.array([part.first - begin for _, part in parts]) / rate_hz
     sd_s = np.full(len(parts), PART_SD_S)
     clock = fit_clock_line(own_s, (rig_ns - origin_ns) / 1e9, sd_s, "sound")
+    if abs(clock.rate_ppm) > MAX_RATE_PPM:
+        return False
     ends_s = (clock.leader_from_local(round(at_s * 1e9)) / 1e9 for at_s in (0, length / rate_hz))
     low, high = (min(max(0, int(end_s * RATE_HZ)), sound.shape[1]) // BLOCK for end_s in ends_s)
     firsts = range(low * BLOCK, min(high * BLOCK + BLOCK, sound.shape[1]), BLOCK)
     for first, block in zip(firsts, _on_rig_time(samples, 0.0, clock, firsts, rate_hz), strict=True):
         sound[:, first : first + BLOCK] += block
+    return True
 
 
 def fit_sound_clock(burst: ExportedBurst, camera: str, recording: Path) -> CameraTimes:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.system.reconstruction.batch.test_kill import finished, results, start
+from tests.system.reconstruction.batch.test_kill import finished, kill_and_compare, results, start
 
 
 @pytest.mark.timeout(1800)
@@ -41,3 +41,9 @@ def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp
     assert finished(out).items() >= kept.items()
     assert results(out) == results(whole)
     assert kills >= 15
+
+
+def test_a_batch_killed_twenty_times_resumes(boards: Session, tmp_path: Path) -> None:
+    for seed in range(7):
+        (tmp_path / str(seed)).mkdir()
+        kill_and_compare(boards, tmp_path / str(seed), 3, seed)

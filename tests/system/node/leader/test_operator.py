@@ -1,5 +1,6 @@
 """What operators see of a leader and ask of it, over a connection that comes back."""
 
+import asyncio
 import contextlib
 from contextlib import aclosing
 from pathlib import Path
@@ -16,7 +17,7 @@ from capture_app.protocol.orders import (
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.rig_link import RigLink, Update, ask_status
 from tests.unit.node.leader.test_operator import (
-    leader,  # noqa: F401 - a fixture
+    leader,  # noqa: F401 - a fixture  # noqa: F401 - a fixture
     leader_at,
     next_of,
 )
@@ -57,3 +58,20 @@ async def test_two_rigs_have_simulated_cameras_of_the_same_names(tmp_path: Path)
             async with aclosing(RigLink(leader.own_address).updates()) as updates:
                 await next_of(updates, lambda update: isinstance(update, RigStatus) and bool(update.nodes))
             assert list(nodes.names) == ["cam00"]
+
+
+async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
+    tmp_path: Path,
+) -> None:
+    async with (
+        await leader_at(tmp_path / "sessions") as leader,
+        aclosing(LocalNodes(leader.own_address, tmp_path / "spool")) as nodes,
+    ):
+        await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]
+        await asyncio.sleep(0)
+        with pytest.raises(BadInputError, match="desk already exists"):
+            await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        await asyncio.gather(*removals)
+        assert list(nodes.names) == []
+        assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"

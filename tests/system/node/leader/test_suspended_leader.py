@@ -17,7 +17,7 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.session.reading.verify import verify
 from capture_app.sync.timekeeping.poll_schedule import SteadySchedule
 from tests.cheap_rig import ready_rig, take_session
-from tests.virtual.rig import RARE
+from tests.virtual.observing import RARE
 
 pytestmark = pytest.mark.virtual
 S = 1_000_000_000

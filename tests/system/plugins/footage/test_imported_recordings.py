@@ -140,7 +140,7 @@ def test_one_flash_or_lamp_is_an_answer_with_its_bar(tmp_path: Path, take: Take,
     for phone in PHONES[:2]:
         exposed = replace(phone, exposure_s=exposure_s)
         exposed.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5, sound=False)
-    session = imported(tmp_path / "rec", "--start", "70", "--count", "3")
+    session = imported(tmp_path / "rec", "--start", "70", "--count", "3", "--align", "flash")
     times = session.manifest.burst.common_times
     assert times is not None
     assert times.state == "aligned"

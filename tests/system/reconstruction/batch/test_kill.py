@@ -94,12 +94,6 @@ def test_a_killed_batch_resumes(boards: Session, tmp_path: Path) -> None:
     kill_and_compare(boards, tmp_path, 3, 1)
 
 
-def test_a_batch_killed_twenty_times_resumes(boards: Session, tmp_path: Path) -> None:
-    for seed in range(7):
-        (tmp_path / str(seed)).mkdir()
-        kill_and_compare(boards, tmp_path / str(seed), 3, seed)
-
-
 def test_shards_at_the_same_time_one_killed_give_the_same_bytes(boards: Session, tmp_path: Path) -> None:
     whole, out = tmp_path / "whole", tmp_path / "out"
     assert start(whole, boards.folder, tmp_path / "other").wait(120) == 0

@@ -11,7 +11,12 @@ from capture_app.session.reading.reader import Session
 from tests.unit.session.importing.strangers import FOLDERS, MIDDLE_NS, true_offset_ms
 
 OFTEN = (
+    "flashes",
     "one flash",
+    "timecode",
+    "timecodes of recorded time",
+    "a lamp, and a timecode that agrees",
+    "a lamp, and a timecode that disagrees",
     "timecodes of clocks that nobody set",
     "nothing tells",
     "three, one of them deaf",

@@ -51,11 +51,11 @@ def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) ->
 
 
 def test_a_leader_warns_of_what_keeps_cameras_away_and_of_nothing_else(tmp_path: Path) -> None:
-    assert doctor.warnings_for_leader(EVERYWHERE, 47010, tmp_path) == []
-    assert doctor.warnings_for_leader("127.0.0.1", 47010, tmp_path) == []
+    assert doctor.warnings_for_leader(EVERYWHERE, 47010, Path("nowhere"), tmp_path) == []
+    assert doctor.warnings_for_leader("127.0.0.1", 47010, Path("nowhere"), tmp_path) == []
     write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\n")
     (tmp_path / "sys/class/net/no-such-wlan/phy80211").mkdir(parents=True)
-    (warning,) = doctor.warnings_for_leader(EVERYWHERE, 47010, tmp_path)
+    (warning,) = doctor.warnings_for_leader(EVERYWHERE, 47010, Path("nowhere"), tmp_path)
     assert warning.startswith("ufw is active here, and must allow incoming cameras on port 47010")
     assert warning.endswith(": sudo ufw allow 47010")
 

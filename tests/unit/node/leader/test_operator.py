@@ -5,7 +5,6 @@ import os
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
-from contextlib import aclosing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from capture_app.common.errors import BadInputError, NetworkError, NotAvailableE
 from capture_app.node.leader import local_nodes
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.protocol import log as log_module
 from capture_app.protocol.log import MAX_LINES_A_NODE, Log
 from capture_app.protocol.orders import (
@@ -126,23 +124,6 @@ async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_
 async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
     with pytest.raises(NotAvailableError, match="runs no cameras"):
         await give_order(leader.own_address, AddSimulated(cameras=2))
-
-
-async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
-    tmp_path: Path,
-) -> None:
-    async with (
-        await leader_at(tmp_path / "sessions") as leader,
-        aclosing(LocalNodes(leader.own_address, tmp_path / "spool")) as nodes,
-    ):
-        await nodes.add_camera("sim:webcam,scale=0.1", "desk")
-        removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]
-        await asyncio.sleep(0)
-        with pytest.raises(BadInputError, match="desk already exists"):
-            await nodes.add_camera("sim:webcam,scale=0.1", "desk")
-        await asyncio.gather(*removals)
-        assert list(nodes.names) == []
-        assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
 
 
 def test_bursts_of_killed_rigs_are_moved_to_the_next_one(tmp_path: Path) -> None:

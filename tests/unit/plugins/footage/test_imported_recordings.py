@@ -70,7 +70,7 @@ def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
         still = Phone(phone.name, fps=30, timecode=codes[phone.name])
         still.record(Take(), tmp_path / "rec" / f"{phone.name}.mp4", 3, sound=False)
     for arguments in (["--times", "video"], ["--fps", "30"]):
-        session = imported(tmp_path / "rec", *arguments, "--count", "20")
+        session = imported(tmp_path / "rec", *arguments, "--count", "20", "--align", "timecode")
         times = session.manifest.burst.common_times
         assert times is not None
         of = times.cameras["b"]
@@ -78,3 +78,14 @@ def test_timecodes_align_to_a_frame(tmp_path: Path) -> None:
         assert of.uncertainty_ns == pytest.approx(1e9 / 30, abs=1)
         both = [images for images in session.images_by_instant() if len(images) == 2]
         assert {(i["a"].sequence or 0) - (i["b"].sequence or 0) for i in both} == {6}
+
+
+def test_a_timecode_of_a_gopro_is_as_accurate_as_its_clock(tmp_path: Path) -> None:
+    for name, code in (("GX010012", "00:03:11:04"), ("GX010034", "00:03:11:20")):
+        still = Phone(name, fps=30, timecode=code)
+        still.record(Take(), tmp_path / "rec" / f"{name}.MP4", 2, sound=False)
+    for how, known in (("auto", False), ("timecode", True)):
+        times = imported(tmp_path / "rec", "--count", "3", "--align", how).manifest.burst.common_times
+        assert times is not None
+        assert times.unknown != known
+    assert (times.cameras["GX010034"].uncertainty_ns or 0) > 2e9

@@ -44,3 +44,22 @@ def test_lost_sound_widens_the_error_bar() -> None:
     assert (same.uncertainty_ns or 0) < 2_000_000
     assert "it loses 33 ms of sound" in jumped.reason
     assert (jumped.uncertainty_ns or 0) > 33_000_000
+
+
+def test_a_timecode_on_one_channel_does_not_hide_the_room_on_the_other() -> None:
+    """A linear timecode is as loud all the time, and other bits for each camera."""
+    random = np.random.default_rng(4)
+    room = np.zeros(12 * RATE_HZ, np.float32)
+    for at_s in (3.1, 4.4, 6.03, 7.9):
+        size = RATE_HZ // 20
+        decay = np.exp(-np.arange(size) / (0.008 * RATE_HZ))
+        room[round(at_s * RATE_HZ) :][:size] += 0.5 * random.standard_normal(size) * decay
+    sounds = []
+    for begin in (0, round(1.24 * RATE_HZ)):
+        heard = room[begin : begin + 9 * RATE_HZ] + random.normal(0, 0.002, 9 * RATE_HZ)
+        bits = np.repeat(random.integers(0, 2, 9 * 2000) * 2 - 1, RATE_HZ // 2000)
+        sounds.append((np.stack([0.5 * bits, heard]).astype(np.float32), 0.0))
+    mixed = [(channels.mean(0), start_s) for channels, start_s in sounds]
+    assert match_sounds(mixed[0], mixed[1], 0.001).offset_ns is None
+    found = match_sounds(sounds[0], sounds[1], 0.001)
+    assert found.offset_ns == pytest.approx(1.24e9, abs=0.2e6)

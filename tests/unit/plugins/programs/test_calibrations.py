@@ -87,6 +87,37 @@ def test_opencv_storage_with_all_in_one(tmp_path: Path, suffix: str) -> None:
         read(path, sizes={"left": (500, 480), "right": (640, 480)})
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("M1", "M2"), ("K0", "K1"), ("mtxL", "mtxR"), ("K_left", "K_right"), ("cameraMatrix1", "cameraMatrix2")],
+)
+def test_a_pair_whose_keys_are_of_either_side(tmp_path: Path, first: str, second: str) -> None:
+    dist = (first.replace("mtx", "dist"), second.replace("mtx", "dist")) if "mtx" in first else ("D1", "D2")
+    if first in ("K0", "K_left"):
+        dist = (first.replace("K", "D"), second.replace("K", "D"))
+    other = np.diag([700.0, 700, 1]) + np.array([[0, 0, 320], [0, 0, 240], [0, 0, 0]])
+    np.savez(tmp_path / "pair.npz", **{first: K, second: other, dist[0]: D, dist[1]: D, "R": R, "T": T})
+    cameras = read(tmp_path / "pair.npz", sizes={"Right": (640, 480), "left": (640, 480)}).cameras
+    assert (cameras["left"].fx, cameras["Right"].fx) == (800, 700)
+    assert cameras["Right"].distortion == tuple(D)
+    np.testing.assert_allclose(cameras["Right"].translation, T.ravel())
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_the_two_files_of_opencvs_sample(tmp_path: Path, mark: str) -> None:
+    parts = {"intrinsics": {"M1": K, "D1": D, "M2": K, "D2": D}, "extrinsics": {"R": R, "T": T, "P1": K}}
+    for file, values in parts.items():
+        storage = cv2.FileStorage(str(tmp_path / f"{file}.yml"), cv2.FILE_STORAGE_WRITE)
+        for key, value in values.items():
+            storage.write(key, value)
+        storage.release()
+        (tmp_path / f"{file}.yml").write_text(mark + (tmp_path / f"{file}.yml").read_text(), encoding="utf-8")
+    check_pair(read(tmp_path))
+    check_pair(read(tmp_path / "extrinsics.yml", tmp_path / "intrinsics.yml"))
+    with pytest.raises(BadInputError, match="no 3x3 camera matrix"):
+        read(tmp_path / "extrinsics.yml")
+
+
 def test_a_pose_for_each_camera(tmp_path: Path) -> None:
     rvec = cv2.Rodrigues(R)[0]
     np.savez(tmp_path / "left.npz", K=K, D=D, rvec=np.zeros(3), tvec=np.zeros(3))
@@ -116,6 +147,30 @@ def test_toml_of_caliscope_and_of_anipose(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("translation", "position", 1))
     with pytest.raises(BadInputError, match="camera left has no translation"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (("fisheye = false", "fisheye = true"), "camera 0 has a fisheye lens"),
+        (("rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n", ""), "has a lens, but no pose yet"),
+        (("size = [640, 480]", "size = [480, 640]"), r"turned by 90 degrees \(its rotation_count 1\)"),
+    ],
+)
+def test_what_caliscope_says_beside_a_lens_is_read(
+    tmp_path: Path, change: tuple[str, str], reason: str
+) -> None:
+    path = tmp_path / "camera_array.toml"
+    good = (
+        f"[cameras.0]\nsize = [640, 480]\nmatrix = {K.tolist()}\ndistortions = {D[:4].tolist()}\n"
+        "rotation_count = 1\nfisheye = false\nrotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n"
+    )
+    path.write_text(good)
+    assert read(path, sizes={"cam_0": (640, 480)}).cameras["cam_0"].fx == 800
+    path.write_text(good.replace(*change))
+    with pytest.raises(BadInputError, match=reason) as refused:
+        read(path, sizes={"cam_0": (640, 480)})
+    assert "--fit" not in str(refused.value)
 
 
 def test_images_of_another_size(npz_folder: Path) -> None:

@@ -50,7 +50,8 @@ def test_caliscopes_recordings_and_workspaces_are_recognized(tmp_path: Path) -> 
         calibration = session.calibration()
         assert calibration is not None
         assert calibration.cameras["cam_1"].translation[0] == pytest.approx(0.2)
-    assert all("Caliscope" in one for one in said)
+    assert sum("Caliscope" in line for line in said) == 2
+    assert "cameras of timestamps.csv: cam_0 = 0, cam_1 = 1" in said
     shutil.copytree(recording, tmp_path / "ws" / "recordings" / "two")
     with pytest.raises(BadInputError, match="several recordings: one, two"):
         import_recording([str(tmp_path / "ws")], tmp_path, "s3", ImportOptions())

@@ -102,6 +102,35 @@ def test_no_two_cameras_share_a_topic() -> None:
     assert ros_topics(["a-b", "2nd", "a_b"]) == {"a_b": "/a_b", "a-b": "/a_b_2", "2nd": "/cam2nd"}
 
 
+def test_stamps_of_zero_are_said_and_no_clock_is_mixed_with_another(tmp_path: Path) -> None:
+    """As of a driver that leaves them out; then all cameras have their times of arrival."""
+    kind = "sensor_msgs/msg/Image"
+    with rosbag2.Writer(tmp_path / "drive", version=8) as writer:
+        topics = {n: writer.add_connection(f"/cam{n}/image_raw", kind, typestore=store) for n in (1, 2)}
+        for k in range(3):
+            for n, topic in topics.items():
+                at_ns = 1_700_000_000 * 10**9 + k * 40_000_000 + n * 1_000_000
+                # The second camera's driver stamps, 5 s before the bag's clock.
+                stamp_ns = 0 if n == 1 else at_ns - 5 * 10**9
+                stamp = store.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+                message = store.types[kind](
+                    header=store.types["std_msgs/msg/Header"](stamp, f"cam{n}"),
+                    height=12,
+                    width=16,
+                    encoding="mono8",
+                    is_bigendian=0,
+                    step=16,
+                    data=np.full(192, 90, np.uint8),
+                )
+                writer.write(topic, at_ns, store.serialize_cdr(message, kind))
+    session = import_recording([str(tmp_path / "drive")], tmp_path, "s", ImportOptions())
+    times = session.manifest.burst.common_times
+    assert times is not None
+    assert times.reason == "times of arrival in the bag, as stamps of /cam1/image_raw are zero"
+    assert [len(images) for images in session.images_by_instant()] == [2, 2, 2]
+    assert {image.leader_ns % 40_000_000 for image in session.manifest.images} == {1_000_000, 2_000_000}
+
+
 @pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
 def test_stamps_and_arrival_of_a_strangers_bag(
     tmp_path: Path, plugin: str, capsys: pytest.CaptureFixture[str]

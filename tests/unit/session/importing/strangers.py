@@ -19,6 +19,7 @@ from tests.unit.plugins.programs.test_layouts import CAMERA
 from tests.unit.session.conftest import jpeg
 
 CLAPS = Take(claps_s=(2.2, 3.31, 4.17))
+FLASHES = Take(flashes_s=(2.1, 2.73, 3.1, 4.02))
 FLASH, LAMP = Take(flashes_s=(3.1,)), Take(lamp_s=(2.9,))
 DAY = "2026-05-01T10:00:{:09.6f}Z"
 A = Phone("a", exposure_s=0.02)
@@ -120,15 +121,41 @@ FOLDERS = {
     "names that are no names": Folder(
         {"My clip (1).mp4": (A, CLAPS), "My clip (2).mp4": (B, CLAPS)}, sources=("sound",)
     ),
-    "one flash": Folder({"l.mp4": (A, FLASH), "r.mp4": (B, FLASH)}, sources=("flash",), sound=False),
-    "a lamp": Folder({"l.mp4": (A, LAMP), "r.mp4": (B, LAMP)}, sources=("flash",), sound=False),
+    "flashes": Folder({"l.mp4": (A, FLASHES), "r.mp4": (B, FLASHES)}, sources=("flash",), sound=False),
+    "one flash": Folder(
+        {"l.mp4": (A, FLASH), "r.mp4": (B, FLASH)}, sound=False, said="if it is right: --align flash"
+    ),
+    "a lamp": Folder(
+        {"l.mp4": (A, LAMP), "r.mp4": (B, LAMP)}, sound=False, said="if it is right: --align flash"
+    ),
+    "a lamp, and a timecode that agrees": Folder(
+        {
+            "l.mov": (replace(A, timecode="10:00:00:00"), LAMP),
+            "r.mov": (replace(B, timecode="10:00:01:07"), LAMP),
+        },
+        sources=("flash",),
+        sound=False,
+    ),
+    "a lamp, and a timecode that disagrees": Folder(
+        {
+            "l.mov": (replace(A, timecode="10:00:00:00"), LAMP),
+            "r.mov": (replace(B, timecode="10:00:02:07"), LAMP),
+        },
+        sound=False,
+        said="which nothing confirms",
+    ),
     "timecode": Folder(
         {
             "l.mov": (replace(A, timecode="10:00:00:00"), Take()),
             "r.mov": (replace(B, timecode="10:00:01:07"), Take()),
         },
-        sources=("timecode",),
         sound=False,
+        said="if it is right: --align timecode",
+    ),
+    "timecodes of recorded time": Folder(
+        {f"{name}.mov": (replace(of, timecode="00:00:00:00"), Take()) for name, of in (("l", A), ("r", B))},
+        sound=False,
+        said="both timecodes begin at 00:00:00:00",
     ),
     "timecodes of clocks that nobody set": Folder(
         {

@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing import import_options
 from capture_app.session.importing.embedded_times import name_time_ns
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.recording import at_slowest_rate, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.unit.session.conftest import jpeg
@@ -109,20 +108,6 @@ def test_an_offset_moves_numbered_frames_too(tmp_path: Path, make_images: Callab
     assert pairs[0]["right"].leader_ns - pairs[0]["left"].leader_ns == 5 * MS
 
 
-def test_without_pyav_a_constant_rate_is_assumed_and_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_video(tmp_path / "rec" / "cam0.mp4", [40_000 * n for n in range(4)])
-    monkeypatch.setattr(import_options, "has_video_times", lambda: False)
-    said: list[str] = []
-    options = ImportOptions(times="video")
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options, talk=said.append)
-    assert len(said) == 1
-    assert "constant" in said[0]
-    assert "PyAV" in said[0]
-    assert numbers_of(session) == [{"cam0": n} for n in range(4)]
-
-
 @pytest.mark.parametrize(
     ("name", "time_ns"),
     [
@@ -133,13 +118,19 @@ def test_without_pyav_a_constant_rate_is_assumed_and_said(
         ("PXL_20260131_142530123", 1_769_869_530_123_000_000),
         ("2026-01-31T14-25-30.123456", 1_769_869_530_123_456_000),
         ("img_20260131_142530", 1_769_869_530_000_000_000),
+        ("1305031102.175304", 1_305_031_102_175_304_000),
+        ("1305031102.5.color", 1_305_031_102_500_000_000),
+        ("1403636579_763555527", 1_403_636_579_763_555_527),
+        ("1403636579-763555", 1_403_636_579_763_555_000),
+        ("cam0.1790000000123.25", 1_790_000_000_123_250_000),
+        ("1403636579_0004", 1_403_636_579_000_000_000),
     ],
 )
 def test_times_in_names(name: str, time_ns: int) -> None:
     assert name_time_ns(Path(f"{name}.jpg")) == time_ns
 
 
-@pytest.mark.parametrize("name", ["frame_000017", "20261331_142530", "holiday"])
+@pytest.mark.parametrize("name", ["frame_000017", "20261331_142530", "holiday", "0000000005"])
 def test_names_without_a_time(name: str) -> None:
     with pytest.raises(BadInputError, match=r"has no time|invalid time"):
         name_time_ns(Path(f"{name}.jpg"))
@@ -156,6 +147,15 @@ def test_images_are_matched_by_the_times_in_their_names(
     assert session.images_by_instant()[3]["b"].sequence == 2
     assert session.manifest.sync is not None
     assert max(session.manifest.sync.spread_ns) == 7 * MS
+
+
+def test_numbers_of_ten_digits_are_no_times(tmp_path: Path, make_images: Callable[..., Path]) -> None:
+    """As KITTI's pictures are named."""
+    folder = make_images("image_02", [f"{number:010}.png" for number in range(3)])
+    for options in (ImportOptions(), ImportOptions(times="name")):
+        with pytest.raises(BadInputError) as refused:
+            import_recording([f"a={folder}"], tmp_path / "out", "s", options)
+        assert "--times name" not in str(refused.value)
 
 
 def with_exif(data: bytes, date: str, part: str, order: str = "<") -> bytes:
@@ -290,6 +290,63 @@ def test_videos_of_different_rates_are_not_silently_taken_as_synchronized(
     assert "0 ns apart" not in shown
     assert "how far images of one instant are apart is not known" in shown
     assert "no times were recorded" in shown
+
+
+def test_a_rate_that_contradicts_the_files_is_refused_or_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, fps in (("left", 25.0), ("right", 50.0)):
+        write_avi(tmp_path / "rec" / f"{name}.avi", fps, 20)
+    command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--fps"]
+    assert run([*command, "30"]) == ExitCode.BAD_INPUT
+    refused = capsys.readouterr().err
+    assert "state other rates than 30 frames a second: left.avi 25, right.avi 50 (leave out --fps" in refused
+    assert run([*command, "30", "--synchronized", "--name", "triggered"]) == ExitCode.OK
+    assert "right.avi states 50 frames a second: with 30, its 0.4 s become 0.7 s" in capsys.readouterr().err
+    # As slow motion is, which states the rate at which it is shown.
+    (tmp_path / "rec" / "right.avi").unlink()
+    write_avi(tmp_path / "rec" / "right.avi", 25, 20)
+    assert run([*command, "240", "--name", "slow"]) == ExitCode.OK
+    said = capsys.readouterr()
+    assert "left.avi states 25 frames a second: with 240, its 0.8 s become 0.1 s" in said.err
+    assert "by panel, sound, flash, gopro not tried: that takes the videos' own times" in said.out
+    assert run([*command, "25", "--name", "same"]) == ExitCode.OK
+    assert "states" not in capsys.readouterr().err
+
+
+def test_cameras_of_other_rates_lack_no_frame() -> None:
+    """Of 25, 30 and 50 frames a second each has one within half the longest period."""
+    cameras = {
+        name: [TimedFrame(n, round(n * 1e9 / fps)) for n in range(4 * fps)]
+        for name, fps in (("a", 25), ("b", 30), ("c", 50))
+    }
+    timeline = at_slowest_rate(timeline_by_times("x", cameras), lambda said: None)
+    assert len(timeline.instants) == 100
+    assert all(set(instant.frames) == {"a", "b", "c"} for instant in timeline.instants)
+    assert not any(instant.why_missing for instant in timeline.instants)
+    used = [instant.frames["b"].index for instant in timeline.instants]
+    assert len(set(used)) == len(used)
+    del cameras["b"][30:36]
+    without = at_slowest_rate(timeline_by_times("x", cameras), lambda said: None)
+    assert [round(i.leader_ns / 4e7) for i in without.instants if "b" not in i.frames] == [25, 26, 27, 28, 29]
+
+
+def test_tables_that_never_meet_are_refused_with_their_distance(
+    tmp_path: Path, make_images: Callable[..., Path]
+) -> None:
+    folder = make_images("a", ["0.jpg", "1.jpg", "2.jpg"]).parent
+    make_images("b", ["0.jpg", "1.jpg", "2.jpg"])
+    table = tmp_path / "ticks.csv"
+    rows = [f"{name},{n},{start + n / 10}" for name, start in (("a", 20), ("b", 3806.5)) for n in range(3)]
+    table.write_text("\n".join(["camera,frame,time", *rows]))
+    options = ImportOptions(timestamps=table)
+    with pytest.raises(
+        BadInputError, match=r"never meet: 3786.3 s pass .* 3786.5 s between their beginn"
+    ) as no:
+        import_recording([str(folder)], tmp_path, "s", options)
+    assert "--time-shift-ms" in str(no.value)
+    shifted = ImportOptions(timestamps=table, offsets_ms={"b": -3_786_500.0})
+    assert not import_recording([str(folder)], tmp_path, "s", shifted).manifest.missing
 
 
 def test_images_named_by_times_are_told_how_to_be_taken(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import run
-from capture_app.common.errors import ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.importing import recording_sources
 from capture_app.session.importing.clips import find_shoots
+from capture_app.session.importing.importer import open_sources
 from capture_app.session.importing.recording_sources import Video
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -94,3 +95,11 @@ def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) ->
     write_video(tmp_path / "in" / "My clip (1).mp4", (0, 33_000, 66_000))
     session = imported(tmp_path / "in" / "My clip (1).mp4")
     assert [camera.name for camera in session.manifest.cameras] == ["My-clip-1"]
+
+
+def test_names_that_clash_are_refused_before_anything_is_read(tmp_path: Path) -> None:
+    for camera in ("a", "b"):
+        (tmp_path / camera).mkdir()
+        (tmp_path / camera / "clip.mp4").write_bytes(b"no video, which is not looked at")
+    with pytest.raises(BadInputError, match="two cameras are named clip"):
+        open_sources([str(tmp_path / camera / "clip.mp4") for camera in ("a", "b")])

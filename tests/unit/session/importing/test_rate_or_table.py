@@ -7,11 +7,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.frame_matching import Timeline
-from capture_app.session.importing.rate_or_table import (
-    match_name,
-    timeline_by_rate,
-    timeline_by_table,
-)
+from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table
 from capture_app.session.importing.recording_sources import Source
 
 
@@ -115,11 +111,3 @@ def test_nanoseconds_are_exact_and_separators_vary(table: Callable[[str], Path])
 def test_bad_tables_say_why(table: Callable[[str], Path], text: str, reason: str) -> None:
     with pytest.raises(BadInputError, match=reason):
         timeline_by_table([Numbers("a", range(2)), Numbers("b", range(2))], table(text))
-
-
-def test_labels_find_their_camera_only_when_plain() -> None:
-    assert match_name("0", ["cam_0", "cam_1"]) == "cam_0"
-    assert match_name("port_01", ["cam_0", "cam_1"]) == "cam_1"
-    assert match_name("LEFT", ["left", "right"]) == "left"
-    assert match_name("0", ["left0", "right0"]) is None
-    assert match_name("2", ["cam_0", "cam_1"]) is None

@@ -143,6 +143,23 @@ async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(t
         assert studio.view.takes == []
 
 
+async def test_a_take_that_failed_without_a_leader_is_forgotten_once_it_is_back(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        rig.lose_link()
+        await studio.settle(pilot)
+        rig.failure = NetworkError("no leader at 127.0.0.1:47010: Connect call failed", hint="start one")
+        await pilot.press("space")
+        await studio.settle(pilot)
+        rig.failure = None
+        rig.tell()
+        await studio.settle(pilot)
+        assert "no take" not in line_of(studio)
+        assert "no leader" not in line_of(studio)
+
+
 async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
     rig = ready_rig(2)
 

@@ -4,16 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2  # noqa: F401 - before pycolmap
 import numpy as np
 import pytest
 
 from capture_app.session.exporting.export_session import export_session
 from capture_app.session.reading.reader import Session
 from tests.project import JUMPER
-from tests.unit.plugins.programs.test_colmap import (
-    _pycolmap,  # noqa: F401
-    pycolmap,
-)
 
 FARTHEST_M = 0.005
 
@@ -22,6 +19,7 @@ FARTHEST_M = 0.005
 def test_jumper_maps_without_being_told_the_rig(tmp_path: Path) -> None:
     if not JUMPER.is_dir():
         pytest.skip("sample_sessions/jumper is not rendered here")
+    pycolmap = pytest.importorskip("pycolmap")
     out = tmp_path / "colmap"
     export_session(Session.open(JUMPER), "colmap", out)
     truth = pycolmap.Reconstruction(str(out / "sparse" / "0"))
@@ -39,6 +37,7 @@ def test_jumper_maps_without_being_told_the_rig(tmp_path: Path) -> None:
 
 def _map(out: Path, folder: Path) -> Any:
     """Global mapping with the export's intrinsics and rig, but without the poses of the rig's cameras."""
+    pycolmap = pytest.importorskip("pycolmap")
     pycolmap.set_random_seed(0)
     database_path = str(folder / "database.db")
     features = pycolmap.FeatureExtractionOptions()

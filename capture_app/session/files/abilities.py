@@ -1,0 +1,43 @@
+"""What the file system of a folder lacks, tried with a hidden folder in it."""
+
+import errno
+import fcntl
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from capture_app.session.files.durable import UNSUPPORTED
+
+REFUSED = (*UNSUPPORTED, errno.EPERM, errno.EACCES, errno.ENOLCK)
+
+
+def missing_abilities(folder: Path) -> list[str]:
+    """Return what a writable folder's file system lacks, and what follows, in sentences. Raises OSError."""
+    with tempfile.TemporaryDirectory(prefix=".simulshot-", dir=folder) as name:
+        file = Path(name) / "file"
+        file.touch()
+        handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY)
+        tries: tuple[tuple[str, Callable[[], object]], ...] = (
+            ("folders cannot be synced: a power cut may lose the newest files", lambda: os.fsync(handle)),
+            ("no locks: one machine may use it at a time", lambda: fcntl.flock(handle, fcntl.LOCK_EX)),
+            (
+                "no hard links: renaming a session copies its images",
+                lambda: os.link(file, file.with_name("link")),
+            ),
+            ("no permissions: everybody who reaches it reads the sessions", lambda: file.chmod(0o600)),
+        )
+        try:
+            return [lack for lack, attempt in tries if _fails(attempt)]
+        finally:
+            os.close(handle)
+
+
+def _fails(attempt: Callable[[], object]) -> bool:
+    try:
+        attempt()
+    except OSError as error:
+        if error.errno not in REFUSED:
+            raise
+        return True
+    return False

@@ -1,0 +1,109 @@
+"""Clips of two cameras that were recorded together, by their names, their clocks or their order.
+
+Two cameras' clocks often differ by whole hours, or by any constant: then dates pair some clips with those of
+the wrong take. One difference that is common to all takes pairs them all. Where dates allow several
+pairings, what was heard in both decides.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import timedelta
+from pathlib import Path
+
+_SLACK_S = 2.0
+_HEARD_PAIRS = 3
+"""Number of pairs of each pairing that are compared by sound."""
+_COUNTER = re.compile(r"(?!take|run)[A-Za-z]{0,4}_?\d{3,}", re.IGNORECASE)
+"""A name that cameras count, such as IMG_0001 or C0017: equal ones of two cameras mean nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A video: its length, and its start by its camera's clock, s; the start is None if unknown."""
+
+    path: Path
+    seconds: float
+    began_s: float | None
+
+    def together(self, other: "Clip") -> bool:
+        """Return whether both were recorded at the same time, by their dates."""
+        if self.began_s is None or other.began_s is None:
+            return False
+        apart_s = other.began_s - self.began_s
+        return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
+
+
+Pairs = Sequence[tuple[Clip, Clip]]
+Heard = Callable[[Path, Path], bool]
+"""Returns whether two videos recorded the same sound."""
+
+
+def pair_clips(
+    names: tuple[str, str], first: Sequence[Clip], clips: Sequence[Clip], heard: Heard
+) -> tuple[Pairs, str]:
+    """Return the clips of two cameras that belong together, and what this assumes; empty if nothing.
+
+    `names` are the cameras'. Clips of both are in the order of their names.
+    """
+    named = [(one, other) for one in first for other in clips if one.path.stem == other.path.stem]
+    counted = all(_COUNTER.fullmatch(one.path.stem) for one, _ in named)
+    if len(named) == min(len(first), len(clips)) and not counted:
+        return named, ""
+    if all(clip.began_s is not None for clip in (*first, *clips)):
+        dated, note = _by_clocks(names, first, clips, heard)
+        taken = {clip for pair in named for clip in pair}
+        rest = [pair for pair in dated if taken.isdisjoint(pair)]
+        return (dated, note) if counted else ([*named, *rest], note)
+    if named or len(first) != len(clips):
+        return named, ""
+    return list(
+        zip(first, clips, strict=True)
+    ), f"the clips of {' and '.join(names)} are paired by their order"
+
+
+def _by_clocks(
+    names: tuple[str, str], first: Sequence[Clip], clips: Sequence[Clip], heard: Heard
+) -> tuple[Pairs, str]:
+    """Pair clips by their dates, or by a constant difference of the clocks that pairs all of them."""
+    fewest = min(len(first), len(clips))
+    straight = _at_difference(first, clips, 0.0)
+    if len(straight) == fewest:
+        return straight, ""
+    # A difference that pairs all clips pairs the first one of the camera with fewer.
+    anchor = (first if len(first) == fewest else clips)[0]
+    tried = ((one, other) for one in first for other in clips if anchor in (one, other))
+    later_s = sorted(((other.began_s or 0.0) - (one.began_s or 0.0) for one, other in tried), key=abs)
+    shifted = {tuple(_at_difference(first, clips, by_s)): by_s for by_s in reversed(later_s)}
+    complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == fewest}
+    if not complete:
+        return straight, ""
+    possible = {**complete, **({tuple(straight): 0.0} if straight else {})}
+    scores = {
+        pairs: sum(heard(one.path, other.path) for one, other in pairs[:_HEARD_PAIRS])
+        for pairs in (possible if len(possible) > 1 else ())
+    }
+    leading = [pairs for pairs, score in scores.items() if score == max(scores.values()) > 0]
+    likeliest = next(iter(complete)) if len(complete) == 1 else tuple(straight)
+    chosen = leading[0] if len(leading) == 1 else likeliest
+    by = "by their sound" if len(leading) == 1 else "by their dates alone"
+    other_h = timedelta(seconds=round(min(map(abs, complete.values()))))
+    if chosen not in complete:
+        return chosen, f"{by}, {' and '.join(names)} have equal clocks; otherwise they differ by {other_h} h"
+    ahead, behind = names[::-1] if possible[chosen] > 0 else names
+    other_h = timedelta(seconds=round(abs(possible[chosen])))
+    sure = "" if len(leading) == 1 or not straight else "; otherwise each missed a take"
+    return chosen, f"{by}, the clock of {ahead} is {other_h} h ahead of that of {behind} in all takes{sure}"
+
+
+def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float) -> Pairs:
+    """Return the clips that were recorded together if the second camera's clock is `later_s` ahead."""
+    pairs: list[tuple[Clip, Clip]] = []
+    left = list(clips)
+    for one in first:
+        for other in left:
+            if one.together(replace(other, began_s=(other.began_s or 0.0) - later_s)):
+                pairs.append((one, other))
+                left.remove(other)
+                break
+    return pairs

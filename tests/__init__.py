@@ -1,0 +1,1 @@
+"""Tests of both packages, by when they run: unit, system, nightly."""

@@ -273,14 +273,29 @@ def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | Non
     )
 
 
+def _is_unheard(rig: VirtualRig, of: OrderedBurst) -> bool:
+    """Return whether a fault of each of its cameras, or their relay, lasted when a burst was ordered."""
+    unheard = {
+        span.target
+        for span in rig.evidence.spans
+        if span.from_ns <= of.ordered_ns + 1e9 and span.until_ns + AFTER_S * 1e9 >= of.ordered_ns
+    }
+    below = {*rig.plan.behind_relay} if "relay" in unheard else set[str]()
+    return {*of.burst.clients} <= unheard | below
+
+
 def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     """A recording goes on until its operator ends it, and not much longer."""
     for of, _, manifest in _judged(rig, sessions):
         ended_ns, instants_ns = of.end_asked_ns, manifest.burst.instants_ns
         if ended_ns is None or not of.is_ended or of.cancel_asked_ns is not None:
             continue
-        # A cut of all its cameras is no excuse.
-        if _befell(rig, of, ends_ns=ended_ns) or not {*of.burst.clients} - {*rig.plan.liars}:
+        # A cut of all its cameras is no excuse, unless none of them can have learned of it.
+        if (
+            _befell(rig, of, ends_ns=ended_ns)
+            or _is_unheard(rig, of)
+            or not {*of.burst.clients} - {*rig.plan.liars}
+        ):
             continue
         last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns
         if last_ns < ended_ns:

@@ -295,7 +295,11 @@ class BurstSession:
         delivery, plan = self._delivery(report.plan.camera.name), report.plan
         if self.burst.streamed:
             # The camera may have learned late that the burst ends earlier.
-            plan = replace(plan, instants=tuple(n for n in plan.instants if n < self.burst.frames))
+            plan = replace(
+                plan,
+                instants=tuple(n for n in plan.instants if n < self.burst.frames),
+                missing=tuple(gap for gap in plan.missing if gap.instant < self.burst.frames),
+            )
         else:
             # A node that was killed has lost some; only spare instants may still be to come.
             plan = settled(plan, self.burst.frames)

@@ -478,8 +478,7 @@ class Upload:
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
         here = {*self.encoded, *(frame.instant for frame in self.frames)}
-        lost = {*self.report.plan.instants} - here - self.confirmed
-        return sorted(lost if self.requested is None else lost & self.requested)
+        return sorted(filter(self._is_needed, {*self.report.plan.instants} - here - self.confirmed))
 
     def report_lost(self, instants: Collection[int], reason: str) -> list[Path]:
         """Report announced images that will not come as missing, and drop them; return their files."""

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, Upload
+from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, SpoolFolder, Upload, encode_frame
 from capture_app.protocol.messages import (
     CameraReport,
     FilmPart,
@@ -203,3 +203,18 @@ async def test_frames_of_a_recording_wait_in_a_film(tmp_path: Path) -> None:
     async with uploading(serve, [], Spool(tmp_path, "a")):
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert sent == [b"zeroone"]
+
+
+async def test_frames_after_the_end_are_dropped_and_not_reported_as_lost(tmp_path: Path) -> None:
+    """A node that was started again, while its operator ended the recording, offered them for ever."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    whole = burst_upload(*(Picture(b"%d" % n) for n in range(4)))
+    folder = spool.create_burst(streamed(1).current_report())
+    folder.add_frames([encode_frame(whole.report, frame) for frame in whole.frames])
+    folder.film.close()
+    upload = Upload.of_spool(SpoolFolder(folder.folder))
+    assert (upload.video, upload.report.plan.instants) == (True, (0, 1, 2, 3))
+    upload.commit(None, 2)
+    assert (upload.encoded, upload.lost_instants()) == ((0, 1), [])
+    spool.close()

@@ -153,8 +153,8 @@ BENCH_pose-errors := benchmarks.reconstruction.pose_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
-BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview calibration) \
-  --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/calibration --tests tests/unit/reconstruction)
+BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
+  --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/scene/calibration --tests tests/unit/reconstruction)
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md

@@ -8,19 +8,19 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
-    "CalibrateOptions": "calibration.calibration_run",
-    "CalibrationSource": "calibration.calibration_run",
+    "CalibrateOptions": "scene.calibration.calibration_run",
+    "CalibrationSource": "scene.calibration.calibration_run",
     "CompareOptions": "compare.comparison",
-    "Condition": "session.conditions",
+    "Condition": "scene.conditions",
     "open_session": "reconstructed_session",
 }
 
 
 def _methods() -> dict[str, Any]:
     """Return the installed methods that have a command, by the names of their classes."""
-    from reconstruction.compare.method import methods
+    from reconstruction.method.interface import methods
 
-    return {method.__name__: method for method in methods().values() if method.help}
+    return {method.__name__: method for method in methods().values()}
 
 
 def __dir__() -> list[str]:
@@ -32,13 +32,6 @@ def __getattr__(name: str) -> Any:
         return sorted([*_PUBLIC, *_methods()])
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
-    if not name[0].isupper() or (method := _find_method(name)) is None:
+    if not name[0].isupper() or (method := _methods().get(name)) is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return method
-
-
-def _find_method(name: str) -> Any:
-    """Return a method by its class's name, or by that of its options before; None for no method."""
-    known = _methods()
-    earlier = {f"{method.name.capitalize()}Options": method for method in known.values()}
-    return known.get(name, earlier.get(name))

@@ -2,8 +2,6 @@ from os import PathLike
 
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
-from reconstruction.calibration.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions as CompareOptions
 from reconstruction.methods.multiview.instant_model import MadeMultiview
@@ -17,14 +15,9 @@ from reconstruction.methods.stereo.stereo_run import MadeStereo
 from reconstruction.methods.view.view_method import ViewMethod as ViewMethod
 from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.session.conditions import Condition as Condition
-
-# Earlier names.
-MultiviewOptions = Multiview
-PanoramaOptions = Panorama
-SplatOptions = SplatMethod
-StereoOptions = Stereo
-ViewOptions = ViewMethod
+from reconstruction.scene.calibration.calibration_run import CalibrateOptions as CalibrateOptions
+from reconstruction.scene.calibration.calibration_run import CalibrationSource as CalibrationSource
+from reconstruction.scene.conditions import Condition as Condition
 
 class _OurMethods(ReconstructedSession):
     """The session with the types of the methods of this package, which it finds by their entry points."""
@@ -54,6 +47,8 @@ class _OurMethods(ReconstructedSession):
         out: str | PathLike[str] | None = None,
         instant: int = 0,
         offset_ms: float | None = None,
+        pair: tuple[str, str] | None = None,
+        register_at: int | None = None,
     ) -> Made[PanoramaResult]: ...
     def splat(
         self,
@@ -63,6 +58,7 @@ class _OurMethods(ReconstructedSession):
         out: str | PathLike[str] | None = None,
         instant: int = 0,
         instants: tuple[int, ...] | None = None,
+        without: tuple[str, ...] = (),
         iterations: int = 50,
         width: int = 960,
         quick: bool = False,

@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from copy import copy
 from typing import Any
 
 import click
@@ -21,7 +20,7 @@ from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
-from reconstruction.compare.method import methods
+from reconstruction.method.interface import methods
 
 
 class _Application(click.Group):
@@ -49,21 +48,11 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure the effect of synchronization on them."""
 
 
-def _add(command: click.Command, earlier_names: Sequence[str] = ()) -> None:
-    app.add_command(command)
-    for earlier in earlier_names:
-        alias = copy(command)
-        alias.hidden = True
-        app.add_command(alias, earlier)
-
-
 # Before the others, which no method of another package replaces.
 for method in methods().values():
-    if method.help:
-        _add(method_command(method), method.aliases)
-for command in (batch, board, calibrate, compare, live, movers, time_command):
-    _add(command)
-_add(tolerance, ["dose"])
+    app.add_command(method_command(method))
+for command in (batch, board, calibrate, compare, live, movers, time_command, tolerance):
+    app.add_command(command)
 add_verbosity(app)
 
 

@@ -18,17 +18,17 @@ from capture_app.common.errors import BadInputError
 from capture_app.console.usage import silence
 from capture_app.session.reading.array_access import OpenSession
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import calibrated_views
-from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.common.geometry import Array
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions, compare
-from reconstruction.compare.method import Method, methods
 from reconstruction.depth.live_depth import LiveDepth
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.interface import Method, methods
+from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
 
 
@@ -60,12 +60,12 @@ class ReconstructedSession(OpenSession):
 
         def __getattr__(self, name: str) -> Callable[..., Any]:
             """Return the method of this name, bound to the session; AttributeError if there is none."""
-            if name.startswith("_") or not (method := methods().get(name)) or not method.help:
+            if name.startswith("_") or not (method := methods().get(name)):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             return partial(self._run, method)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *(name for name, method in methods().items() if method.help)]
+        return [*super().__dir__(), *methods()]
 
     def _run(
         self,
@@ -99,10 +99,10 @@ class ReconstructedSession(OpenSession):
 
         Raises BadInputError if it has none.
         """
-        dataset = Dataset.open(self.folder)
-        if (calibration := dataset.calibration()) is None:
-            raise BadInputError(f"{dataset.name} has no calibration", hint="calibrate() computes one")
-        return LiveDepth(calibrated_views(dataset, calibration), width_px)
+        scene = Scene(Dataset.open(self.folder))
+        if scene.given is None:
+            raise BadInputError(f"{self.name} has no calibration", hint="calibrate() computes one")
+        return LiveDepth(scene.views, width_px)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""

@@ -27,18 +27,19 @@ from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.method.truth import right_depth
 from reconstruction.methods.multiview.confidence import RIGHT, DepthSupport, measure_support
 from reconstruction.methods.multiview.input_images import (
     InputImage,
+    InputImages,
     check_images,
-    load_input_images,
     undistort_image,
     undistorted_truth,
 )
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
-from reconstruction.scores.truth import right_depth
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import MARGIN_PX, SceneMotion, dilate
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
+from reconstruction.scene.scene import Scene
 
 FITTED = "plain", "blank-attic"
 SESSIONS = tuple(Path("sample_sessions") / name for name in ("jumper", "pinwheel", "naive"))
@@ -127,9 +128,9 @@ def _turned(view: View, angles: Array) -> View:
 
 def judge_session(path: Path) -> Judged:
     """Judge one instant of a session with ground truth."""
-    dataset = Dataset.open(path)
-    instants = dataset.nearest_instants(INSTANT, ())
-    images = load_input_images(dataset, instants, SceneMotion(dataset, 1))[0]
+    scene = Scene(Dataset.open(path))
+    dataset = scene.dataset
+    images, _ = InputImages(scene).usable(dataset.nearest_instants(INSTANT, ()))
     loaded = {n: undistorted_truth(dataset, one.view, n, one.instant) for n, one in images.items()}
     return judge(f"session {path.name}", images, {n: one[0] for n, one in loaded.items() if one is not None})
 

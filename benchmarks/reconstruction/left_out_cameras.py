@@ -14,23 +14,22 @@ from typing import Any
 from benchmarks.reconstruction.novel_views import turned
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.errors import NotApplicableError
-from reconstruction.calibration.calibrated_rig import calibrated_views
-from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.depth.seen_moment import find_subject
 from reconstruction.depth.view_blending import render
+from reconstruction.method.moments import see_moments
+from reconstruction.method.picture_quality import psnr, ssim
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.scores.picture_quality import psnr, ssim
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.scene import Scene
 
 ITERATIONS = 50
 
 
-def measure(dataset: Dataset, camera: str, instant: int, splats: bool) -> list[dict[str, Any]]:
+def measure(scene: Scene, camera: str, instant: int, splats: bool) -> list[dict[str, Any]]:
     """Return a row of figures for each method of showing what a camera saw, from the others' pictures."""
-    (seen,) = see_moments(dataset, [instant], without=[camera])
-    given = calibrated_views(dataset, require_calibration(dataset))[camera]
-    truth = given.undistort_image(dataset.image(camera, instant))
+    (seen,) = see_moments(scene, [instant], without=[camera])
+    given = scene.views[camera]
+    truth = given.undistort_image(scene.dataset.image(camera, instant))
     view, moment = given.undistorted, seen.moment
     blended = render(view, moment)
     pictures = {"turned": turned(view, moment, find_subject(moment)), "blended": blended.colours}
@@ -61,10 +60,10 @@ def main() -> None:
     )
     parser.add_argument("--splats", action="store_true", help="also splats")
     options = parser.parse_args()
-    dataset, rows = Dataset.open(options.session), list[dict[str, Any]]()
-    for camera in options.cameras or dataset.cameras:
+    scene, rows = Scene.open(options.session), list[dict[str, Any]]()
+    for camera in options.cameras or scene.dataset.cameras:
         try:
-            rows += measure(dataset, camera, options.instant, options.splats)
+            rows += measure(scene, camera, options.instant, options.splats)
         except NotApplicableError as error:
             talk(f"without {camera}: {error}")
     columns = {

@@ -35,6 +35,8 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
+from reconstruction.method.tally import Measurements
+from reconstruction.method.truth import depth_shares, right_depth
 from reconstruction.methods.multiview import sweep_matcher
 from reconstruction.methods.multiview.fusion import fuse_maps
 from reconstruction.methods.multiview.gpu import GpuEngine, find_engine
@@ -43,9 +45,7 @@ from reconstruction.methods.multiview.instant_scoring import count_near, true_su
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
 from reconstruction.methods.stereo.matching import match_rectified
 from reconstruction.methods.stereo.stereo_pair import rectify
-from reconstruction.scores.tally import Measurements
-from reconstruction.scores.truth import depth_shares, right_depth
-from reconstruction.session.moving_pixels import MARGIN_PX, dilate
+from reconstruction.scene.moving_pixels import MARGIN_PX, dilate
 
 Result = dict[str, Any]
 

@@ -22,15 +22,16 @@ import numpy as np
 
 from benchmarks.reconstruction.novel_view_scenes import SHOTS, Held, take, true_views
 from benchmarks.report import new_parser, print_report, print_rows, talk
+from capture_app.session.files.untrusted_files import read_arrays
 from reconstruction import Multiview, open_session
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.depth.seen_moment import Moment, find_subject, read_moment
+from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
 from reconstruction.depth.view_blending import render
+from reconstruction.method.picture_quality import psnr, ssim
 from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.scores.picture_quality import psnr, ssim
 
 MARGIN_PX = 9
 ITERATIONS = 10, 25, 50
@@ -86,12 +87,14 @@ def _moment(session: ReconstructedSession, folder: Path) -> Moment:
     """Read the maps of a session's only instant."""
     calibration = session.calibration()
     assert calibration is not None
-    lenses = calibration.cameras
-    return read_moment(
-        {name: folder / "depth" / f"{name}.npz" for name in lenses},
-        {name: View.from_calibration(lens, lens.width, lens.height) for name, lens in lenses.items()},
-        {name: session.frame(name, 0).bgr() for name in lenses},
-    )
+    moment = {}
+    for name, lens in calibration.cameras.items():
+        view = View.from_calibration(lens, lens.width, lens.height)
+        maps = read_arrays(folder / "depth" / f"{name}.npz")
+        colours = view.undistort_image(session.frame(name, 0).bgr())
+        depth, normals = (maps[which].astype(np.float32) for which in ("depth", "normals"))
+        moment[name] = SeenView(view.undistorted, colours, depth, normals)
+    return moment
 
 
 def measure(

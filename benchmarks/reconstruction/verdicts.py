@@ -27,10 +27,10 @@ from benchmarks.reconstruction.verdict_takes import (
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.manifest import CALIBRATION
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.tolerance_study import measure_tolerance
-from reconstruction.scores.timing import Timing, measure_pair_timing
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.timing import Timing, measure_pair_timing
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 SAME_FRAMES = 0.1
@@ -127,11 +127,9 @@ def measure(session: Path, take: Take, *, by_depth: bool, guess: bool = False) -
             timing = measure_tolerance(session, max_instants=4, max_offset_ms=2.2 * take.period_ms).timing
             assert timing is not None
             return timing
-        with tempfile.TemporaryDirectory() as scratch:
-            rig = Rig(Dataset.open(session), Path(scratch))
-            rig.calibrate()
-            first, second = rig.dataset.cameras
-            return measure_pair_timing(PairOffsets(rig), (first, second))
+        scene = Scene(Dataset.open(session))
+        first, second = scene.dataset.cameras
+        return measure_pair_timing(PairOffsets(scene), (first, second))
     except BadInputError as error:
         return Timing(reference="", other="", reason=str(error))
 

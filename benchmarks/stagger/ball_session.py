@@ -35,7 +35,7 @@ from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.compare.method import find_method
+from reconstruction.method.interface import find_method
 
 PHASES = {
     "in step": (0.0, 0.0, 0.0, 0.0),

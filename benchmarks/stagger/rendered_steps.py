@@ -24,9 +24,9 @@ from benchmarks.samples.takes import take_synchronized
 from capture_app.common.stagger import Stagger
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
-from reconstruction.compare.method import find_method
-from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.interface import find_method
+from reconstruction.method.picture_quality import psnr
+from reconstruction.scene.dataset import Dataset
 
 SCENE = "studio"
 VIEWS = {"cam0": "cam05", "cam1": "cam01", "cam2": "cam00", "cam3": "cam04"}

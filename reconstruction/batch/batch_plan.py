@@ -14,13 +14,13 @@ from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.summary import UnitRow, unit_row
 from reconstruction.batch.units import RESULT, Unit
-from reconstruction.calibration.stored import choose_calibration
+from reconstruction.common.matchers import Matcher
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.compare.method import find_method
-from reconstruction.depth.matchers import Matcher
-from reconstruction.session.conditions import SYNCED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.picture_checksums import checked_pictures
+from reconstruction.method.interface import find_method
+from reconstruction.scene.conditions import SYNCED, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.picture_checksums import checked_pictures
+from reconstruction.scene.scene import Scene
 
 DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
 DEPTH_METHOD = "multiview"
@@ -64,11 +64,11 @@ class BatchPlan:
             SimulshotError: the session cannot be used at all.
             NotApplicableError: the session is valid but has only one camera.
         """
-        dataset = Dataset.open(session, self.time_shifts_ms)
+        scene = Scene.open(session, self.time_shifts_ms)
+        dataset = scene.dataset
         dataset.require_cameras(2, "depth needs two that see the same from different places")
-        choose_calibration(dataset)
         name = session.resolve().name
-        source = dataset.fingerprint()
+        source = dataset.fingerprint(scene.given)
         matcher, shifts = self.matcher.engine, dict(self.time_shifts_ms)
         units: list[Unit] = []
         failures: list[UnitRow] = []

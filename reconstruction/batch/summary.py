@@ -19,12 +19,12 @@ from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.units import RESULT, Unit
+from reconstruction.common import wording
+from reconstruction.method.truth import DepthShares
+from reconstruction.pages.embedding import embed_image
+from reconstruction.pages.page import Section, render_page
 from reconstruction.report import report_tables as report
-from reconstruction.report import wording
-from reconstruction.report.embedding import embed_image
-from reconstruction.report.page import Section, render_page
-from reconstruction.scores.truth import DepthShares
-from reconstruction.session.conditions import SYNCED, evenly_spaced
+from reconstruction.scene.conditions import SYNCED, evenly_spaced
 
 FIGURES = (
     "coverage", "within_2pct", "mover_within_2pct", "static_within_2pct", "median_error_pct", "fused_points",

@@ -17,7 +17,7 @@ from reconstruction.commands.command_options import (
     parse_instants,
     time_shift_option,
 )
-from reconstruction.session.conditions import SYNCED
+from reconstruction.scene.conditions import SYNCED
 
 
 @click.command(

@@ -12,12 +12,12 @@ import click
 import msgspec
 
 from capture_app.console.terminal import FiniteRange, ParsedType, talk
+from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
-from reconstruction.depth.matchers import MATCHER_HELP, Matcher
-from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
-from reconstruction.session.picture_checksums import checked_pictures
+from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.scene.picture_checksums import checked_pictures
 
 MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
@@ -50,6 +50,11 @@ def parse_instants(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(found))
 
 
+def parse_names(text: str) -> tuple[str, ...]:
+    """Parse names separated by commas."""
+    return tuple(name for part in text.split(",") if (name := part.strip()))
+
+
 def parse_all_or_some(text: str) -> tuple[int, ...]:
     """Parse `all`, returned empty, or instants as `parse_instants` does."""
     return () if text.strip() == "all" else parse_instants(text)
@@ -73,6 +78,13 @@ def _click_type(one: Described) -> dict[str, Any]:
         return PAIR
     if kind == tuple[int, ...]:
         return {"type": parse_all_or_some}
+    if kind == tuple[str, ...]:
+        return {
+            "type": parse_names,
+            "default": None,
+            "callback": lambda ctx, param, value: value or (),
+            "show_default": "none",
+        }
     if kind is bool:
         return {"is_flag": True}
     if isinstance(kind, type) and issubclass(kind, StrEnum):

@@ -9,11 +9,11 @@ import click
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import command_options
-from reconstruction.compare.method import compare_options, study_names
-from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.method.interface import scored, study_names
+from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
-    from reconstruction.scores.comparison_results import OffsetTolerance
+    from reconstruction.method.comparison_results import OffsetTolerance
 
 
 def _refuse_synced(
@@ -36,7 +36,7 @@ class _CompareCommand(click.Command):
             show_default="all",
             help="Make only this study and the studies it needs. Repeat for several.",
         )
-        own = [one for options in compare_options() for one in command_options.click_options(options)]
+        own = [one for options in scored() for one in command_options.click_options(options)]
         params = super().get_params(ctx)
         out = [one.name for one in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]
@@ -118,7 +118,7 @@ def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) ->
 
 
 def _lines(result: "OffsetTolerance") -> Iterator[str]:
-    from reconstruction.report.findings import late_or_early
+    from reconstruction.method.phrases import late_or_early
 
     yield result.verdict
     for one in result.timing.instants if result.timing else ():

@@ -29,9 +29,9 @@ def live(width: int) -> None:
     import cv2
 
     from capture_app.session.reading.decoding import decode_preview, encode_image
-    from reconstruction.calibration.stored import CameraMode, find_rig_views
     from reconstruction.common.drawing import colour_depth
     from reconstruction.depth.live_depth import LiveDepth
+    from reconstruction.scene.calibration.stored import CameraMode, find_rig_views
 
     cv2.setNumThreads(1)
     messages = _messages()

@@ -16,8 +16,8 @@ from reconstruction.commands.command_options import (
     out_option,
     time_shift_option,
 )
-from reconstruction.compare.method import Method
-from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import SYNCED, Condition
 
 
 def method_command(method: type[Method]) -> click.Command:

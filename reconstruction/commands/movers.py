@@ -25,8 +25,8 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
 
     Motion is found by comparing a still camera's pictures of several instants; masks are a few pixels wider.
     """
-    from reconstruction.session.dataset import Dataset
-    from reconstruction.session.moving_pixels import SceneMotion, write_masks
+    from reconstruction.scene.dataset import Dataset
+    from reconstruction.scene.moving_pixels import SceneMotion, write_masks
 
     dataset = Dataset.open(session)
     moving = write_masks(SceneMotion(dataset, step=1), out)

@@ -29,6 +29,9 @@ def display_range(depth: Array, moving: Array | None = None) -> tuple[float, flo
 
 def colour_depth(depth: Array, near: float, far: float) -> Array:
     """Colour a depth map (BGR): near is bright yellow, far deep blue, linear in 1/depth; unknown is dark."""
+    if not depth.size:
+        # OpenCV divides by the number of pixels, which ends the process.
+        return np.zeros((*depth.shape, 3), np.uint8)
     level = (1 / np.where(depth > 0, depth, far) - 1 / far) / (1 / near - 1 / far)
     # The lowest part of the colour map is as dark as empty pixels.
     picture = cv2.applyColorMap(np.uint8(255 * (0.14 + 0.86 * np.clip(level, 0, 1))), cv2.COLORMAP_VIRIDIS)

@@ -1,9 +1,7 @@
 """Access to OpenCV, COLMAP and Open3D: import order, conversion of errors, and silenced output."""
 
-import importlib
 import os
 import platform
-import signal
 import sys
 import threading
 from collections.abc import Iterator
@@ -159,31 +157,13 @@ def _silence(*streams: int) -> None:
     os.close(nowhere)
 
 
-def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
-    """Load COLMAP's Python module, guarded and silent; `purpose` is what an error says it is for.
-
-    OpenCV must be imported first: in the other order the first PNG that OpenCV writes aborts the process.
-
-    Raises:
-        NotAvailableError: it is not installed or cannot be loaded on this machine.
-    """
-    importlib.import_module("cv2")
-    on_end = signal.getsignal(signal.SIGTERM)
-    module = _load("pycolmap", purpose, hint)
-    # COLMAP handles the signal as a crash: it prints a stack and exits without cleanup.
-    if on_end is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, on_end)
-    module.logging.minloglevel = 3
-    return GuardedModule(module, "COLMAP")
-
-
 def load_open3d() -> ModuleType:
     """Load Open3D, for clouds and meshes, guarded and silent.
 
     Raises:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
-    module = _load("open3d", "making a mesh")
+    module = load_guarded("open3d", "making a mesh")
     # Its warnings would go to Python's own stdout.
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     return GuardedModule(module, "Open3D")
@@ -200,7 +180,8 @@ def library_versions() -> dict[str, str]:
     return found
 
 
-def _load(name: str, purpose: str, hint: str = "") -> ModuleType:
+def load_guarded(name: str, purpose: str, hint: str = "") -> ModuleType:
+    """Load a package of the extra `reconstruction` silently, or raise NotAvailableError for a purpose."""
     with silenced_output():
         module: ModuleType = load_optional(name, RECONSTRUCTION, purpose, hint=hint)
     return module

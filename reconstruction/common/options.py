@@ -11,8 +11,8 @@ from capture_app.common.errors import BadInputError
 
 METHODS = "simulshot.methods"
 """Entry points of methods."""
-STUDIES = "simulshot.studies"
-"""Entry points of other packages' studies of a comparison, which are no part of a method."""
+CHECKS = "simulshot.checks"
+"""Entry points of checks, which are parts of comparisons only."""
 BOUNDS: Mapping[str, Callable[[Any, Any], bool]] = {"ge": operator.ge, "gt": operator.gt, "le": operator.le}
 Pair = tuple[str, str]
 """The names of two cameras."""

@@ -16,9 +16,10 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.session.reading.decoding import decode_image
 from reconstruction.common.geometry import Array
 
-METRICS = "metrics.json"
+METRICS, REPORT = "metrics.json", "report.html"
 STAGES = "stages"
-OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+OURS = {METRICS, REPORT, "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+OURS |= {"depth_checked.tiff", "difference.tiff", "registration.json"}
 VERSION = 11
 """Incremented whenever a stage's computation changes, so that old outputs are recomputed."""
 
@@ -58,20 +59,28 @@ class Made(Generic[Result]):
 class StageCache:
     """Cache of stage outputs in a folder, each file named by its stage and a key of all its inputs."""
 
-    def __init__(self, folder: Path, source: str) -> None:
-        """Create a cache; `source` is the fingerprint of the inputs common to all stages."""
+    def __init__(self, folder: Path | None, source: str) -> None:
+        """Create a cache; `source` is the fingerprint of the inputs common to all stages.
+
+        Without a folder nothing is stored.
+        """
         self.folder = folder
         self.source = source
-        folder.mkdir(parents=True, exist_ok=True)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
 
-    def path(self, stage: str, suffix: str, *inputs: object) -> Path:
+    def path(self, stage: str, suffix: str, *inputs: object) -> Path | None:
         """Return the path of a stage's output for these inputs, whether it exists or not."""
+        if self.folder is None:
+            return None
         key = hashlib.sha256(repr((VERSION, self.source, stage, inputs)).encode()).hexdigest()
         return self.folder / f"{stage}-{key[:16]}{suffix}"
 
     def arrays(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """Return a dataclass of arrays, loaded from the stage's .npz or computed and saved there."""
-        if not (path := self.path(stage, ".npz", *inputs)).exists():
+        if (path := self.path(stage, ".npz", *inputs)) is None:
+            return make()
+        if not path.exists():
             part = _part(path)
             with part.open("wb") as file:
                 np.savez(file, **vars(make()))
@@ -81,7 +90,9 @@ class StageCache:
 
     def record(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
         """Return a msgspec struct (or plain data), loaded from the stage's .json or computed and saved."""
-        if not (path := self.path(stage, ".json", *inputs)).exists():
+        if (path := self.path(stage, ".json", *inputs)) is None:
+            return make()
+        if not path.exists():
             part = _part(path)
             part.write_bytes(msgspec.json.encode(make()))
             part.rename(path)

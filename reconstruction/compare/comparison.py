@@ -11,34 +11,31 @@ from typing import Any, Self, TypeVar
 
 from msgspec import structs
 
-from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
-from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.method import compare_options
-from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
+from reconstruction.method.comparison_results import CompareResult, ConditionResult
+from reconstruction.method.interface import scored
+from reconstruction.method.score import TIMING, Context, Score, study_reports
+from reconstruction.method.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
-from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import study_reports
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
-from reconstruction.session.conditions import (
+from reconstruction.scene.calibration.consistency import check_rig
+from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
     evenly_spaced,
     nearest_frame_offset,
 )
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import fixed_offsets_ms
-from reconstruction.session.provenance import with_provenance
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import fixed_offsets_ms
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 T = TypeVar("T")
@@ -75,7 +72,7 @@ class CompareOptions:
             BadInputError: no installed study has such an option.
         """
         own = {name: options.pop(name) for name in cls.__dataclass_fields__ if name in options}
-        known = [keyword for kind in compare_options() for keyword in compare_keywords(kind)]
+        known = [keyword for kind in scored() for keyword in compare_keywords(kind)]
         if unknown := [name for name in options if name not in known]:
             raise BadInputError(
                 f"{unknown[0]} is not an option of a comparison",
@@ -84,9 +81,9 @@ class CompareOptions:
         return cls(**own, of_studies=options)
 
 
-def installed_studies() -> list[type[Study]]:
+def installed_studies() -> list[type[Score]]:
     """Return the classes of the studies that a comparison makes, in order."""
-    return [kind for kind in study_reports().values() if issubclass(kind, Study)]
+    return list(study_reports().values())
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
@@ -143,15 +140,17 @@ class Comparison:
     def __init__(self, session: Path, output: OutputFolder, options: CompareOptions) -> None:
         """Open the session, and check everything that can be refused before it takes long; see `compare`."""
         self._began_s = time.monotonic()
-        dataset = Dataset.open(session, options.time_shifts_ms)
-        choose_calibration(dataset)
+        scene = Scene.open(session, options.time_shifts_ms)
+        dataset = scene.dataset
+        scene = scene.staged(output.folder / STAGES)
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         for condition in options.conditions:
             condition.check(dataset)
-        self.against = Dataset.open(options.against) if options.against is not None else None
+        self.against = None if options.against is None else Scene(Dataset.open(options.against))
         self.output, self.options = output, options
         self.context = Context(
-            rig=Rig(dataset, output.folder / STAGES, offset.step),
+            scene=scene,
+            step=offset.step,
             offset=offset,
             middle=offset.pairs[len(offset.pairs) // 2][0],
             max_instants=options.max_instants,
@@ -164,8 +163,6 @@ class Comparison:
         self.chosen = _chosen(self.studies, options.studies)
         for study in self.chosen.values():
             study.check()
-        self._no_views: BadInputError | NotAvailableError | None = None
-        """Why the cameras have no calibration."""
         self.known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
@@ -182,20 +179,18 @@ class Comparison:
 
     def calibrate(self) -> None:
         """Detect motion and calibrate; without a calibration, studies that need one are skipped."""
-        rig, offset, progress = self.context.rig, self.context.offset, self.context.progress
+        scene, offset, progress = self.context.scene, self.context.offset, self.context.progress
         progress.total += sum(study.steps for study in self.chosen.values()) + len(self.options.conditions)
-        progress.total += (self.against is not None) + (len(rig.dataset.cameras) > 2)
-        progress.step(f"detecting motion in {rig.dataset.name}")
-        moving = rig.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
+        progress.total += (self.against is not None) + (len(scene.dataset.cameras) > 2)
+        progress.step(f"detecting motion in {scene.dataset.name}")
+        moving = self.context.compared.moving_share(
+            [k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)]
+        )
         self.known = structs.replace(self.known, moving_share=moving)
         progress.step("calibration")
-        try:
-            rig.calibrate()
-        except (BadInputError, NotAvailableError) as error:
-            self._no_views, rig.problem = error, str(error)
-        else:
+        if not scene.problem:
             with suppress(BadInputError):
-                check = check_rig(rig.views, rig.middle_features)
+                check = check_rig(scene.views, self.context.compared.features.middle)
                 px = None if check.error_px is None else round(check.error_px, 3)
                 self.known = structs.replace(self.known, rest_error_px=px, rest_points=check.points)
         progress.step("choosing cameras")
@@ -207,7 +202,7 @@ class Comparison:
             NotAvailableError: nothing could be made, as the calibration needs a package that is missing.
         """
         # A pair's depth gives the first pictures soon; the others begin with the last, which are quick.
-        pairs = [name for name, study in self.chosen.items() if isinstance(study, PairStudy)]
+        pairs = [name for name, study in self.chosen.items() if study.of_pair]
         names = [*pairs, *(name for name in reversed([*self.chosen]) if name not in pairs)]
         needs = {name: [one for one in self.chosen[name].needs if one in (*names, TIMING)] for name in names}
         left = {name: self.chosen[name].text.subject for name in names} | {TIMING: "time offsets"}
@@ -217,8 +212,9 @@ class Comparison:
                 made = self.known.studies + found.pop("studies", ())
                 self.known = structs.replace(self.known, studies=made, **found)
                 yield tuple(left.values())
-        if isinstance(self._no_views, NotAvailableError) and not self._has_measures:
-            raise self._no_views
+        if not self._has_measures:
+            with suppress(BadInputError):
+                self.context.scene.calibration  # noqa: B018  (raises why there is none)
         unasked = [study.found for name, study in self.studies.items() if name not in self.chosen]
         self.known = structs.replace(self.known, studies=(*self.known.studies, *unasked))
 
@@ -262,14 +258,14 @@ class Comparison:
         result = structs.replace(
             self.known,
             studies=tuple(sorted(self.known.studies, key=lambda one: [*self.studies].index(one.name))),
-            calibration=self.context.rig.source,
+            calibration=self.context.scene.source,
             **more,
         )
         result = with_provenance(result, self._began_s, self.options.time_shifts_ms)
         return structs.replace(result, verdict=verdict(result), words=report_words(result))
 
 
-def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
+def _chosen(studies: Mapping[str, Score], names: Sequence[str]) -> dict[str, Score]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
     if unknown := [name for name in names if name not in studies and name != TIMING]:
         raise BadInputError(
@@ -281,39 +277,39 @@ def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Stu
     return {name: study for name, study in studies.items() if name in requested}
 
 
-def _limited(known: CompareResult, study: Study) -> CompareResult:
+def _limited(known: CompareResult, study: Score) -> CompareResult:
     """Return the known results without those that a study does not need."""
     needed = tuple(one for one in known.studies if one.name in study.needs)
     unneeded = {} if TIMING in study.needs else dict.fromkeys(("timing", "rig_timing", "tolerance"))
     return structs.replace(known, studies=needed, **unneeded)
 
 
-def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str, Any]:
+def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str, Any]:
     """Measure the time offsets on the first pair studied, and the delay that its depth tolerates.
 
     Returns these fields of `CompareResult`; none without a calibration.
     """
-    if context.rig.problem:
+    if context.scene.problem:
         return {}
-    offsets = PairOffsets(context.rig)
-    pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
+    offsets = PairOffsets(context.compared)
+    pairs = (one for one in studies.values() if one.of_pair and not one.found.skipped)
     study = next(pairs, None)
     found: dict[str, Any] = {}
     with worker_pool(1) as pool:
-        if len(context.rig.views) > 2:
+        if len(context.scene.views) > 2:
             context.progress.step("time offsets of all cameras")
             rig = pool.submit(measure_rig_timing, offsets, study.cameras[0] if study else None)
         if study:
             found |= _measure_pair_timing(context, offsets, study)
-        if len(context.rig.views) > 2:
+        if len(context.scene.views) > 2:
             found["rig_timing"] = rig.result()
     return found
 
 
-def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStudy) -> dict[str, Any]:
+def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -> dict[str, Any]:
     """Measure the time offset of a study's pair, and the delay that its depth tolerates."""
     context.progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
-    timing = measure_pair_timing(offsets, study.cameras)
+    timing = measure_pair_timing(offsets, study.pair)
     if not study.measures_delay:
         return {"timing": timing}
     timing = with_depth(timing, study.found)
@@ -325,17 +321,17 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: PairStud
             max_instants=min(TOLERANCE_INSTANTS, context.max_instants),
             progress=Progress(0, silent=True),
         )
-        steps = whole_frame_offsets(context.rig.dataset, delay_ms)
-        curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
+        steps = whole_frame_offsets(context.scene.dataset, delay_ms)
+        curve = measure_curve(type(study), quiet, study.pair, steps, timing)
         return {"tolerance": curve, "timing": curve.timing}
     return {"timing": timing}
 
 
 def _further_conditions(
-    context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Dataset | None
+    context: Context, studies: Sequence[Score], conditions: Sequence[Condition], against: Scene | None
 ) -> tuple[ConditionResult, ...]:
     """Compare the requested conditions, and another session, with every study."""
-    made = [one for one in studies if isinstance(one, ConditionStudy) and not one.found.skipped]
+    made = [one for one in studies if one.has_conditions and not one.found.skipped]
     found = []
     for condition in conditions:
         context.progress.step(f"condition {condition.name}")
@@ -343,18 +339,16 @@ def _further_conditions(
         found.append(
             ConditionResult(
                 name=condition.name,
-                offsets_ms=fixed_offsets_ms(condition, context.rig.dataset),
+                offsets_ms=fixed_offsets_ms(condition, context.scene.dataset),
                 studies=compared,
             )
         )
     if against is not None:
-        context.progress.step(f"session {against.name}")
+        other = against.dataset
+        context.progress.step(f"session {other.name}")
         # The other session uses its own calibration if it has one, else this session's.
-        rig = Rig(against, context.rig.stages.folder, context.offset.step if context.offset else 1)
-        if calibration := against.calibration() or context.rig.calibration:
-            rig.use_calibration(calibration)
-        compared = tuple(study.compare_session(rig) for study in made)
-        found.append(
-            ConditionResult(name=against.name, session=str(against.session.folder), studies=compared)
-        )
+        known = against.given or (None if context.scene.problem else context.scene.calibration)
+        scene = against.staged(context.scene.stages.folder).calibrated(known)
+        compared = tuple(study.compare_session(scene) for study in made)
+        found.append(ConditionResult(name=other.name, session=str(other.session.folder), studies=compared))
     return tuple(found)

@@ -14,32 +14,31 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.stored import choose_calibration
-from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
-from reconstruction.compare.study import Context, PairStudy
-from reconstruction.report.page import REPORT
-from reconstruction.report.study_report import study_reports
-from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
-from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
-from reconstruction.scores.study_result import Interval, StudyResult
-from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
-from reconstruction.scores.timing import (
+from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
+from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
+from reconstruction.method.score import Context, Score, study_reports
+from reconstruction.method.study_result import Interval, StudyResult
+from reconstruction.method.tally import MIN_COUNT, MIN_FOR_INTERVAL
+from reconstruction.method.timing import (
     Timing,
     measure_pair_timing,
     with_curve_peak,
     with_depth,
     with_depth_runs,
 )
-from reconstruction.session.conditions import (
+from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
+from reconstruction.scene.conditions import (
     DEFAULT_OFFSET_MS,
+    SYNCHRONIZED,
     FrameOffset,
     nearest_frame_offset,
     pairs_with_images,
 )
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.provenance import with_provenance
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import choose_moving_instants
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 Point = StudyResult[dict[str, int]]
@@ -150,28 +149,33 @@ def measure_tolerance(
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
     began = time.monotonic()
-    dataset = Dataset.open(session, time_shifts_ms)
-    choose_calibration(dataset)
-    steps = whole_frame_offsets(dataset, max_offset_ms)
+    opened = Scene.open(session, time_shifts_ms)
+    steps = whole_frame_offsets(opened.dataset, max_offset_ms)
     with (
-        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as opened
+        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as output
     ):
-        folder = Path(opened) if isinstance(opened, str) else opened.folder
-        rig = Rig(dataset, folder / STAGES, steps[-1].step)
-        rig.check_pair(pair)
+        folder = Path(output) if isinstance(output, str) else output.folder
+        scene = opened.staged(folder / STAGES)
+        scene.check_pair(pair)
         progress = Progress(4)
         progress.step("calibration")
-        rig.calibrate()
+        scene.calibration  # noqa: B018  (may take long, and may fail)
         progress.step("choosing cameras")
         middle, _ = steps[-1].pairs[len(steps[-1].pairs) // 2]
-        context = Context(rig=rig, middle=middle, max_instants=max_instants, progress=progress)
+        context = Context(
+            scene=scene,
+            step=steps[-1].step,
+            middle=middle,
+            max_instants=max_instants,
+            progress=progress,
+        )
         study = _depth_study()(context)
         study.asked = pair
         try:
             study.prepare()
             progress.step("time offset of moving objects")
-            timing = measure_pair_timing(PairOffsets(rig), study.cameras)
-            curve = measure_curve(type(study), context, study.cameras, steps, timing)
+            timing = measure_pair_timing(PairOffsets(context.compared), study.pair)
+            curve = measure_curve(type(study), context, study.pair, steps, timing)
         except ValueError as error:
             raise BadInputError(
                 f"no depth can be made from {session}: {error}",
@@ -183,7 +187,7 @@ def measure_tolerance(
             verdict=tolerance_sentence(curve),
             session=str(session),
             reason=study.reason,
-            calibration=rig.source,
+            calibration=scene.source,
             report="" if out is None else REPORT,
         )
         result = with_provenance(result, began, time_shifts_ms)
@@ -214,16 +218,16 @@ def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
     return [*(one.reversed for one in reversed(late)), *late]
 
 
-def _depth_study() -> type[PairStudy]:
+def _depth_study() -> type[Score]:
     """Return the installed study whose depth the tolerance curve uses."""
-    studies = (one for one in study_reports().values() if issubclass(one, PairStudy) and one.measures_delay)
+    studies = (one for one in study_reports().values() if one.of_pair and one.measures_delay)
     if study := next(studies, None):
         return study
     raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")
 
 
 def measure_curve(
-    kind: type[PairStudy],
+    kind: type[Score],
     context: Context,
     cameras: tuple[str, str],
     steps: list[FrameOffset],
@@ -236,13 +240,13 @@ def measure_curve(
     Raises:
         ValueError: the two views overlap too little, or no instant has its frames.
     """
-    rig = context.rig
-    partners = [dict(pairs_with_images(rig.dataset, step.pairs, *cameras)) for step in steps]
+    scene = context.scene
+    partners = [dict(pairs_with_images(scene.dataset, step.pairs, *cameras)) for step in steps]
     everywhere = sorted(set(partners[0]).intersection(*partners))
     usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else sorted(set().union(*partners))
     if not usable:
         raise ValueError("no instant has its images at any of the offsets")
-    nows = choose_moving_instants(rig.motion, cameras, usable, context.max_instants)
+    nows = choose_moving_instants(context.compared.motion, cameras, usable, context.max_instants)
     context.progress.total += (len(nows) + 1) * len(steps)
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras
@@ -250,7 +254,7 @@ def measure_curve(
     pairs = [[(now, later[now]) for now in nows if now in later] for later in partners]
     compared = [
         structs.replace(
-            study.compare_instants(ours, {cameras[0]: 0.0, cameras[1]: step.actual_ms}, range_instants=nows),
+            study.compare_instants(ours, SYNCHRONIZED, {cameras[0]: 0.0, cameras[1]: step.actual_ms}),
             facts={"offset_frames": step.frames},
         )
         for step, ours in zip(steps, pairs, strict=True)
@@ -262,8 +266,8 @@ def measure_curve(
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
-    speed = _speed_px_per_ms(rig, cameras[0], nows)
-    own = rig.dataset.worst_residual_us()
+    speed = _speed_px_per_ms(context.compared.motion, cameras[0], nows)
+    own = scene.dataset.worst_residual_us()
     return OffsetTolerance(
         cameras=cameras,
         measure=measure,
@@ -280,14 +284,15 @@ def measure_curve(
     )
 
 
-def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
+def _speed_px_per_ms(motion: SceneMotion, camera: str, nows: list[int]) -> float | None:
     """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
-    times, grey = rig.dataset.instants_ns, rig.dataset.grey
+    dataset = motion.dataset
+    times, grey = dataset.instants_ns, dataset.grey
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     lengths = [np.zeros(0, np.float32)]
     for now in nows[:: max(1, len(nows) // 8)]:
-        moving = rig.motion.moving(camera, now)
-        near = next((k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)), None)
+        moving = motion.moving(camera, now)
+        near = next((k for k in (now + 1, now - 1) if dataset.has_image(camera, k)), None)
         if near is not None and moving.any():
             found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
             lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import msgspec
@@ -51,14 +52,12 @@ Moment = Mapping[str, SeenView]
 """The cameras of one moment by name."""
 
 
-def read_moment(files: Mapping[str, Path], views: Mapping[str, View], images: Mapping[str, Array]) -> Moment:
-    """Read maps that `reconstruct multiview` wrote, by camera; `images` are the cameras' own (BGR)."""
-    return {
-        camera: _seen(
-            views[camera].undistorted, views[camera].undistort_image(images[camera]), read_arrays(file)
-        )
-        for camera, file in files.items()
-    }
+class SeenInstant(NamedTuple):
+    """One instant as its cameras saw it, and why other cameras are left out."""
+
+    instant: int
+    moment: Moment
+    left_out: Mapping[str, str]
 
 
 def save_moment(folder: Path, moment: Moment, unit: str) -> None:

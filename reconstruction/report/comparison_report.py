@@ -6,21 +6,21 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.text import count
-from reconstruction.report.embedding import embed_image
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import UNSYNCHRONIZED
+from reconstruction.method.score import reported, study_reports
+from reconstruction.method.study_result import StudyResult
+from reconstruction.pages.embedding import embed_image
+from reconstruction.pages.page import Section, as_template, render_page, write_page
 from reconstruction.report.findings import (
-    UNSYNCHRONIZED,
     claims,
     describe_delays,
     describe_exactness,
     describe_synchronization,
     name_conditions,
 )
-from reconstruction.report.page import Section, as_template, render_page, write_page
 from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
-from reconstruction.report.study_report import reported, study_reports
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
 
 ORIGINS = {
     "simulated": ("Simulated", "pictures and true distances are rendered"),

@@ -6,23 +6,18 @@ from statistics import median
 from typing import Any
 
 from capture_app.common.text import count
-from reconstruction.calibration.consistency import INACCURATE_PX, describe_misfit
-from reconstruction.calibration.structure_from_motion import GUESS
-from reconstruction.report import wording
-from reconstruction.report.study_report import Claim, reported, study_reports
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import SessionTiming, Timing
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED, late_or_early, late_text
+from reconstruction.method.score import reported, study_reports
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.timing import SessionTiming, Timing
+from reconstruction.method.words import Claim
+from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
+from reconstruction.scene.calibration.structure_from_motion import GUESS
 
-UNSYNCHRONIZED = "unsynchronized"
-EACH_DELAYED = "each camera off by a different delay"
-"""The offset condition of studies of all cameras, as a word and as a phrase."""
-DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
-"""Measures that judge depth: correct distances if the truth is known, else any distance."""
 VAGUE_FRACTION = 0.6
 """Width of a fraction's 95 % interval from which it is no headline."""
-CLEAR_FRACTION = 0.15
-"""Lost fraction of the moving pixels from which the loss is reported as clear."""
 REPAIR = "To pair the pictures of an imported session again: reconstruct time --repair-drops"
 MAX_NAMED = 4
 """Maximum number of cameras named in a sentence."""
@@ -127,11 +122,6 @@ def motion_sentence(timing: Timing) -> str:
         f"{who} moved while recording: nearly all points at rest move too, {far}. So these pictures "
         "have no still control, and what is called moving is what changed most."
     )
-
-
-def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
-    """Return `0.4 ± 0.6 ms late`, or early."""
-    return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
 
 
 @dataclass(frozen=True)
@@ -250,26 +240,6 @@ def _what_was_found(result: CompareResult) -> str:
         return "Nothing could be measured with these cameras, so nothing can be compared."
     texts = texts or [_no_difference(timing, late_text(result))]
     return " ".join([*texts, *([timing_sentences(timing)] if timing is not None else [])])
-
-
-def late_text(result: CompareResult) -> str:
-    """Return a pair's second camera's delay as a phrase: `66 ms late`."""
-    return f"{result.actual_offset_ms:.0f} ms late"
-
-
-def percent(fraction: float) -> str:
-    """Return a fraction 0..1 as a percentage for a sentence."""
-    return f"{100 * fraction:.0f} %" if fraction >= 0.01 or fraction == 0 else "under 1 %"
-
-
-def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
-    """Return a sentence with the moving fraction found in each condition; empty without a clear loss."""
-    if (known := depth.first_known(*DEPTH_MEASURES)) is None or known[1] - known[2] < CLEAR_FRACTION:
-        return ""
-    measure, synced, offset = known
-    correct = measure == DEPTH_MEASURES[0]
-    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
-    return f"When {when}, {what} for {percent(synced)} of what moves; with {late}, for {percent(offset)}."
 
 
 def _no_difference(timing: Timing | None, late: str) -> str:

@@ -5,20 +5,14 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from reconstruction.report import wording
-from reconstruction.report.findings import (
-    EACH_DELAYED,
-    UNSYNCHRONIZED,
-    ConditionNames,
-    name_conditions,
-    offset_text,
-    rig_judgement,
-)
-from reconstruction.report.study_report import study_reports
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.study_result import Interval, StudyResult
-from reconstruction.scores.tally import CONDITIONS
-from reconstruction.scores.timing import SessionTiming
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult, ConditionResult
+from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED
+from reconstruction.method.score import study_reports
+from reconstruction.method.study_result import Interval, StudyResult
+from reconstruction.method.tally import CONDITIONS
+from reconstruction.method.timing import SessionTiming
+from reconstruction.report.findings import ConditionNames, name_conditions, offset_text, rig_judgement
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
 """Prefixes of a measure's name, each with the column group that shows it."""

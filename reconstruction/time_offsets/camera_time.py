@@ -7,7 +7,7 @@ from msgspec import Struct, structs
 
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.common.geometry import Array
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.instant_votes import Change
 
 DIGITS = {

@@ -12,8 +12,8 @@ from typing import Self
 import numpy as np
 from msgspec import Struct, structs
 
-from reconstruction.calibration.consistency import consistent_matches
 from reconstruction.common.geometry import Array, View
+from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
     MATCH_PX,

@@ -14,7 +14,7 @@ import numpy as np
 
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import Array
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime, ImageTimes
 
 STEP = 2

@@ -10,9 +10,9 @@ import numpy as np
 from capture_app.console.terminal import Progress
 from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import SYSTEMATIC_MS, OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets, RoughOffset
@@ -91,13 +91,13 @@ def _correlation(a: Array, b: Array, lag: int) -> float:
     return float(x @ y) / size * float(np.sqrt(end - begin)) if size else -1.0
 
 
-def align_cameras(rig: Rig, progress: Progress) -> dict[str, CameraTimes]:
+def align_cameras(scene: Scene, progress: Progress) -> dict[str, CameraTimes]:
     """Measure each camera's times relative to the first camera's, starting from the session's times.
 
     The times of a camera have an offset or a reason.
     """
-    pairs, offsets = {frozenset(pair) for pair in likely_pairs(rig)}, PairOffsets(rig)
-    activity = lru_cache(maxsize=None)(partial(measure_activity, rig.dataset))
+    pairs, offsets = {frozenset(pair) for pair in likely_pairs(scene)}, PairOffsets(scene)
+    activity = lru_cache(maxsize=None)(partial(measure_activity, scene.dataset))
 
     def against(first: str, second: str) -> CameraTimes:
         """Measure the second camera's times relative to the first's."""
@@ -112,9 +112,9 @@ def align_cameras(rig: Rig, progress: Progress) -> dict[str, CameraTimes]:
             return CameraTimes(reason=fit.reason)
         if fit.change.steps:
             return CameraTimes(reason=f"{fit.change.describe(second, first)}: it dropped or repeated frames")
-        return _line(rig.dataset, first, second, fit)
+        return _line(scene.dataset, first, second, fit)
 
-    return chain_cameras(rig.dataset.cameras, against)
+    return chain_cameras(scene.dataset.cameras, against)
 
 
 def _rough_offset(

@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.calibration.consistency import consistent_matches
 from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.scene.calibration.consistency import consistent_matches
 
 ODDS_PX = (1.0, 0.5, 0.3, 0.15)
 """Standard deviations of a calibration's smooth image errors, px: terms of degree 0, 1, 2 and 3 in the

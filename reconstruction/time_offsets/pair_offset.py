@@ -10,16 +10,16 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.consistency import fit_one_plane
-from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
-from reconstruction.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
-from reconstruction.session.conditions import evenly_spaced
-from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.moving_pixels import MIN_STILL, measure_camera_motion
+from reconstruction.scene.calibration.consistency import fit_one_plane
+from reconstruction.scene.calibration.structure_from_motion import GUESS
+from reconstruction.scene.conditions import evenly_spaced
+from reconstruction.scene.instant_choice import choose_moving_instants
+from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
+from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
@@ -101,15 +101,15 @@ MovingMatches = tuple[Array, Array, Array]
 class PairOffsets:
     """Time offsets between cameras of a calibrated rig; the points of each image are detected once."""
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.dataset = rig.dataset
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.dataset = scene.dataset
         self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self.max_instants = int(np.clip(IMAGES // len(self.dataset.cameras), *INSTANTS))
         self._points = computed_once(self._find_points)
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
-        self._motion = computed_once(partial(measure_camera_motion, rig.dataset))
+        self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
 
@@ -129,7 +129,7 @@ class PairOffsets:
         Uses at most `limit` instants (None: the default) at which something moves in front of both cameras.
         `rough` is an approximate offset to search around, instead of 0.
         """
-        views = self.rig.views
+        views = self.scene.views
         if reason := self._why_unmeasurable(first, second):
             return OffsetFit(reason=reason, misfit_px=0.0 if reason == UNDETERMINED else None)
         times = ImageTimes(self.dataset, (first, second))
@@ -145,7 +145,7 @@ class PairOffsets:
         chosen = (
             evenly_spaced(asked, limit)
             if all_moves or not asked
-            else choose_moving_instants(self.rig.motion, cameras, asked, limit)
+            else choose_moving_instants(self.scene.motion, cameras, asked, limit)
         )
 
         def apart_ms(instants: Sequence[int]) -> dict[tuple[int, int], float]:
@@ -190,12 +190,12 @@ class PairOffsets:
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
-        views = self.rig.views
+        views = self.scene.views
         if missing := [name for name in (first, second) if name not in views]:
             return f"{missing[0]} has no calibration"
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return "both cameras are at the same place"
-        is_guess = GUESS in self.rig.source and not self.moving((first, second))
+        is_guess = GUESS in self.scene.source and not self.moving((first, second))
         return UNDETERMINED if is_guess and fit_one_plane(*self._still_matches(first, second)) else ""
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
@@ -269,7 +269,7 @@ class PairOffsets:
 
         Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
         """
-        data, motion = self.dataset, self.rig.motion
+        data, motion = self.dataset, self.scene.motion
         image = data.grey(camera, instant)
         moving = np.ones(image.shape, bool) if all_moves else motion.widened_moving(camera, instant)
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
@@ -283,7 +283,7 @@ class PairOffsets:
         return roots, np.stack([before, at, after])
 
     def _find_outlines(self, camera: str, instant: int) -> Outlines:
-        motion, image = self.rig.motion, self.dataset.grey(camera, instant)
+        motion, image = self.scene.motion, self.dataset.grey(camera, instant)
         return find_outlines(image, motion.background(camera), motion.widened_moving(camera, instant))
 
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
@@ -292,7 +292,7 @@ class PairOffsets:
         some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
-            a, b = (self.rig.features(k)[name] for name in (first, second))
+            a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))
             of_a, of_b = match_at_rest(a, b)
             stays = self._stays(first, k, other)[of_a] & self._stays(second, k, other)[of_b]
             found.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))
@@ -301,7 +301,7 @@ class PairOffsets:
 
     def _find_staying(self, camera: str, instant: int, other: int) -> Array:
         """Return which of an image's features are at the same place in another image of the camera (bool)."""
-        at = self.rig.features(instant)[camera].positions
+        at = self.scene.features.at_rest(instant)[camera].positions
         there = _follow(self.dataset.grey(camera, instant), self.dataset.grey(camera, other), at)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX)

@@ -8,9 +8,9 @@ from msgspec import structs
 
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.instant_votes import UNCHANGED
@@ -27,7 +27,7 @@ Pair = tuple[str, str]
 
 
 def measure_rig_offsets(
-    rig: Rig,
+    scene: Scene,
     reference: str | None = None,
     progress: Progress | None = None,
     *,
@@ -41,8 +41,8 @@ def measure_rig_offsets(
     their epipolar lines, contribute nothing. A camera that no chain of pairs joins to the reference gets a
     reason instead of an offset. `finder` is a `PairOffsets` to reuse that has already read these images.
     """
-    finder = finder or PairOffsets(rig)
-    pairs = likely_pairs(rig)
+    finder = finder or PairOffsets(scene)
+    pairs = likely_pairs(scene)
     progress = progress or Progress(0, silent=True)
     progress.total += len(pairs)
 
@@ -52,16 +52,16 @@ def measure_rig_offsets(
 
     with worker_pool() as pool:
         measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))
-    found = adjust_offsets(rig.dataset.cameras, reference, measured, preferred)
-    return with_changes(found, measured, rig.dataset.period_ns / 1e6)
+    found = adjust_offsets(scene.dataset.cameras, reference, measured, preferred)
+    return with_changes(found, measured, scene.dataset.period_ns / 1e6)
 
 
-def likely_pairs(rig: Rig) -> list[Pair]:
+def likely_pairs(scene: Scene) -> list[Pair]:
     """Return pairs of calibrated cameras, each with its `PARTNERS` nearest in viewing direction."""
-    views = rig.views
+    views = scene.views
     angles = {
         pair: angle_deg(views[pair[0]].axis, views[pair[1]].axis)
-        for pair in combinations((name for name in rig.dataset.cameras if name in views), 2)
+        for pair in combinations((name for name in scene.dataset.cameras if name in views), 2)
     }
     chosen = set()
     for name in views:

@@ -1,9 +1,6 @@
 """Time offsets of all cameras of a session, from a blinking lamp if one is seen, else from motion."""
 
-import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from msgspec import Struct
@@ -13,9 +10,7 @@ from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from capture_app.session.importing.realigning import repair_drops as repair_drops_of
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.stored import choose_calibration
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
 from reconstruction.time_offsets.motion_alignment import align_cameras
@@ -49,11 +44,11 @@ def measure_times(
         SimulshotError: the session cannot be used, has no such camera, or its cameras cannot be calibrated.
     """
     began = time.monotonic()
-    dataset = Dataset.open(session)
+    scene = Scene.open(session)
+    dataset = scene.dataset
     dataset.require_cameras(2, "a time offset is measured between two")
     if reference is not None:
         dataset.session.camera(reference)
-    choose_calibration(dataset)
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(
@@ -72,11 +67,11 @@ def measure_times(
         )
     progress = Progress(2)
     if alone:
-        with _calibrated(dataset, progress) as rig:
-            aligned = align_cameras(rig, progress)
-        cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, rig.source
+        _calibrate(scene, progress)
+        aligned = align_cameras(scene, progress)
+        cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, scene.source
     else:
-        cameras, calibration = _common_times(dataset, reference, progress)
+        cameras, calibration = _common_times(scene, reference, progress)
     progress.last("offsets")
     if apply:
         realign_session(dataset.session, aligned, MOTION)
@@ -102,31 +97,27 @@ def measure_times(
 
 
 def _common_times(
-    dataset: Dataset, reference: str | None, progress: Progress
+    scene: Scene, reference: str | None, progress: Progress
 ) -> tuple[dict[str, CameraTime], str]:
     """Return each camera's offset, from a lamp if it sees one, else from motion; and the calibration used."""
     progress.step("lamp")
-    lit = measure_light_offsets(dataset, reference)
+    lit = measure_light_offsets(scene.dataset, reference)
     if not (unlit := [name for name, one in lit.items() if one.offset_ms is None]):
         return lit, ""
     if len(unlit) < len(lit):
         reference = next(name for name, one in lit.items() if one.source == REFERENCE)
-    with _calibrated(dataset, progress) as rig:
-        moved = with_own_changes(measure_rig_offsets(rig, reference, progress))
+    _calibrate(scene, progress)
+    moved = with_own_changes(measure_rig_offsets(scene, reference, progress))
     for name in unlit:
         why, by_light = moved[name].reason, lit[name].reason
         both = why and by_light not in (NO_LAMP, why)
         lit[name] = CameraTime(reason=f"{why}; {by_light}") if both else moved[name]
-    return lit, rig.source
+    return lit, scene.source
 
 
-@contextmanager
-def _calibrated(dataset: Dataset, progress: Progress) -> Iterator[Rig]:
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = Rig(dataset, Path(scratch))
-        progress.step("calibration")
-        rig.calibrate()
-        yield rig
+def _calibrate(scene: Scene, progress: Progress) -> None:
+    progress.step("calibration")
+    scene.calibration  # noqa: B018  (may take long, and may fail)
 
 
 def _aligned_time(found: CameraTimes) -> CameraTime:

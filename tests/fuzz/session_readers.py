@@ -18,7 +18,7 @@ from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.trust.known_machines import FILE, KnownMachines
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from tests.facts import make_facts
 from tests.fuzz.folders import Reader, put, small_session
 

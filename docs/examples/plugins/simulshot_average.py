@@ -1,37 +1,44 @@
-"""The average of a camera's images."""
+"""The average of the cameras' pictures at an instant: a method with its score."""
 
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
 from reconstruction.common.options import command_flag
-from reconstruction.compare.method import Method
-from reconstruction.session.provenance import Provenance
+from reconstruction.method.interface import Method
+from reconstruction.scene.provenance import Provenance
 
 
 class AverageResult(Provenance, frozen=True, kw_only=True):
-    camera: str
+    cameras: int
     picture: str
 
 
 class Average(Method, frozen=True, kw_only=True):
     name = "average"
-    help = "Average images of the first camera of SESSION, from an instant on."
+    study = "simulshot_average_score:AverageScore"
+    help = "Average the pictures of the cameras of SESSION at an instant."
     examples = ("average sessions/burst-001 --out average",)
 
-    count: Annotated[int, command_flag("--count", ge=1, metavar="N", help="Average this many images.")] = 4
+    instants: tuple[int, ...] | None = None
+    count: Annotated[int, command_flag("--count", ge=1, metavar="N", help="Take this many cameras.")] = 4
 
-    def run(self, dataset: Any, condition: Any, output: Any) -> AverageResult:
+    def run(self, scene: Any, condition: Any) -> Iterator[Any]:
         import numpy as np
 
+        from reconstruction.scene.instant_choice import instants_shown
+
+        for instant in scene.dataset.chosen_instants(self.listed_instants):
+            shown = instants_shown(scene.dataset, condition, instant)
+            images = [scene.dataset.image(*one) for one in shown.items() if scene.dataset.has_image(*one)]
+            yield np.mean(images[: self.count], axis=0).astype(np.uint8)
+
+    def save(self, scene: Any, condition: Any, output: Any) -> AverageResult:
         from reconstruction.common.image_files import save_picture
 
-        camera = dataset.cameras[0]
-        offsets_ms = condition.offsets_ms(dataset.cameras, self.instant)
-        first = dataset.nearest_instants(self.instant, offsets_ms)[camera]
-        instants = dataset.instants(camera)[first : first + self.count]
-        mean = np.mean([dataset.image(camera, k) for k in instants], axis=0).astype(np.uint8)
-        return AverageResult(camera=camera, picture=save_picture(output.folder, "average.png", mean))
+        (mean,) = self.run(scene, condition)
+        picture = save_picture(output.folder, "average.png", mean)
+        return AverageResult(cameras=min(self.count, len(scene.dataset.cameras)), picture=picture)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        yield f"{result.camera}: {out / result.picture}"
+        yield f"{result.cameras} cameras: {out / result.picture}"

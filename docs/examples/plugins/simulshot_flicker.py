@@ -1,16 +1,17 @@
-"""A study of the light: how much the brightness of two cameras differs."""
+"""A check of the light: how much the brightness of two cameras differs."""
 
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.options import flag
-from reconstruction.compare.study import Study
-from reconstruction.report import wording
-from reconstruction.report.study_report import MeasureText, StudyText
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.method.interface import Check
+from reconstruction.method.score import Score
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import MeasureText, StudyText
 
 SECTION = """
 <section aria-labelledby="{{ section.anchor }}">
@@ -22,7 +23,10 @@ SECTION = """
 """
 
 
-class FlickerOptions(msgspec.Struct, frozen=True, kw_only=True):
+class Flicker(Check, frozen=True, kw_only=True):
+    name = "flicker"
+    study = f"{__name__}:FlickerScore"
+
     flicker_instants: Annotated[
         int, flag("--flicker-instants", metavar="N", help="Compare the light at this many instants.")
     ] = 8
@@ -32,7 +36,7 @@ class FlickerFacts(msgspec.Struct, frozen=True, kw_only=True):
     brightest_instant: int
 
 
-class FlickerStudy(Study):
+class FlickerScore(Score):
     text = StudyText(
         name="flicker",
         subject="flicker of the light",
@@ -45,7 +49,7 @@ class FlickerStudy(Study):
         title="How the light flickers",
     )
     min_cameras = 2
-    Options = FlickerOptions
+    Options = Flicker
 
     @classmethod
     def verdict(cls, result: Any, found: StudyResult[FlickerFacts]) -> str:

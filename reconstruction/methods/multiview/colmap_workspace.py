@@ -18,9 +18,10 @@ import numpy as np
 
 from capture_app.common.errors import NotAvailableError, SimulshotError
 from capture_app.session.exporting.point_cloud import read_ply
+from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
+from reconstruction.common.native_libraries import foreign_calls
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
 POINTS_PER_VIEW = 300

@@ -20,7 +20,7 @@ from reconstruction.depth.sweep_engine import CPU, Agreement
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth, voting_views
 
 TOLERANCE = 0.02
-"""Relative error up to which a depth is right, as in `reconstruction.scores.truth`."""
+"""Relative error up to which a depth is right, as in `reconstruction.method.truth`."""
 CLOSE = 0.005
 """Relative difference of depth within which a view agrees closely."""
 JUMP = 0.04

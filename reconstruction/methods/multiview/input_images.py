@@ -2,22 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import cv2
 import numpy as np
 
 from capture_app.common.errors import BadInputError, NotApplicableError
-from reconstruction.calibration.calibrated_rig import calibrated_views
-from reconstruction.calibration.consistency import CalibrationCheck, check_rig
-from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.memory import memory_budget
-from reconstruction.common.worker_pool import SWEEP_BYTES, max_workers
+from reconstruction.common.worker_pool import SWEEP_BYTES, computed_once, max_workers
 from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
-from reconstruction.pairs import detect_features
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion, dilate
+from reconstruction.scene.calibration.consistency import CalibrationCheck, check_rig
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion, dilate
+from reconstruction.scene.pairs import detect_features
+from reconstruction.scene.scene import Scene
 
 CACHED_IMAGES = 32
 EDGE_PX = 2
@@ -94,58 +92,25 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     return InputImage(camera, instant, colours, photo, view)
 
 
-def find_moving(image: InputImage, motion: SceneMotion) -> Array | None:
-    """Return an image's slightly widened motion mask (bool); None if its camera has no other image."""
-    if len(motion.dataset.instants(image.camera)) < 2:
-        return None
-    mask = motion.widened_moving(image.camera, image.instant).astype(np.uint8)
-    return undistort_nearest(image.view, mask) > 0
-
-
-def load_input_images(
-    dataset: Dataset, instants: dict[str, int], motion: SceneMotion
-) -> tuple[dict[str, InputImage], dict[str, str], str, str]:
-    """Return usable images by camera, reasons for the others, and the calibration's source and unit.
+def prepare_images(scene: Scene, width_px: int | None = None) -> "InputImages":
+    """Return a scene's images at a width, None = one at which depth of all cameras fits the memory budget.
 
     Raises:
-        BadInputError: fewer than two images are usable, or no calibration can be found.
+        NotApplicableError: it has one camera only.
+        BadInputError: it takes too much memory at any size, or has no calibration.
     """
-    dataset.require_cameras(2, "depth needs two that see the same from different places")
+    cameras = len(scene.dataset.cameras)
+    scene.dataset.require_cameras(2, "depth needs two that see the same from different places")
+    if width_px is not None:
+        return InputImages(scene, width_px)
     workers = max_workers()
-    dataset.fit_memory(
-        images=len(dataset.cameras),
-        bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / len(dataset.cameras),
+    fitted = scene.fitted(
+        images=cameras,
+        bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / cameras,
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         fraction=0.9,
     )
-    calibration = dataset.calibration() or guess_calibration(motion)
-    views = calibrated_views(dataset, calibration)
-    images: dict[str, InputImage] = {}
-    left_out: dict[str, str] = {}
-    for camera, instant in instants.items():
-        if camera not in views:
-            left_out[camera] = "it is not in the calibration"
-        elif not dataset.has_image(camera, instant):
-            left_out[camera] = f"it has no image of instant {instant}"
-        else:
-            try:
-                images[camera] = undistort_image(
-                    camera, instant, dataset.image(camera, instant), views[camera]
-                )
-            except BadInputError as error:
-                left_out[camera] = error.what
-    if len(images) < 2:
-        reasons = "; ".join(f"{camera}: {why}" for camera, why in left_out.items())
-        raise NotApplicableError(
-            f"fewer than two cameras can be used ({reasons})",
-            hint="depth needs two that are calibrated and see the same from different places",
-        )
-    # Planes are fitted to blank walls, not to objects moving in front; nor are those part of the still scene.
-    steps_ns = dataset.steps_ns
-    for camera, image in images.items():
-        known = replace(image.calibrated, moving=find_moving(image, motion))
-        images[camera] = replace(image, calibrated=known, step_ns=steps_ns[camera])
-    return images, left_out, calibration.source_words, calibration.unit
+    return InputImages(fitted)
 
 
 def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
@@ -162,28 +127,54 @@ def check_images(images: Mapping[str, InputImage]) -> CalibrationCheck:
     return check_rig(views, features)
 
 
-class UndistortedSession:
-    """Images, moving pixels and true depth by camera and instant, at most `width_px` wide."""
+class InputImages:
+    """A scene's images for matching, by camera and instant, with what moves and the true depth of each.
 
-    def __init__(self, dataset: Dataset, motion: SceneMotion, views: dict[str, View], width_px: int) -> None:
-        self.dataset = dataset
-        self.motion = motion
-        self.full_views = views
+    Images wider than `width_px` are reduced to it; None = no limit.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        width_px: int | None = None,
+        motion: SceneMotion | None = None,
+    ) -> None:
+        """`motion`: what moves, for scores. Runs and scores of one scene share images of a limited width.
+
+        Raises as `Scene.views`.
+        """
+        self.scene, self.dataset, self.motion = scene, scene.dataset, motion or scene.motion
         self.views = {
             name: resize_view(view, width_px, round(view.height * (width_px / view.width)))
-            if view.width > width_px
+            if width_px is not None and view.width > width_px
             else view
-            for name, view in views.items()
+            for name, view in scene.views.items()
         }
-        self._image = lru_cache(maxsize=CACHED_IMAGES)(self._load)
-        self._distorted = {name: _distorted_pixels(view) for name, view in self.views.items()}
+        self.plain_views = {name: view.undistorted for name, view in self.views.items()}
+        """The views of undistorted images."""
+        self._image = self._load
+        if width_px is not None:
+            self._image = scene.once(("images", width_px), lambda: computed_once(self._load, CACHED_IMAGES))
+
+    def usable(self, shown: Mapping[str, int]) -> tuple[dict[str, InputImage], dict[str, str]]:
+        """Return the images that can be matched, of each camera's instant, and reasons for the others.
+
+        Raises:
+            NotApplicableError: fewer than two images are usable.
+        """
+        found = {camera: self._image(camera, instant) for camera, instant in shown.items()}
+        images = {camera: image for camera, image in found.items() if isinstance(image, InputImage)}
+        left_out = {camera: why for camera, why in found.items() if isinstance(why, str)}
+        if len(images) < 2:
+            reasons = "; ".join(f"{camera}: {why}" for camera, why in left_out.items())
+            raise NotApplicableError(
+                f"fewer than two cameras can be used ({reasons})",
+                hint="depth needs two that are calibrated and see the same from different places",
+            )
+        return images, left_out
 
     def problem(self, camera: str, instant: int) -> str:
         """Return why there is no image to match; empty if there is one."""
-        if camera not in self.views:
-            return "it is not in the calibration"
-        if not self.dataset.has_image(camera, instant):
-            return f"it has no image of instant {instant}"
         found = self._image(camera, instant)
         return found if isinstance(found, str) else ""
 
@@ -194,7 +185,7 @@ class UndistortedSession:
         return found
 
     def moving(self, camera: str, instant: int) -> Array:
-        """Return the mask (bool) of moving pixels of an undistorted image."""
+        """Return the mask (bool) of moving pixels of an undistorted image, for scores."""
         return self.undistort_mask(camera, self.motion.moving(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
@@ -203,7 +194,7 @@ class UndistortedSession:
         return dilate(mask, max(3, mask.shape[1] // 80))
 
     def true_depth(self, camera: str, instant: int) -> Array | None:
-        """Return true depth (m, 0 = unknown), undistorted, at the reduced size; None if unknown."""
+        """Return true depth (m, 0 = unknown), undistorted; None if unknown."""
         loaded = self.dataset.ground_truth(camera, instant)
         return None if loaded is None else self._undistort_small(camera, loaded[0])
 
@@ -214,10 +205,14 @@ class UndistortedSession:
     def _undistort_small(self, camera: str, image: Array) -> Array:
         view = self.views[camera]
         small = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
-        return np.asarray(cv2.remap(small, *self._distorted[camera], cv2.INTER_NEAREST))
+        return undistort_nearest(view, small)
 
     def _load(self, camera: str, instant: int) -> InputImage | str:
-        view = self.views[camera]
+        """Return an image, or why it cannot be matched."""
+        if (view := self.views.get(camera)) is None:
+            return "it is not in the calibration"
+        if not self.dataset.has_image(camera, instant):
+            return f"it has no image of instant {instant}"
         image = self.dataset.image(camera, instant)
         if image.shape[1] != view.width:
             image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA)
@@ -225,7 +220,9 @@ class UndistortedSession:
             found = undistort_image(camera, instant, image, view)
         except BadInputError as error:
             return error.what
-        if len(self.dataset.instants(camera)) < 2:
-            return found
-        moving = self.undistort_mask(camera, self.motion.widened_moving(camera, instant))
-        return replace(found, calibrated=replace(found.calibrated, moving=moving))
+        moving = None
+        # Planes are fitted to blank walls, not to what moves in front; nor is that part of the still scene.
+        if len(self.dataset.instants(camera)) > 1:
+            moving = self.undistort_mask(camera, self.scene.motion.widened_moving(camera, instant))
+        step_ns = self.dataset.steps_ns[camera]
+        return replace(found, calibrated=replace(found.calibrated, moving=moving), step_ns=step_ns)

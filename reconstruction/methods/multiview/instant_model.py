@@ -1,7 +1,8 @@
 """Depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,66 +19,47 @@ from reconstruction.common.drawing import colour_confidence, colour_depth, displ
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.outputs import Made
+from reconstruction.common.wording import percentage
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.plane_sweep import PlaneSweep
-from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
-from reconstruction.depth.view_choice import (
-    choose_reference_view,
-    choose_source_views,
-    refuse_views,
-    seen_points,
-    smallest_group,
-)
-from reconstruction.methods.multiview.colmap_workspace import write_workspace
+from reconstruction.method.study_result import InstantClouds
+from reconstruction.method.truth import DepthShares, depth_shares
 from reconstruction.methods.multiview.confidence import measure_support
-from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
+from reconstruction.methods.multiview.fusion import FusedCloud
 from reconstruction.methods.multiview.input_images import (
     InputImage,
+    InputImages,
     check_images,
-    find_moving,
-    load_input_images,
     undistorted_truth,
 )
+from reconstruction.methods.multiview.instant_maps import match_instant
 from reconstruction.methods.multiview.instant_scoring import score_moving
 from reconstruction.methods.multiview.matcher import (
     ChosenMatcher,
     image_colours,
     image_views,
-    match_cameras,
 )
 from reconstruction.methods.multiview.mesh import build_mesh
-from reconstruction.methods.multiview.multiview_method import RESULT, Multiview
-from reconstruction.methods.multiview.result import MultiviewResult, ViewResult
+from reconstruction.methods.multiview.result import (
+    CONFIDENCE,
+    FILES,
+    FUSED,
+    POINTS,
+    RESULT,
+    WORKSPACE,
+    MultiviewResult,
+    ViewResult,
+)
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.report.embedding import embed_image, view_clouds
-from reconstruction.report.page import REPORT, Section, render_page, write_page
-from reconstruction.report.wording import percentage
-from reconstruction.scores.study_result import InstantClouds
-from reconstruction.scores.truth import DepthShares, depth_shares
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
+from reconstruction.pages.embedding import embed_image, view_clouds
+from reconstruction.pages.page import Section, render_page, write_page
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
 
-POINTS = "points.ply"
-FILES = (POINTS, REPORT)
-FUSED, WORKSPACE = "fused.ply", "workspace"
-CONFIDENCE = "confidence"
-"""Folder of the pictures of confidence, and the name of the maps in the files of depth."""
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
-OURS = {
-    *FILES,
-    PAIR_DEPTH,
-    RESULT,
-    "depth",
-    CONFIDENCE,
-    WORKSPACE,
-    FUSED,
-    "cloud.ply",
-    "mesh.ply",
-    "turntable.png",
-}
 
 
 class MadeMultiview(Made[MultiviewResult]):
@@ -114,151 +96,118 @@ class MadeMultiview(Made[MultiviewResult]):
 
 
 def model_instant(
-    dataset: Dataset,
+    inputs: InputImages,
+    condition: Condition,
+    instant: int,
     matcher: ChosenMatcher,
-    options: Multiview,
     part: Path,
-    progress: Progress | None = None,
-    motion: SceneMotion | None = None,
+    *,
+    without: Collection[str] = (),
+    mesh: bool = False,
+    cloud: bool = False,
+    workspace: bool = False,
+    check: bool = True,
+    quick: bool = False,
     still: StillScene | None = None,
     early: OutputFolder | None = None,
+    progress: Progress,
 ) -> MultiviewResult:
     """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
-    `motion` is the session's motion, and `still` the still scene found at earlier instants. `early`: the
-    output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`) until all is done.
+    `cloud` also cleans the fused cloud; `workspace` writes COLMAP's; `check` checks the calibration, without
+    which maps have no confidence; `quick` does not score the cloud. `still` is the still scene found at
+    earlier instants. `early`: the output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`)
+    until all is done, and then a page.
 
     Raises:
-        BadInputError: the instant or the offsets cannot be used, or nothing was found.
+        BadInputError: the instant or the condition cannot be used, or nothing was found.
     """
-    motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
+    scene, dataset = inputs.scene, inputs.dataset
+    found = match_instant(
+        inputs,
+        instant,
+        condition,
+        matcher,
+        still or StillScene(),
+        progress,
+        without=without,
+        later_steps=3 if mesh or cloud else 2,
+        workspace=part / WORKSPACE if workspace else None,
+        on_pair=partial(_show_pair, early) if early is not None else None,
+    )
+    images, sources, rough, maps = found.images, found.sources, found.rough, found.maps
     marks = {"begin": time.monotonic()}
-    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
-    instants = {camera: shown for camera, shown in instants.items() if camera not in options.without}
-    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
-    check = check_images(images) if options.check else None
-    images, sources, scene, maps = _match_instant(
-        images, left_out, matcher, options, part, progress, still or StillScene(), early, marks
-    )
-    misfit_px = None if check is None else check.error_px
-    confidence = (
-        measure_confidence(images, sources, maps, misfit_px, dataset.scale_error) if options.check else {}
-    )
+    checked = check_images(found.usable) if check else None
+    misfit_px = None if checked is None else checked.error_px
+    confidence = measure_confidence(images, sources, maps, misfit_px, scene.scale_error) if check else {}
     marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
-    cloud = fuse_maps(views, maps, pictures, smallest_group(sources))
-    if not len(cloud.points):
+    fused = found.cloud
+    if not len(fused.points):
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
             hint="cameras must see the same things, at the same time, from different places, "
             "and their calibration must be this rig's",
         )
-    write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
+    write_ply(part / FUSED, PointCloud(fused.points, fused.colours), fused.normals)
     marks["fusion"] = time.monotonic()
     scored = tuple(
-        write_view(dataset, images[c], found, confidence.get(c), sources[c], part)
-        for c, found in maps.items()
+        write_view(dataset, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
     )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    moving_score = None if options.quick else score_moving(dataset, images, unit, options.instant, cloud)
+    moving_score = None if quick else score_moving(dataset, images, scene.unit, instant, fused)
     marks["judging"] = time.monotonic()
-    points, triangles = len(cloud.points), 0
+    points, triangles = len(fused.points), 0
     files: tuple[str, ...] = ()
-    if options.mesh or options.cloud:
-        progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(cloud, part, views, maps, pictures, mesh=bool(options.mesh))
+    if mesh or cloud:
+        progress.step("cloud, mesh and pictures" if mesh else "cleaning the cloud")
+        points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=mesh)
         marks["mesh"] = time.monotonic()
-    reference = choose_reference_view(views, scene.points)
+    reference = found.reference
     image, depth = images[reference], maps[reference].depth
-    ranges = [scene.depth_ranges[camera] for camera in images]
+    ranges = [rough.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
-        instant=options.instant,
-        offsets_ms=options.offsets_ms,
+        instant=instant,
+        offsets_ms=condition.offsets_ms(dataset.cameras, instant),
         matcher=matcher.name,
         matcher_note=matcher.note,
-        calibration=calibration,
-        unit=unit,
+        calibration=scene.source,
+        unit=scene.unit,
         reference=reference,
         **_figures(next(view for view in scored if view.camera == reference)),
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
-        rest_points=0 if check is None else check.points,
-        scale_error=round(dataset.scale_error, 4),
+        rest_points=0 if checked is None else checked.points,
+        scale_error=round(scene.scale_error, 4),
         movers_1cm=moving_score,
-        moving_measured=measured_fraction(image, depth, motion) if options.page else None,
+        moving_measured=measured_fraction(image, depth) if early is not None else None,
         nearest=min(nearest for nearest, _ in ranges),
         farthest=max(farthest for _, farthest in ranges),
         views=scored,
-        left_out=left_out,
-        fused_points=len(cloud.points),
+        left_out=dict(found.left_out),
+        fused_points=len(fused.points),
         cloud_points=points,
         mesh_triangles=triangles,
         files=(
             FUSED,
             *files,
-            *(FILES if options.page else ()),
-            *((WORKSPACE,) if options.workspace else ()),
+            *(FILES if early is not None else ()),
+            *((WORKSPACE,) if workspace else ()),
             RESULT,
         ),
-        seconds_of=_stage_seconds(marks),
+        seconds_of={name: round(s, 3) for name, s in found.seconds_of.items()} | _stage_seconds(marks),
     )
-    if options.page:
-        write_moment(result, image, depth, cloud, part)
+    if early is not None:
+        write_moment(result, image, depth, fused, part)
     return result
 
 
-def _match_instant(
-    images: dict[str, InputImage],
-    left_out: dict[str, str],
-    matcher: ChosenMatcher,
-    options: Multiview,
-    part: Path,
-    progress: Progress,
-    still: StillScene,
-    early: OutputFolder | None,
-    marks: dict[str, float],
-) -> tuple[dict[str, InputImage], Mapping[str, Sequence[str]], RoughScene, dict[str, ViewDepth]]:
-    """Find the scene and every camera's depth by those of its step; write COLMAP's workspace into `part`.
-
-    Returns the images that have depth, the cameras that each was matched with, the scene, and the depth. Adds
-    the other cameras to `left_out` with the reasons, and the times (s) at which the stages ended to `marks`.
-
-    Raises:
-        BadInputError: no two cameras can measure depth.
-    """
-    later_steps = 3 if options.mesh or options.cloud else 2
-    progress.total = len(images) + later_steps
-    progress.step("the scene's range of depth")
-    calibrated = {camera: image.calibrated for camera, image in images.items()}
-    still.look(calibrated)
-    scene = still.scene = still.scene or find_rough_scene(calibrated)
-    views = {camera: calibrated[camera].view for camera in scene.points}
-    steps_ns = {camera: image.step_ns for camera, image in images.items()}
-    sources = choose_source_views(views, scene.points, steps_ns)
-    if not any(sources.values()):
-        raise refuse_views(views, scene.points)
-    left_out.update({c: _why_alone(c, calibrated, scene, steps_ns) for c in images if not sources.get(c)})
-    images = {camera: image for camera, image in images.items() if sources.get(camera)}
-    progress.total = len(images) + later_steps
-    marks["range"] = time.monotonic()
-    if early is not None:
-        reference = choose_reference_view(image_views(images), scene.points)
-        pair = calibrated[reference], calibrated[sources[reference][0]]
-        _show_pair(pair, scene.depth_ranges[reference], early)
-    workspace = part / WORKSPACE
-    depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
-    if options.workspace and matcher.gpu is None:
-        write_workspace(workspace, image_views(images), image_colours(images), depth)
-    marks["matching"] = time.monotonic()
-    return images, sources, scene, depth
-
-
 def _show_pair(
-    pair: tuple[CalibratedImage, CalibratedImage], depth_range: tuple[float, float], early: OutputFolder
+    early: OutputFolder, first: CalibratedImage, second: CalibratedImage, depth_range: tuple[float, float]
 ) -> None:
     """Draw two cameras' depth at a small size as `PAIR_DEPTH`, and show it in the target."""
-    reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
+    reference, other = (image.scaled(PAIR_PX / image.view.width) for image in (first, second))
     surface = PlaneSweep().sweep(reference, [other], depth_range)
     depth = surface.depth_where(surface.cost < MAX_COST)
     drawn = early.folder / PAIR_DEPTH
@@ -276,27 +225,6 @@ def _figures(view: ViewResult) -> dict[str, Any]:
 def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
     """Return the duration of each stage, from the times (s) at which the stages ended."""
     return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
-
-
-def _why_alone(
-    camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene, steps_ns: Mapping[str, int]
-) -> str:
-    """Return why a camera has no sources."""
-    if camera not in scene.points:
-        return "nothing in its picture could be matched in another camera's picture"
-    if not any(steps_ns[other] == steps_ns[camera] for other in images if other != camera):
-        return "no other camera takes its frames at the same time"
-    inside = {
-        other: seen_points(images[camera].view, images[other].view, scene.points[camera])
-        for other in images
-        if other != camera and steps_ns[other] == steps_ns[camera]
-    }
-    best = max(inside, key=lambda other: float(inside[other][0].mean()))
-    there, angles = inside[best]
-    return (
-        f"no other camera suits its depth: {best} sees the most of its picture, {100 * there.mean():.0f} %, "
-        f"from an angle of {float(np.median(angles)):.1f} degrees"
-    )
 
 
 def measure_confidence(
@@ -354,9 +282,9 @@ def write_view(
     )
 
 
-def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
+def measured_fraction(image: InputImage, depth: Array) -> float | None:
     """Return the fraction of an image's moving pixels with depth; None if nothing moves or it is unknown."""
-    moving = find_moving(image, motion)
+    moving = image.calibrated.moving
     return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
 
 

@@ -8,14 +8,15 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.kernels import call_kernel, floats
+from reconstruction.method.tally import Measurements, measure_depth
+from reconstruction.method.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
 from reconstruction.methods.multiview.fusion import FusedCloud, project_points, surface_points
-from reconstruction.methods.multiview.input_images import InputImage, UndistortedSession, undistorted_truth
-from reconstruction.methods.multiview.instant_depth import InstantDepth
+from reconstruction.methods.multiview.input_images import InputImage, InputImages, undistorted_truth
+from reconstruction.methods.multiview.instant_depth import InstantDepth, confirm
 from reconstruction.methods.multiview.result import CloudScore
-from reconstruction.scores.tally import Measurements, measure_depth
-from reconstruction.scores.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import dilate
 
 TOLERANCE_M = 0.01
 """Distance within which a point is right, and a true surface is found."""
@@ -176,18 +177,20 @@ class InstantScorer:
 
     def __init__(
         self,
-        undistorted: UndistortedSession,
+        undistorted: InputImages,
         reference: str,
         unit: str,
         instants: Sequence[int],
         synced: Sequence[InstantDepth],
     ) -> None:
+        """`synced` is the depth of synchronized images at these instants, with the reference's."""
         self.undistorted = undistorted
         self.reference = reference
         self.unit = unit
         self.tolerance_m: float | None = None
         moving = [undistorted.moving(reference, instant) for instant in instants]
-        self._still = median_still_depth([one.depth for one in synced], moving)
+        maps = [one.maps(undistorted.plain_views)[reference].depth for one in synced]
+        self._still = median_still_depth(maps, moving)
 
     def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
@@ -208,10 +211,13 @@ class InstantScorer:
         measured = {name: Measurements() for name in maps}
         for name, found in maps.items():
             times = shown if name == "offset" else dict.fromkeys(shown, instant)
-            clouds = self._measure_cloud(found, times, hidden, surfaces)
+            depth = found.maps(self.undistorted.plain_views)
+            clouds = self._measure_cloud(found.points, depth, times, hidden, surfaces)
+            images = {camera: self.undistorted.image(camera, times[camera]).calibrated for camera in depth}
+            confirmed, difference = confirm(self.reference, images, depth)
             for kind, mask in (("mover", moving), ("static", static)):
-                one = measure_depth(found.depth, found.difference, mask, truth)
-                one.shares["consistency"] = int((found.consistent & mask).sum()), int(mask.sum())
+                one = measure_depth(depth[self.reference].depth, difference, mask, truth)
+                one.shares["consistency"] = int((confirmed & mask).sum()), int(mask.sum())
                 one.update(clouds.get(kind, Measurements()))
                 measured[name].update(one, f"{kind}_")
         return measured
@@ -226,10 +232,10 @@ class InstantScorer:
         here = dilate(changing, CONTROL_MARGIN_PX)
         if not (self._still > 0).any():
             return ~here
-        view = self.undistorted.views[self.reference]
+        view = self.undistorted.plain_views[self.reference]
         points = view.unproject(view.grid(), fill_from_nearest(self._still).ravel())
         others = {camera: mask for camera, mask in hidden.items() if camera != self.reference}
-        hidden_here = points_on_masks(points, self.undistorted.views, others).reshape(here.shape)
+        hidden_here = points_on_masks(points, self.undistorted.plain_views, others).reshape(here.shape)
         return np.asarray(~here & ~hidden_here)
 
     def _true_depth(self, instant: int, static: Array) -> Array | None:
@@ -240,29 +246,31 @@ class InstantScorer:
         """Return the true surfaces of an instant if the calibration is metric."""
         if self.unit != "m":
             return None
-        full = {camera: self.undistorted.full_views[camera] for camera in shown}
+        full = {camera: self.undistorted.scene.views[camera] for camera in shown}
         return known_surfaces(self.undistorted.dataset, full, instant)
 
     def _measure_cloud(
         self,
-        found: InstantDepth,
+        cloud: Array,
+        depth: Mapping[str, ViewDepth],
         times: Mapping[str, int],
         hidden: Mapping[str, Array],
         surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
         """Measure the cloud's points, precision and recall on moving objects and on the still control."""
-        views = {camera: self.undistorted.views[camera] for camera in times}
-        moving_masks = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
-        moving = points_on_moving(found.points, found.seen, views, moving_masks)
-        still = ~moving & ~points_on_masks(found.points, views, hidden)
+        views = {camera: self.undistorted.plain_views[camera] for camera in depth}
+        moving_masks = {camera: self.undistorted.moving(camera, times[camera]) for camera in depth}
+        seen = np.column_stack([visible_points(view, depth[c].depth, cloud) for c, view in views.items()])
+        moving = points_on_moving(cloud, seen, views, moving_masks)
+        still = ~moving & ~points_on_masks(cloud, self.undistorted.plain_views, hidden)
         measured = {}
         for kind, mask, masks in (("mover", moving, {}), ("static", still, hidden)):
-            points = found.points[mask]
+            points = cloud[mask]
             one = measured[kind] = Measurements(means={"points": np.array([float(len(points))])})
             if surfaces is None:
                 continue
             true, shared = surfaces[kind]
-            free = shared[~points_on_masks(shared, views, masks)]
+            free = shared[~points_on_masks(shared, self.undistorted.plain_views, masks)]
             one.shares["precision"] = count_near(true, points)
             one.shares["recall"] = count_near(points, free)
             self.tolerance_m = TOLERANCE_M

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.matchers import Matcher
+from reconstruction.common.matchers import Matcher
 from reconstruction.depth.sweep_engine import CPU, SweepEngine
 from reconstruction.methods.multiview.colmap_workspace import (
     CudaGpu,

@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from capture_app.common.errors import NotApplicableError
-from capture_app.common.optional_packages import require_reconstruction
+from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import count
+from reconstruction.common.matchers import MATCHER_HELP, Matcher
 from reconstruction.common.options import command_flag, flag
-from reconstruction.compare.method import Method
-from reconstruction.depth.matchers import MATCHER_HELP, Matcher
-from reconstruction.session.conditions import Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.depth.seen_moment import SeenInstant
+    from reconstruction.methods.multiview.instant_maps import InstantMaps
     from reconstruction.methods.multiview.matcher import ChosenMatcher
     from reconstruction.methods.multiview.result import MultiviewResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
-RESULT = "multiview.json"
 FEW_PIXELS = 0.1
 """Fraction of the pixels below which the result is doubtful."""
 
@@ -42,7 +43,7 @@ class Multiview(Method, frozen=True, kw_only=True):
         "multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
         "multiview sessions/burst-001 --instants all --out clouds",
     )
-    result_file = RESULT
+    result_file = "multiview.json"
 
     instants: Annotated[
         tuple[int, ...] | None,
@@ -53,10 +54,19 @@ class Multiview(Method, frozen=True, kw_only=True):
         ),
     ] = None
     """Instants of a sequence, empty = all; None = `instant` alone."""
-    offsets_ms: tuple[float, ...] = ()
-    """Offset of each camera of the session, in place of the condition's."""
-    without: tuple[str, ...] = ()
-    """Cameras that take no part, with `instant`."""
+    without: Annotated[
+        tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
+    ] = ()
+    width: Annotated[
+        int | None,
+        command_flag(
+            "--width",
+            ge=160,
+            metavar="PX",
+            show_default="as recorded",
+            help="Reduce wider images to this width.",
+        ),
+    ] = None
     matcher: Annotated[
         Matcher, command_flag("--matcher", help=MATCHER_HELP), flag("--matcher", help=MATCHER_HELP)
     ] = Matcher.AUTO
@@ -134,7 +144,7 @@ class Multiview(Method, frozen=True, kw_only=True):
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier result; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
-        from reconstruction.methods.multiview.instant_model import OURS
+        from reconstruction.methods.multiview.result import OURS
 
         return OutputFolder(out, replaces_only(OURS))
 
@@ -161,26 +171,87 @@ class Multiview(Method, frozen=True, kw_only=True):
             return super().write(sources, out, condition)
         from reconstruction.methods.multiview.sequence import model_sequence
 
-        return model_sequence(sources[0], out, self, condition, self.progress)
+        if self.mesh:
+            require_reconstruction("open3d", "making meshes")
+        if self.rrd:
+            load_optional("rerun", "rerun", "the .rrd format")
+        return model_sequence(
+            self.prepared(self.open_scene(sources[0], condition)),
+            out,
+            condition,
+            self.chosen_matcher,
+            instants=self.instants,
+            without=self.without,
+            width=self.width,
+            mesh=bool(self.mesh),
+            depth=self.depth,
+            quick=self.quick,
+            whole=self.whole,
+            rrd=self.rrd,
+            time_shifts_ms=dict(self.time_shifts_ms),
+            progress=self.progress,
+        )
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
-        """Compute depth, cloud and mesh of one instant; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
+        """Compute depth, cloud and mesh of one instant; see `Method.save`."""
+        from reconstruction.methods.multiview.input_images import prepare_images
         from reconstruction.methods.multiview.instant_model import model_instant
 
-        if self.calibrated and dataset.calibration() is None:
+        return model_instant(
+            prepare_images(self.prepared(scene), self.width),
+            condition,
+            self.instant,
+            self.chosen_matcher,
+            output.folder,
+            without=self.without,
+            mesh=bool(self.mesh),
+            cloud=self.cloud and (bool(self.mesh) or (not self.quick and find_spec("open3d") is not None)),
+            workspace=self.workspace,
+            check=self.check,
+            quick=self.quick,
+            early=output if self.page else None,
+            progress=self.progress,
+        )
+
+    def prepared(self, scene: "Scene") -> "Scene":
+        """Return the scene with the calibration that the options ask for.
+
+        Raises:
+            SimulshotError: there is no such calibration, or the session lacks a camera that is left out.
+        """
+        for camera in self.without:
+            scene.dataset.session.camera(camera)
+        if self.calibrated and scene.given is None:
             raise NotApplicableError(
                 "no valid calibration of this rig is known",
                 hint="run reconstruct calibrate first",
             )
-        if self.refine:
-            from reconstruction.methods.multiview.refinement import refine_calibration
+        if not self.refine:
+            return scene
+        from reconstruction.methods.multiview.refinement import refine_calibration
 
-            refine_calibration(dataset)
-        offsets_ms = self.offsets_ms or condition.offsets_ms(dataset.cameras, self.instant)
-        cloud = self.cloud and (self.mesh or (not self.quick and find_spec("open3d") is not None))
-        options = msgspec.structs.replace(self, offsets_ms=offsets_ms, cloud=cloud)
-        early = output if self.page else None
-        return model_instant(dataset, self.chosen_matcher, options, output.folder, self.progress, early=early)
+        return refine_calibration(scene)
+
+    def run(self, scene: "Scene", condition: Condition) -> "Iterator[InstantMaps]":
+        """Yield the depth of each instant; several share what stands still. See `Method.run`."""
+        from reconstruction.methods.multiview.input_images import prepare_images
+        from reconstruction.methods.multiview.instant_maps import match_instants
+
+        yield from match_instants(
+            prepare_images(self.prepared(scene), self.width),
+            scene.dataset.chosen_instants(self.listed_instants),
+            condition,
+            self.chosen_matcher,
+            without=self.without,
+            progress=self.progress,
+        )
+
+    def see(self, scene: "Scene", condition: Condition) -> "Iterator[SeenInstant]":
+        """Yield each instant with depth of all cameras that have it; see `Method.see`."""
+        from reconstruction.depth.seen_moment import SeenInstant
+
+        for found in self.run(scene, condition):
+            yield SeenInstant(found.instant, found.moment, found.left_out)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras or instants that were left out; see `Method.notes`."""

@@ -1,7 +1,9 @@
 """Depth of the middle camera from all cameras, and the cloud fused from all."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property, partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
@@ -11,31 +13,30 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.common import wording
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.matchers import Matcher
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
+from reconstruction.method.score import UNASKED, Score
+from reconstruction.method.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.method.tally import CONDITIONS, Tally
+from reconstruction.method.truth import TOLERANCE_TEXT, right_depth
+from reconstruction.method.words import read_words
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
-from reconstruction.methods.multiview.input_images import UndistortedSession
-from reconstruction.methods.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
+from reconstruction.methods.multiview.input_images import InputImages
+from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
 from reconstruction.methods.multiview.mesh import draw_clouds
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.still_scene import StillScene
-from reconstruction.report import wording
-from reconstruction.report.embedding import view_clouds
-from reconstruction.report.findings import EACH_DELAYED, depth_sentence
-from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText, StudyText
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
-from reconstruction.scores.tally import Tally
-from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
-from reconstruction.session.conditions import Condition
-from reconstruction.session.instant_choice import (
+from reconstruction.pages.embedding import view_clouds
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
@@ -51,37 +52,6 @@ AT_A_TIME = 2
 """Number of conditions whose depth is computed at a time, and of instants that are scored."""
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
-TURNTABLE = Picture(
-    key="multiview_turntable", title="All around", caption="The points of all cameras, from six places."
-)
-FUSED = Picture(
-    key="multiview_colmap",
-    title="Fused by COLMAP",
-    caption="The same distances, fused into points by COLMAP's stereo fusion, from six places. Dense "
-    "matching is by our sweep, or by COLMAP's PatchMatch where there is CUDA.",
-)
-SECTION = """
-{% from "figures.html" import figure with context %}
-{% from "tables.html" import table, folded %}
-{% set many = view.found %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>Distance from {{ many.cameras|length|count("camera") }} at once: it counts only where several of
-them agree. {{ view.delays|keep_units }}</p>
-{% set cloud = view.cloud %}
-{% if cloud %}
-{% include "cloud.html" %}
-{% endif %}
-{% for picture in many.pictures %}
-{{ figure(picture, view.conditions, view.engine if loop.first) }}
-{% endfor %}
-{{ table(view.table) }}
-{% for camera, why in view.found.facts.left_out.items() %}
-<p class="quiet">No depth of {{ camera }}: {{ why }}.</p>
-{% endfor %}
-{{ folded("Every instant, all cameras", view.instants) }}
-</section>
-"""
 
 
 def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
@@ -92,20 +62,20 @@ def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> N
 
 
 def save_clouds(
-    instant: int, maps: Mapping[str, InstantDepth], view: View, moving: Array, out: Path
+    instant: int, maps: Mapping[str, InstantDepth], depth: Array, view: View, moving: Array, out: Path
 ) -> InstantClouds:
     """Write the clouds that have points into out/pictures.
 
-    `view` and `moving` (bool) belong to the reference camera. A page starts from its position and rotates
-    about the centre of the moving objects, else of all points.
+    `depth`, `view` and `moving` (bool) belong to the reference camera. A page starts from its position and
+    rotates about the centre of the moving objects, else of all points.
     """
     paths = {side: f"pictures/cloud_{side}.ply" for side, found in maps.items() if len(found.points)}
     for side, path in paths.items():
         write_ply(out / path, PointCloud(maps[side].points, maps[side].colours))
     synced = maps["synced"]
-    known = synced.depth > 0
+    known = depth > 0
     rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
-    points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
+    points = view.unproject(np.column_stack([columns, rows]), depth[rows, columns].astype(float))
     return InstantClouds(
         instant=instant,
         **paths,
@@ -132,72 +102,15 @@ class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Why other cameras take no part."""
 
 
-class MultiviewStudy(ConditionStudy):
+class MultiviewStudy(Score):
     """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
 
-    text = StudyText(
-        name="multiview",
-        subject="depth from all cameras",
-        place=10,
-        replaces="stereo",
-        term="All cameras",
-        caption="Depth from {cameras}, as {reference} sees it",
-        measures=(
-            *CORRECT,
-            MeasureText(
-                "coverage",
-                COVERAGE,
-                "Share for which at least three cameras agree on a distance. More is better.",
-            ),
-            MeasureText(
-                "consistency",
-                "Confirmed by other cameras",
-                "Share whose distance two other cameras find independently, before other checks. "
-                "More is better.",
-            ),
-            MeasureText(
-                "photometric_error",
-                "Brightness mismatch",
-                "The other pictures are laid over this one by the distances found; this is how far the "
-                "brightness differs, of 255. Less is better.",
-                wording.PLAIN,
-            ),
-            MeasureText(
-                "points",
-                POINTS,
-                "In the cloud fused from all cameras, the median over the instants.",
-                wording.COUNT,
-            ),
-            MeasureText(
-                "f_score",
-                "Reconstructed surface",
-                "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
-                "and nothing else. More is better.",
-            ),
-            MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
-            MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
-        ),
-        condition_columns=(
-            ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
-            ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
-        ),
-        instant_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("mover_points", POINTS),
-        ),
-        section=SECTION,
-        title="With all cameras at once",
-        section_place=50,
-        scripts=("cloud.js",),
-        engine="Distances are found by {matcher}.",
-        details="pictures {width} px wide",
-    )
+    text = read_words(__package__)
     Options = Multiview
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
-        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `Score.placeholders`."""
         facts, tolerance_m = found.facts, found.facts.tolerance_m
         return super().placeholders(found) | {
             "reference": facts.reference,
@@ -210,7 +123,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
-        """Return the sentence on depth; see `StudyReport.verdict`."""
+        """Return the sentence on depth; see `Score.verdict`."""
         cameras = f"all {len(found.cameras)} cameras"
         when = (
             f"{cameras} show the same instant"
@@ -221,13 +134,13 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return the cloud for the page's 3D view; see `StudyReport.view`."""
+        """Return the cloud for the page's 3D view; see `Score.view`."""
         facts, number = found.facts, len(found.cameras)
         return {"cloud": facts.clouds and view_clouds(facts.clouds, out, facts.reference, number)}
 
     @classmethod
     def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
-        """Return the paths of both clouds; see `StudyReport.files`."""
+        """Return the paths of both clouds; see `Score.files`."""
         clouds = found.facts.clouds
         return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
 
@@ -241,11 +154,11 @@ class MultiviewStudy(ConditionStudy):
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
-        """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
+        """Return a reason if the options allow the study no instants, else empty; see `Score.unasked`."""
         return "" if self.options.max_multiview_instants else UNASKED
 
     def check(self) -> None:
-        """Reject a matcher that this machine cannot run; see `Study.check`."""
+        """Reject a matcher that this machine cannot run; see `Score.check`."""
         if self.options.matcher.engine is not Matcher.SWEEP:
             self.matcher  # noqa: B018
 
@@ -259,19 +172,19 @@ class MultiviewStudy(ConditionStudy):
         return choose_matcher(self.options.matcher, quick=True)
 
     @cached_property
-    def shots(self) -> UndistortedSession:
+    def shots(self) -> InputImages:
         """The session's images, undistorted."""
-        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.options.multiview_width)
+        return InputImages(self.scene, self.options.multiview_width, self.motion)
 
     def prepare(self) -> None:
-        """Choose the cameras; see `ConditionStudy.prepare`.
+        """Choose the cameras; see `Score.prepare`.
 
         Raises:
             ValueError: fewer than three calibrated cameras have overlapping views, or the middle camera is
                 not the one requested.
         """
         self.progress.step("choosing cameras for depth from all cameras")
-        if not self.rig.views:
+        if not self.scene.known_views:
             raise ValueError("the cameras have no calibration")
         self._choose_cameras(self.context.middle)
         if self.middle_camera not in ("", self.reference):
@@ -294,10 +207,10 @@ class MultiviewStudy(ConditionStudy):
         images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
         _require_cameras(images, left_out)
         try:
-            self.scene = find_rough_scene(images)
+            self.rough = find_rough_scene(images)
         except BadInputError as error:
             raise ValueError(error.what) from error
-        points = self.scene.points
+        points = self.rough.points
         sources = choose_source_views({c: one.view for c, one in images.items() if c in points}, points)
         views = {c: one.view for c, one in images.items() if len(sources.get(c, ())) > 1}
         left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
@@ -321,25 +234,16 @@ class MultiviewStudy(ConditionStudy):
             ValueError: the burst does not contain this condition.
         """
         instants = self._instants(condition)
-
-        def depth(side: str, planes: Array) -> Iterator[InstantDepth]:
-            """Compute a condition's depth; each matches what stands still once, and what moves every time."""
-            still, made = StillScene(), list[InstantDepth]()
-            shown = [one.by_condition[side] for one in instants]
-            for number, one in enumerate(instants, 1):
-                self.progress.step(f"depth from {len(one.shown)} cameras, instant {one.instant}, {side}")
-                yield self._depth(shown[:number], planes, still, made)
-
-        synced = depth("synced", NO_PLANES)
-        first = next(synced)
-        # The walls of the scene are found once.
-        offset = depth("offset", first.planes)
+        late = condition.kept_at(self.reference)
         with worker_pool(AT_A_TIME) as pool:
-            rest, others = pool.map(list[InstantDepth], (synced, offset))
-        found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
+            both = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
+            synced, offset = both
+        if not (instants := [one for one in instants if one.instant in synced.keys() & offset.keys()]):
+            raise ValueError("no instant has depth in both conditions")
         nows = [one.instant for one in instants]
+        found = [{"synced": synced[now], "offset": offset[now]} for now in nows]
         scorer = InstantScorer(
-            self.shots, self.reference, self.rig.unit, nows, [maps["synced"] for maps in found]
+            self.shots, self.reference, self.scene.unit, nows, [maps["synced"] for maps in found]
         )
         tally = Tally()
         with worker_pool(AT_A_TIME) as pool:
@@ -354,6 +258,7 @@ class MultiviewStudy(ConditionStudy):
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
+            commands=self.commands(self.method(instants), late),
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
@@ -374,50 +279,67 @@ class MultiviewStudy(ConditionStudy):
         complete = complete_instants(self.dataset, condition, reference, self.cameras)
         by_instant = {one.instant: one.shown for one in complete}
         limit = self.options.max_multiview_instants
-        usable = [
-            ShownInstant(
-                k, {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}
-            )
-            for k in choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
-        ]
-        if found := [one for one in usable if reference in one.shown and len(one.shown) >= MIN_CAMERAS]:
-            return found
+        chosen = choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
+        usable = {
+            k: {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}
+            for k in chosen
+        }
+        # A run has the same cameras at all instants.
+        groups = Counter(frozenset(shown) for shown in usable.values() if reference in shown)
+        best = max(groups, key=lambda group: (groups[group], len(group)), default=frozenset())
+        if len(best) >= MIN_CAMERAS:
+            return [
+                ShownInstant(k, {c: shown[c] for c in shown if c in best})
+                for k, shown in usable.items()
+                if best <= shown.keys()
+            ]
         raise ValueError("no instant has its pictures in both conditions")
 
-    def _depth(
-        self, shown: Sequence[dict[str, int]], planes: Array, still: StillScene, made: list[InstantDepth]
-    ) -> InstantDepth:
-        """Return the depth of the last of the instants `shown`, from the cache or after all before it.
-
-        `made`: the depth that follows from `still`, of the first of them.
-        """
-        scene, reference = self.scene, self.reference
-
-        def compute(instants: dict[str, int]) -> InstantDepth:
-            shots = {camera: self.shots.image(camera, instant) for camera, instant in instants.items()}
-            views = {camera: shot.calibrated.view for camera, shot in shots.items()}
-            sources = choose_source_views(views, scene.points)
-            if not sources[reference]:
-                raise ValueError(f"no camera with a picture overlaps with {reference}")
-            ranges = {camera: scene.depth_ranges[camera] for camera in shots}
-            return compute_instant_depth(shots, sources, ranges, reference, self.matcher, planes, still)
-
-        def make() -> InstantDepth:
-            made.extend(compute(one) for one in shown[len(made) :])
-            return made[-1]
-
-        return self.rig.stages.arrays(
-            "multiview",
-            InstantDepth,
-            make,
-            reference,
-            planes.tolist(),
-            [tuple(one.items()) for one in shown],
-            repr(self.shots.views),
-            tuple(scene.depth_ranges.items()),
-            self.matcher.name,
-            self.matcher.quick,
+    def method(self, instants: Sequence[ShownInstant]) -> Multiview:
+        """Return the method whose results are scored, with the options of its command."""
+        options: Multiview = self.options
+        return msgspec.structs.replace(
+            options,
+            instants=tuple(one.instant for one in instants),
+            without=tuple(c for c in self.dataset.cameras if c not in instants[0].shown),
+            width=self.options.multiview_width,
+            quick=True,
+            mesh=None,
+            depth=True,
         )
+
+    def _results(
+        self, instants: Sequence[ShownInstant], condition: Condition, side: str
+    ) -> dict[int, InstantDepth]:
+        """Run the method under a condition, and return what its files would hold; from the cache if there."""
+        method = self.method(instants)
+        running = method.run(self.scene, condition)
+        made: dict[int, InstantDepth] = {}
+
+        def compute(instant: int) -> InstantDepth:
+            for found in running:
+                self.progress.step(f"depth from {len(found.maps)} cameras, instant {found.instant}, {side}")
+                made[found.instant] = InstantDepth.of(found)
+                if found.instant >= instant:
+                    break
+            if instant not in made or self.reference not in made[instant].cameras:
+                raise BadInputError(f"{self.reference} has no depth at instant {instant}")
+            return made[instant]
+
+        results = {}
+        for place, one in enumerate(instants):
+            with suppress(BadInputError):
+                results[one.instant] = self.scene.stages.arrays(
+                    "multiview",
+                    InstantDepth,
+                    partial(compute, one.instant),
+                    [earlier.instant for earlier in instants[: place + 1]],
+                    method.without,
+                    condition,
+                    repr(self.shots.views),
+                    self.matcher.name,
+                )
+        return results
 
     def _show(
         self,
@@ -429,18 +351,28 @@ class MultiviewStudy(ConditionStudy):
         """Write pictures and clouds of the instant with the most moving pixels found."""
         reference = self.reference
         moving = [self.shots.moving(reference, one.instant) for one in instants]
-        best = max(range(len(found)), key=lambda k: (moving[k] & (found[k]["synced"].depth > 0)).sum())
+        views = self.shots.plain_views
+        depth = [{side: one.maps(views)[reference].depth for side, one in maps.items()} for maps in found]
+        best = max(range(len(found)), key=lambda k: (moving[k] & (depth[k]["synced"] > 0)).sum())
         one, mask, maps = instants[best], moving[best], found[best]
         shot = self.shots.image(reference, one.instant)
-        pictures = _draw_depth(shot.colours, maps, mask, scorer.true_depth(one.instant), folder)
+        truth = scorer.true_depth(one.instant)
+        judged = "the other cameras agree" if truth is None else f"it is right {TOLERANCE_TEXT}"
+        pictures = self.write_pictures(
+            _draw_depth(shot.colours, depth[best], mask, truth), folder, flat="multiview_depth", judged=judged
+        )
         if len(maps["synced"].points) < MIN_POINTS:
             return pictures, None
-        clouds = {side: (depth.points, depth.colours) for side, depth in maps.items()}
-        views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
-        drawn = {side: {TURNTABLE.key: picture} for side, picture in draw_clouds(clouds, views).items()}
-        pictures += write_pictures(drawn, (TURNTABLE,), folder)
-        pictures += self._show_by_colmap(one, maps, views, folder)
-        return pictures, save_clouds(one.instant, maps, shot.calibrated.view, mask, folder)
+        clouds = {side: (found.points, found.colours) for side, found in maps.items()}
+        places = [views[camera] for camera in one.shown]
+        drawn = {
+            side: {"multiview_turntable": picture} for side, picture in draw_clouds(clouds, places).items()
+        }
+        pictures += self.write_pictures(drawn, folder)
+        pictures += self._show_by_colmap(one, maps, places, folder)
+        return pictures, save_clouds(
+            one.instant, maps, depth[best]["synced"], shot.calibrated.view, mask, folder
+        )
 
     def _show_by_colmap(
         self, one: ShownInstant, maps: Mapping[str, InstantDepth], places: Sequence[View], folder: Path
@@ -450,45 +382,30 @@ class MultiviewStudy(ConditionStudy):
             return ()
         clouds = {}
         for side, shown in one.by_condition.items():
-            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items()}
+            found = maps[side].cameras
+            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items() if camera in found}
             views, colours = image_views(shots), image_colours(shots)
-            if not (all_maps := maps[side].all_maps(views)):
-                return ()
+            all_maps = maps[side].maps(views)
             clouds[side] = fuse_by_colmap(views, colours, all_maps, min(MIN_CAMERAS, len(views)))
         if len(clouds["synced"][0]) < MIN_POINTS:
             return ()
-        drawn = {side: {FUSED.key: picture} for side, picture in draw_clouds(clouds, places).items()}
-        return write_pictures(drawn, (FUSED,), folder)
+        drawn = {side: {"multiview_colmap": picture} for side, picture in draw_clouds(clouds, places).items()}
+        return self.write_pictures(drawn, folder)
 
 
 def _draw_depth(
-    photo: Array, maps: Mapping[str, InstantDepth], moving: Array, truth: Array | None, out: Path
-) -> tuple[Picture, ...]:
-    """Draw depth and motion (bool) of one instant in both conditions into out/pictures.
+    photo: Array, maps: Mapping[str, Array], moving: Array, truth: Array | None
+) -> dict[str, dict[str, Array]]:
+    """Draw depth and motion (bool) of one instant in both conditions.
 
     `photo` (BGR) is the reference's undistorted image. `truth` is in the maps' unit, NaN = unknown.
     """
-    limits = display_range(maps["synced"].depth, moving)
+    limits = display_range(maps["synced"], moving)
     drawn = {}
     for side, found in maps.items():
-        right = found.depth > 0 if truth is None else (found.depth > 0) & right_depth(found.depth, truth)
+        right = found > 0 if truth is None else (found > 0) & right_depth(found, truth)
         drawn[side] = {
-            "multiview_depth": colour_depth(found.depth, *limits),
+            "multiview_depth": colour_depth(found, *limits),
             "multiview_movers": mark_moving(photo, moving, right),
         }
-    judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
-    texts = (
-        Picture(
-            key="multiview_depth",
-            title="Distance from all cameras",
-            caption="Bright is near, blue is far; dark means that no distance was found. On one side are the "
-            "pictures that were recorded as one instant, on the other each camera is off by a different "
-            "delay.",
-        ),
-        Picture(
-            key="multiview_movers",
-            title="What moves, by all cameras",
-            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
-        ),
-    )
-    return write_pictures(drawn, texts, out, flat="multiview_depth")
+    return drawn

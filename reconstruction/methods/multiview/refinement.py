@@ -1,27 +1,25 @@
 """Refinement of a calibration's poses by points at rest; the rig's place and scale are kept."""
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.calibration.consistency import (
+from reconstruction.common.colmap import load_pycolmap
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import foreign_calls
+from reconstruction.scene.calibration.consistency import (
     Track,
     check_rig,
     find_tracks,
     reprojection_errors,
     triangulate,
 )
-from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import foreign_calls, load_pycolmap
-from reconstruction.pairs import Features
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.pairs import Features
+from reconstruction.scene.scene import Scene
 
 MAX_OFF_PX = 12.0
 """Reprojection error beyond which a track is a wrong match, or the calibration another rig's."""
@@ -30,32 +28,30 @@ LOSS_PX = 0.5
 MIN_POINTS_PER_CAMERA = 30
 
 
-def refine_calibration(dataset: Dataset) -> None:
-    """Let the dataset adopt its calibration with the poses refined by points at rest in its middle images.
+def refine_calibration(scene: Scene) -> Scene:
+    """Return the scene with its calibration's poses refined by points at rest in its middle images.
 
-    Lenses stay as they are. How uncertain the scale is, becomes `dataset.scale_error`.
+    Lenses stay as they are. How uncertain the scale is, becomes its `scale_error`. If the points do not fit
+    better afterwards, the scene is returned as it is.
 
     Raises:
         NotApplicableError: there is no calibration, or it has too few points at rest to be refined by.
         NotAvailableError: pycolmap is not installed.
     """
-    if (calibration := dataset.calibration()) is None:
+    if (calibration := scene.given) is None:
         raise NotApplicableError(
-            f"{dataset.name} has no calibration to refine", hint="leave out --refine: images give one"
+            f"{scene.dataset.name} has no calibration to refine",
+            hint="leave out --refine: images give one",
         )
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = Rig(dataset, Path(scratch))
-        rig.use_calibration(calibration)
-        refined = refine_views(rig.views, rig.middle_features)
-        before, after = (check_rig(views, rig.middle_features).error_px for views in (rig.views, refined))
+    features = scene.features.middle
+    refined = refine_views(scene.views, features)
+    before, after = (check_rig(views, features).error_px for views in (scene.views, refined))
     if before is None or after is None or after >= before:
-        return
+        return scene
     cameras = {name: view.to_calibration() for name, view in refined.items()}
     source = f"{calibration.source_words}, refined from {before:.2f} to {after:.2f} px by points at rest"
-    dataset.adopt_calibration(
-        structs.replace(calibration, cameras=calibration.cameras | cameras, source=source)
-    )
-    dataset.scale_error = estimate_scale_error(rig.views, refined)
+    better = structs.replace(calibration, cameras=calibration.cameras | cameras, source=source)
+    return scene.calibrated(better, estimate_scale_error(scene.views, refined))
 
 
 def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) -> dict[str, View]:

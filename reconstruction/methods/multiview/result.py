@@ -2,10 +2,30 @@
 
 from msgspec import Struct, field
 
-from reconstruction.calibration.consistency import describe_misfit
-from reconstruction.scores.truth import DepthShares
-from reconstruction.session.provenance import Provenance
+from capture_app.session.reading.take_sheet import PAIR_DEPTH
+from reconstruction.common.outputs import REPORT
+from reconstruction.method.truth import DepthShares
+from reconstruction.scene.calibration.consistency import describe_misfit
+from reconstruction.scene.provenance import Provenance
 
+RESULT = "multiview.json"
+POINTS = "points.ply"
+FILES = (POINTS, REPORT)
+FUSED, WORKSPACE = "fused.ply", "workspace"
+CONFIDENCE = "confidence"
+"""Folder of the pictures of confidence, and the name of the maps in the files of depth."""
+OURS = {
+    *FILES,
+    PAIR_DEPTH,
+    RESULT,
+    "depth",
+    CONFIDENCE,
+    WORKSPACE,
+    FUSED,
+    "cloud.ply",
+    "mesh.ply",
+    "turntable.png",
+}
 UNCERTAIN_SCALE = 0.005
 """Relative standard deviation of the scale from which it is reported: a quarter of depth's 2 %."""
 

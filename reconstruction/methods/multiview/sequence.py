@@ -16,7 +16,6 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.exported_burst import mask_path
@@ -27,18 +26,16 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
-from reconstruction.calibration.stored import choose_calibration
-from reconstruction.calibration.structure_from_motion import guess_calibration
-from reconstruction.methods.multiview.instant_model import FUSED, model_instant
-from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher
-from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import refine_calibration
-from reconstruction.methods.multiview.result import SequenceInstant, SequenceResult
+from reconstruction.methods.multiview.input_images import InputImages, prepare_images
+from reconstruction.methods.multiview.instant_model import model_instant
+from reconstruction.methods.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.result import FUSED, SequenceInstant, SequenceResult
 from reconstruction.methods.multiview.still_scene import StillScene
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion, write_masks
-from reconstruction.session.provenance import with_provenance
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import write_masks
+from reconstruction.scene.provenance import with_provenance
+from reconstruction.scene.scene import Scene
 
 RECORDING = "sequence.rrd"
 RESULT = "sequence.json"
@@ -85,6 +82,8 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     depth: bool
     quick: bool = False
     whole: bool = True
+    without: tuple[str, ...] = ()
+    width: int | None = None
 
     def difference(self, earlier: "SequencePlan") -> str:
         """Describe the first setting in which an earlier plan differs; empty if they are equal."""
@@ -190,84 +189,86 @@ def _read(path: Path, form: type[Form]) -> Form | None:
 
 
 def model_sequence(
-    session: Path,
+    scene: Scene,
     out: Path,
-    options: Multiview,
-    condition: Condition = SYNCHRONIZED,
-    progress: Progress | None = None,
+    condition: Condition,
+    matcher: ChosenMatcher,
+    *,
+    instants: Sequence[int] = (),
+    without: Sequence[str] = (),
+    width: int | None = None,
+    mesh: bool = False,
+    depth: bool = False,
+    quick: bool = False,
+    whole: bool = False,
+    rrd: bool = False,
+    time_shifts_ms: dict[str, float],
+    progress: Progress,
 ) -> SequenceResult:
-    """Compute a cloud of each of the options' instants in `out`; existing clouds are reused.
+    """Compute a cloud of each of the instants (none = all) in `out`; existing clouds are reused.
 
-    An instant that cannot be reconstructed is left out, with the reason.
+    An instant that cannot be reconstructed is left out, with the reason. `mesh` and `depth` also write meshes
+    and maps; `whole` matches the still scene again at every instant; `rrd` writes a recording for Rerun.
 
     Raises:
         BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
             a cloud.
-        NotAvailableError: the requested matcher, COLMAP, Open3D or Rerun is not available.
         TryAgainError: another run is writing to `out`.
     """
     began = time.monotonic()
-    if options.mesh:
-        require_reconstruction("open3d", "making meshes")
-    if options.rrd:
-        load_optional("rerun", "rerun", "the .rrd format")
-    matcher = choose_matcher(options.matcher, quick=options.quick)
-    dataset = Dataset.open(session, options.time_shifts_ms)
-    condition.check(dataset)
-    chosen = dataset.chosen_instants(options.instants)
-    choose_calibration(dataset)
-    if options.refine:
-        refine_calibration(dataset)
+    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(instants)
     plan = SequencePlan(
         session=dataset.name,
-        pictures=dataset.fingerprint(),
+        pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        time_shifts_ms=dict(options.time_shifts_ms),
+        time_shifts_ms=time_shifts_ms,
         matcher=matcher.name,
-        mesh=bool(options.mesh),
-        depth=options.depth,
-        quick=options.quick,
-        whole=options.whole,
+        mesh=mesh,
+        depth=depth,
+        quick=quick,
+        whole=whole,
+        without=tuple(without),
+        width=width,
     )
     with SequenceFolder.opened(out, plan) as folder:
-        progress = progress or Progress(1)
-        motion, still = SceneMotion(dataset, step=1), StillScene()
+        still = StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
-        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + rrd
         if missing_masks:
-            write_masks(motion, folder.empty_work() / MASKS, progress)
+            write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
-        calibration = _calibrate(dataset, folder)
+        scene = _calibrated(scene, folder)
+        inputs = prepare_images(scene, width)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
         progress.done += len(earlier)
         every = []
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            if options.whole:
+            if whole:
                 still = StillScene()
             every.append(
-                earlier.get(instant) or _make(motion, still, matcher, options, condition, instant, folder)
+                earlier.get(instant) or _make(inputs, still, matcher, plan, condition, instant, folder)
             )
         if not any(one.cloud for one in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
                 hint="choose other --instants, or calibrate the rig again",
             )
-        if options.rrd:
+        if rrd:
             progress.step("the recording")
             clouds = [one for one in every if one.cloud]
-            write_recording(folder.empty_work() / RECORDING, out, dataset, calibration, clouds)
+            write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
-            _summary(dataset, plan, calibration, every),
+            _summary(scene, plan, every),
             kept=len(earlier),
             masks=masks,
             files=folder.files,
         )
-        result = with_provenance(result, began, options.time_shifts_ms)
+        result = with_provenance(result, began, time_shifts_ms)
         write_atomic(out / RESULT, pretty_json(result))
     return result
 
@@ -277,47 +278,50 @@ def cloud_file(instant: int) -> str:
     return f"{CLOUDS}/{instant:06d}.ply"
 
 
-def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
-    """Return the session's calibration, or one from its images, shared by all runs to this folder."""
-    calibration = dataset.calibration() or folder.calibration()
-    if calibration is None:
-        calibration = guess_calibration(SceneMotion(dataset, 1))
+def _calibrated(scene: Scene, folder: SequenceFolder) -> Scene:
+    """Return the scene with a calibration: if none was given, one that all runs to this folder share."""
+    if scene.given is not None:
+        return scene
+    if (calibration := folder.calibration()) is None:
+        calibration = scene.calibration
         write_atomic(folder.out / CALIBRATION, pretty_json(calibration))
-    dataset.adopt_calibration(calibration)
-    return calibration
+    return scene.calibrated(calibration)
 
 
 def _make(
-    motion: SceneMotion,
+    inputs: InputImages,
     still: StillScene,
     matcher: ChosenMatcher,
-    options: Multiview,
+    plan: SequencePlan,
     condition: Condition,
     instant: int,
     folder: SequenceFolder,
 ) -> SequenceInstant:
     """Compute an instant in the work folder, move its files into place, then mark it as done."""
-    work, out, dataset, began_s = folder.empty_work(), folder.out, motion.dataset, time.monotonic()
+    work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        each = Multiview(
-            instant=instant,
-            offsets_ms=options.offsets_ms or condition.offsets_ms(dataset.cameras, instant),
-            mesh=options.mesh,
-            cloud=False,
-            workspace=False,
-            quick=options.quick,
+        found = model_instant(
+            inputs,
+            condition,
+            instant,
+            matcher,
+            work,
+            without=plan.without,
+            mesh=plan.mesh,
+            quick=plan.quick,
             # Only saved maps have a confidence, which needs the check.
-            check=options.depth,
+            check=plan.depth,
+            still=still,
+            progress=Progress(0, silent=True),
         )
-        found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
         _place(work / FUSED, out / cloud_file(instant))
-        if options.mesh and found.mesh_triangles:
+        if plan.mesh and found.mesh_triangles:
             _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
-        for view in found.views if options.depth else ():
+        for view in found.views if plan.depth else ():
             _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
         done = SequenceInstant(
             instant=instant,
@@ -341,16 +345,14 @@ def _place(file: Path, target: Path) -> None:
     write_atomic(target, file.read_bytes())
 
 
-def _summary(
-    dataset: Dataset, plan: SequencePlan, calibration: Calibration, every: list[SequenceInstant]
-) -> SequenceResult:
+def _summary(scene: Scene, plan: SequencePlan, every: list[SequenceInstant]) -> SequenceResult:
     scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
     return SequenceResult(
-        session=dataset.name,
+        session=scene.dataset.name,
         condition=plan.condition,
         matcher=plan.matcher,
-        calibration=calibration.source_words,
-        unit=calibration.unit,
+        calibration=scene.source,
+        unit=scene.unit,
         instants=tuple(every),
         clouds=sum(bool(one.cloud) for one in every),
         mover_f_score_1cm=_median(scores),

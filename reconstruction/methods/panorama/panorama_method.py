@@ -4,24 +4,24 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.options import Pair, command_flag, flag
-from reconstruction.compare.method import Method
-from reconstruction.session.conditions import MAX_OFFSET_MS, Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import MAX_OFFSET_MS, SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.panorama.overlap import Misalignment
-    from reconstruction.methods.panorama.panorama_run import PanoramaResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.methods.panorama.panorama_run import PanoramaResult, RegisteredInstant
+    from reconstruction.scene.scene import Scene
 
 
 class Panorama(Method, frozen=True, kw_only=True):
     """Panorama of one instant of a session, or of images.
 
-    `offset_ms` also composes it with every second camera delayed by this much. `pair` is the pair of cameras
-    of the comparison; a panorama of its own has all of them.
+    `offset_ms` also composes it with every second camera delayed by this much.
     """
 
     name = "panorama"
@@ -34,7 +34,6 @@ class Panorama(Method, frozen=True, kw_only=True):
         "panorama sessions/burst-001 --out panorama",
         "panorama left.jpg right.jpg --out panorama",
     )
-    aliases = ("stitch",)
     takes_images = True
 
     offset_ms: Annotated[
@@ -47,17 +46,49 @@ class Panorama(Method, frozen=True, kw_only=True):
             help="Also stitch with every second camera delayed by this much.",
         ),
     ] = None
+    instants: tuple[int, ...] | None = None
+    """Instants of `run`; None = `instant` alone."""
+    register_at: Annotated[
+        int | None,
+        command_flag(
+            "--register-at",
+            ge=0,
+            metavar="K",
+            show_default="as --instant",
+            help="Register the images of this instant, by what stands still.",
+        ),
+    ] = None
     pair: Annotated[
         Pair | None,
+        command_flag("--pair", show_default="all cameras", help="Stitch these two cameras only."),
         flag("--panorama-pair", "panorama", help="The two cameras for the panorama."),
-        flag("--stitch-pair", "panorama", hidden=True),
     ] = None
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
-        """Stitch an instant, and also under the condition if that is another one; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "PanoramaResult":
+        """Stitch an instant, and also under the condition if that is another one; see `Method.save`."""
         from reconstruction.methods.panorama.panorama_run import session_input, stitch
 
-        return stitch(session_input(dataset, condition, self), output.folder)
+        given = session_input(
+            scene,
+            condition,
+            self.instant,
+            offset_ms=self.offset_ms,
+            pair=self.pair,
+            register_at=self.register_at,
+        )
+        return stitch(given, output.folder)
+
+    def run(self, scene: "Scene", condition: Condition) -> "Iterator[RegisteredInstant]":
+        """Yield the registered images of the `pair`, else of all cameras, at each instant."""
+        from reconstruction.methods.panorama.panorama_run import register_instants
+
+        yield from register_instants(
+            scene,
+            condition,
+            scene.dataset.chosen_instants(self.listed_instants),
+            self.pair or scene.dataset.cameras,
+            self.register_at,
+        )
 
     def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
         """Stitch a session, or images; see `Method.compute`."""
@@ -65,7 +96,19 @@ class Panorama(Method, frozen=True, kw_only=True):
 
         if len(sources) == 1 and (sources[0] / MANIFEST).exists():
             return super().compute(sources, condition, output)
-        return stitch(image_input(sources, condition, self), output.folder)
+        needs_session = {
+            "--offset-ms": self.offset_ms is not None,
+            "--condition": condition != SYNCHRONIZED,
+            "--time-shift-ms": bool(self.time_shifts_ms),
+            "--pair": self.pair is not None,
+            "--register-at": self.register_at is not None,
+        }
+        if given := [option for option, is_given in needs_session.items() if is_given]:
+            raise BadInputError(
+                f"{given[0]} needs a session: single pictures have no times",
+                hint=f"give a session, or leave out {given[0]}",
+            )
+        return stitch(image_input(sources), output.folder)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield nothing: the lines name what was left out."""

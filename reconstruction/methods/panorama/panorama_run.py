@@ -1,26 +1,30 @@
 """Panorama of one instant of a session, or of images, with its residuals."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
 from capture_app.common.errors import BadInputError
-from reconstruction.calibration.calibrated_rig import calibrated_views
+from capture_app.common.text import pretty_json
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.native_libraries import opencv_calls
+from reconstruction.common.options import Pair
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
-from reconstruction.methods.panorama.panorama_method import Panorama
 from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
-from reconstruction.session.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.session.provenance import Provenance
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import instants_shown
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
+REGISTRATION = "registration.json"
 CACHED_BYTES_PER_PIXEL = 12
 """Memory per pixel of a session's image: both conditions with their motion masks, and the cache."""
 
@@ -51,18 +55,70 @@ class PanoramaResult(Provenance, frozen=True, kw_only=True):
     synced: ConditionPanorama
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
+    registration: str = REGISTRATION
+    """File with each camera's lens and rotation, as a calibration has them, by which it was stitched."""
 
 
 Pictures = tuple[dict[str, Array], dict[str, Array]]
 """One condition's images (BGR) by name, and the motion masks (bool) where motion is known."""
 
 
-Input = tuple[dict[str, Pictures], dict[str, View], list[str], dict[str, Any]]
-"""Input of a panorama: images by condition, known views, delayed cameras, and fields of the result.
+class Input(NamedTuple):
+    """Input of a panorama."""
 
-The conditions are `synced`, and `offset` if requested. The fields are `source`, `left_out` (cameras without
-an image of the instant, with the reason), and for a session `calibration` and `actual_offset_ms`.
-"""
+    conditions: dict[str, Pictures]
+    """Images by condition: `synced`, and `offset` if requested."""
+    views: Mapping[str, View]
+    """Known views."""
+    late: Sequence[str]
+    """Delayed cameras."""
+    facts: dict[str, Any]
+    """Fields of the result: `source`, `left_out` (cameras without an image of the instant, with the reason).
+
+    For a session also `calibration` and `actual_offset_ms`.
+    """
+    register: Pictures
+    """The images by which the cameras are registered."""
+
+
+class RegisteredInstant(NamedTuple):
+    """The instant that each camera shows, and what stitches their images."""
+
+    instant: int
+    shown: dict[str, int]
+    stitcher: PanoramaStitcher
+
+
+def register_instants(
+    scene: Scene, condition: Condition, instants: Sequence[int], cameras: Sequence[str], at: int | None
+) -> Iterator[RegisteredInstant]:
+    """Yield each instant's images under a condition, registered by an instant's synchronized images.
+
+    They are registered `at` an instant, None = each at its own.
+
+    Raises:
+        ValueError: the images cannot be stitched.
+        BadInputError: the burst does not contain the condition.
+    """
+    for instant in instants:
+        shown = instants_shown(scene.dataset, condition, instant)
+        stitcher = register_at(scene, tuple(cameras), instant if at is None else at)
+        yield RegisteredInstant(instant, {name: shown[name] for name in stitcher.used}, stitcher)
+
+
+def register_at(scene: Scene, cameras: tuple[str, ...], instant: int) -> PanoramaStitcher:
+    """Register the cameras' images of an instant by what stands still, once for each scene.
+
+    Raises:
+        ValueError: the images cannot be stitched.
+    """
+
+    def register() -> PanoramaStitcher:
+        images, moving = _pictures(scene, dict.fromkeys(cameras, instant))
+        known = {name: view for name, view in scene.given_views.items() if name in cameras}
+        return PanoramaStitcher(images, moving, known)
+
+    return scene.once(("panorama", cameras, instant), register)
 
 
 def stitch(given: Input, folder: Path) -> PanoramaResult:
@@ -71,21 +127,30 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
     Raises:
         BadInputError: the images cannot be stitched.
     """
-    conditions, views, late, facts = given
     with opencv_calls("stitching"):
         try:
-            stitcher = PanoramaStitcher(*conditions["synced"], views)
+            stitcher = PanoramaStitcher(*given.register, given.views)
         except ValueError as error:
             raise BadInputError(
                 f"the pictures cannot be stitched: {error}",
                 hint="take them from one place, with a third of overlap between neighbours",
             ) from error
         made = {
-            name: _save_panorama(stitcher, late, pictures, name, folder)
-            for name, pictures in conditions.items()
+            name: _save_panorama(stitcher, given.late, pictures, name, folder)
+            for name, pictures in given.conditions.items()
         }
-    facts["left_out"] |= stitcher.left_out
+    cameras = {name: view.to_calibration() for name, view in stitcher.views.items()}
+    write_atomic(folder / REGISTRATION, pretty_json(Calibration(cameras=cameras, unit="arbitrary")))
+    left_out = given.facts["left_out"] | stitcher.left_out
+    facts = given.facts | {"left_out": left_out}
     return PanoramaResult(used=stitcher.used, synced=made["synced"], offset=made.get("offset"), **facts)
+
+
+def read_registration(file: Path) -> PanoramaStitcher:
+    """Return what stitches images as those of an earlier panorama, by its `registration.json`."""
+    cameras = msgspec.json.decode(file.read_bytes(), type=Calibration).cameras
+    views = {name: View.from_calibration(one, one.width, one.height) for name, one in cameras.items()}
+    return PanoramaStitcher.registered(views)
 
 
 def _save_panorama(
@@ -109,22 +174,12 @@ def _save_panorama(
     )
 
 
-def image_input(sources: Sequence[Path], condition: Condition, options: Panorama) -> Input:
+def image_input(sources: Sequence[Path]) -> Input:
     """Read image files and folders of images.
 
     Raises:
-        BadInputError: there are none, they cannot be read, or an option needs a session.
+        BadInputError: there are none, or they cannot be read.
     """
-    asked = {
-        "--offset-ms": options.offset_ms is not None,
-        "--condition": condition != SYNCHRONIZED,
-        "--time-shift-ms": bool(options.time_shifts_ms),
-    }
-    if given := [option for option, is_given in asked.items() if is_given]:
-        raise BadInputError(
-            f"{given[0]} needs a session: single pictures have no times",
-            hint=f"give a session, or leave out {given[0]}",
-        )
     paths = [
         path
         for source in sources
@@ -139,60 +194,79 @@ def image_input(sources: Sequence[Path], condition: Condition, options: Panorama
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
-    return {"synced": (images, {})}, {}, [], {"source": " ".join(map(str, sources)), "left_out": {}}
+    shown: Pictures = (images, {})
+    facts = {"source": " ".join(map(str, sources)), "left_out": {}}
+    return Input({"synced": shown}, {}, (), facts, shown)
 
 
-def session_input(dataset: Dataset, condition: Condition, options: Panorama) -> Input:
+def session_input(
+    scene: Scene,
+    condition: Condition,
+    instant: int,
+    *,
+    offset_ms: float | None = None,
+    pair: Pair | None = None,
+    register_at: int | None = None,
+) -> Input:
     """Read an instant's images of a session, also in the other condition if one is requested.
 
     Raises:
         BadInputError: the session lacks this instant, or its images in the condition.
     """
-    instant = options.instant
-    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
-    cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
-    calibration = dataset.calibration()
-    known = calibrated_views(dataset, calibration) if calibration is not None else {}
-    views = {name: known[name] for name in cameras if name in known}
-    motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
+    scene.check_pair(pair)
+    scene = scene.fitted(images=len(scene.dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
+    dataset = scene.dataset
+    asked = pair or dataset.cameras
+    dataset.chosen_instants([instant, instant if register_at is None else register_at])
+    cameras = [name for name in asked if dataset.has_image(name, instant)]
+    views = {name: view for name, view in scene.given_views.items() if name in cameras}
     shown = {"synced": dict.fromkeys(cameras, instant)}
-    delayed, offset_ms = _delayed_instants(dataset, cameras, condition, options)
+    delayed, actual_ms = _delayed_instants(dataset, cameras, condition, instant, offset_ms)
     if delayed:
         shown["offset"] = shown["synced"] | delayed
-    conditions = {name: _pictures(dataset, motion, of) for name, of in shown.items()}
+    conditions = {name: _pictures(scene, of) for name, of in shown.items()}
     facts = {
         "source": str(dataset.session.folder),
-        "left_out": {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras},
-        "calibration": calibration.source_words if calibration is not None and views else "",
-        "actual_offset_ms": offset_ms,
+        "left_out": {c: f"it has no image of instant {instant}" for c in asked if c not in cameras},
+        "calibration": scene.source if views else "",
+        "actual_offset_ms": actual_ms,
     }
-    return conditions, views, list(delayed), facts
+    register = conditions["synced"]
+    if register_at is not None:
+        there = [name for name in cameras if dataset.has_image(name, register_at)]
+        register = _pictures(scene, dict.fromkeys(there, register_at))
+    return Input(conditions, views, list(delayed), facts, register)
 
 
 def _delayed_instants(
-    dataset: Dataset, cameras: Sequence[str], condition: Condition, options: Panorama
+    dataset: Dataset,
+    cameras: Sequence[str],
+    condition: Condition,
+    instant: int,
+    asked_ms: float | None,
 ) -> tuple[dict[str, int], float]:
     """Return the delayed cameras with the instants that they show, and the largest delay, ms."""
-    instant, times_ns = options.instant, dataset.instants_ns
-    if options.offset_ms is None:
-        chosen = dataset.nearest_instants(instant, condition.offsets_ms(dataset.cameras, instant))
+    times_ns = dataset.instants_ns
+    if asked_ms is None:
+        chosen = instants_shown(dataset, condition, instant)
         delayed = {name: chosen[name] for name in cameras if chosen[name] != instant}
         late_ms = [(times_ns[k] - times_ns[instant]) / 1e6 for k in delayed.values()]
         offset_ms, hint = max(late_ms, key=abs, default=0.0), "choose another --instant"
     elif condition != SYNCHRONIZED:
         raise BadInputError("--offset-ms is a condition of its own", hint="leave it out, or --condition")
     else:
-        offset = nearest_frame_offset(times_ns, dataset.period_ns, options.offset_ms)
+        offset = nearest_frame_offset(times_ns, dataset.period_ns, asked_ms)
         offset_ms, hint = offset.actual_ms, "choose an earlier --instant"
         later = dict(offset.pairs).get(instant)
         delayed = {} if later is None else dict.fromkeys(cameras[1::2], later)
-    if (options.offset_ms is not None and not delayed) or not dataset.has_images(delayed.items()):
+    if (asked_ms is not None and not delayed) or not dataset.has_images(delayed.items()):
         raise BadInputError(
             f"{dataset.session.folder} has no pictures {offset_ms:.0f} ms after instant {instant}", hint=hint
         )
     return delayed, offset_ms
 
 
-def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
-    moving = {name: motion.widened_moving(name, k) for name, k in shown.items()} if motion else {}
-    return {name: dataset.image(name, k) for name, k in shown.items()}, moving
+def _pictures(scene: Scene, shown: Mapping[str, int]) -> Pictures:
+    several = len(scene.dataset.instants_ns) > 1
+    moving = {name: scene.motion.widened_moving(name, k) for name, k in shown.items()} if several else {}
+    return {name: scene.dataset.image(name, k) for name, k in shown.items()}, moving

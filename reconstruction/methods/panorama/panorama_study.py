@@ -3,23 +3,24 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import PairStudy, write_pictures
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import CLEAR_FRACTION, late_text, percent
+from reconstruction.method.score import Score
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import Claim, read_words
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.panorama_method import Panorama
-from reconstruction.methods.panorama.registration import PanoramaStitcher
-from reconstruction.report import wording
-from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
-from reconstruction.report.study_report import Claim, MeasureText, StudyText
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import SYNCHRONIZED, Condition
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.methods.panorama.panorama_run import RegisteredInstant, register_at
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.moving_pixels import dilate
 
 MIN_GREY_LEVELS = 12
 """Difference between the conditions below which it is noise."""
@@ -30,72 +31,20 @@ MIN_POINTS, MIN_PIXELS = 5, 50
 MEASURES = ("mover_misfit_px", "mover_found")
 """Measures in order of preference: residual of moving objects, else the fraction found again."""
 CLEAR_RATIO = 1.5
-TEXTS = (
-    Picture(key="panorama", title="Panorama", caption="Two pictures in one, the seam where they agree best."),
-    Picture(
-        key="panorama_closeup",
-        title="The panorama, close up",
-        caption="Where most differs between the two conditions.",
-    ),
-    Picture(
-        key="panorama_overlap",
-        title="The two pictures laid over each other",
-        caption="The same place without a seam, before one of the two is chosen for every spot. A thing that "
-        "is elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
-        "leaving one of them out or by cutting through it.",
-    ),
-)
-WHY = """
-<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
-there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_offset_ms|walking_distance }}</p>
-"""
 
 
-class PanoramaStudy(PairStudy):
+class PanoramaStudy(Score):
     """Panorama of two cameras, synchronized and offset, registered once by the still scene."""
 
-    text = StudyText(
-        name="panorama",
-        subject="panorama",
-        place=40,
-        term="Panorama",
-        caption="Panorama of cameras {names}",
-        measures=(
-            MeasureText(
-                "misfit_px",
-                "Misfit",
-                "How far apart the two pictures show the same point, without a seam; the median. "
-                "Less is better.",
-                wording.PIXELS,
-            ),
-            MeasureText(
-                "found",
-                "Found again",
-                "Share of the points with structure that the other picture shows within reach. "
-                "More is better.",
-            ),
-            MeasureText(
-                "points",
-                "Points measured",
-                "Number of points of an instant that were found again.",
-                wording.COUNT,
-            ),
-            MeasureText(
-                "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
-            ),
-        ),
-        condition_columns=(("mover_misfit_px", "Panorama: misfit of moving things"),),
-        missing="No panorama was made",
-        hero="panorama",
-        why=WHY,
-        engine="The panorama is put together by OpenCV.",
-    )
+    of_pair = True
+    min_cameras = 2
+
+    text = read_words(__package__)
     Options = Panorama
-    needs_calibration = False
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the panorama's main result; see `StudyReport.claim`."""
+        """Return the panorama's main result; see `Score.claim`."""
         if (known := found.first_known(*MEASURES)) is None:
             return None
         if known[0] == "mover_found":
@@ -108,7 +57,7 @@ class PanoramaStudy(PairStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the panorama; see `StudyReport.verdict`."""
+        """Return the sentence on the panorama; see `Score.verdict`."""
         when = "at the same instant" if result.together(found.cameras) else "as recorded"
         late = late_text(result)
         error = found.first_known(MEASURES[0])
@@ -131,29 +80,33 @@ class PanoramaStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or their images cannot be stitched.
         """
-        self.use_pair(self.rig.choose_panorama_pair(self.asked, self.context.middle))
+        self.use_pair(self.compared.choose_panorama_pair(self.asked, self.context.middle))
         first, second = self.cameras
         self.progress.step(f"registering {first} and {second}")
         instants, _ = self.instant_pairs(SYNCHRONIZED)
         now, _ = min(instants, key=lambda pair: abs(pair[0] - self.context.middle))
-        images, moving = (
-            {name: read(name, now) for name in self.cameras}
-            for read in (self.dataset.image, self.motion.widened_moving)
-        )
-        known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
-        self.stitcher = PanoramaStitcher(images, moving, known)
+        self.stitcher = register_at(self.scene, self.cameras, now)
         """Registers, projects and composes the pair."""
+        self.register_at = now
+        images = {name: self.dataset.image(name, now) for name in self.cameras}
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """Measure a condition in the overlap, before seams and blending; see `ConditionStudy.compare`."""
+        """Measure a condition in the overlap, before seams and blending; see `Score.compare`."""
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
-        tally = Tally()
-        for now, later in pairs:
+        options: Panorama = self.options
+        nows = tuple(now for now, _ in pairs)
+        method = msgspec.structs.replace(options, pair=self.pair, instants=nows, register_at=self.register_at)
+        tally, late = Tally(), self.late_condition(condition, offsets_ms)
+        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        for synced, offset in zip(*both, strict=True):
+            now, later = synced.instant, offset.shown[second]
             self.progress.step(f"panorama {first}-{second}, instant {now}")
-            measured = {"synced": self._measure(now, later, now), "offset": self._measure(now, later, later)}
+            measured = {
+                side: self._measure(one, later) for side, one in (("synced", synced), ("offset", offset))
+            }
             tally.add(measured, {"instant": now, "offset_instant": later})
         moving = [measured["synced"].shares["mover_found"][1] for measured, _ in tally.rows]
         return StudyResult(
@@ -161,6 +114,7 @@ class PanoramaStudy(PairStudy):
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,
+            commands=self.commands(method, late),
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
@@ -173,12 +127,13 @@ class PanoramaStudy(PairStudy):
             {first: self.dataset.image(first, now), second: self.dataset.image(second, shown)}
         )
 
-    def _measure(self, now: int, later: int, shown: int) -> Measurements:
-        """Measure misalignment where the first camera's image at `now` overlaps the second's at `shown`.
+    def _measure(self, one: RegisteredInstant, later: int) -> Measurements:
+        """Measure misalignment where both cameras' images overlap, without a seam.
 
-        It is measured on movers and on the control: pixels that are still at both `now` and `later`.
+        It is measured on movers and on the control: pixels that are still at both the instant and `later`.
         """
         first, second = self.cameras
+        now, shown = one.shown[first], one.shown[second]
         a, b = self._layers(now, shown).values()
         overlap = overlap_of(a, b)
         assert overlap is not None
@@ -210,7 +165,7 @@ class PanoramaStudy(PairStudy):
         for one in drawn.values():
             one["panorama_closeup"] = enlarge_crop(one["panorama"], box)
             one["panorama_overlap"] = enlarge_crop(one["panorama_overlap"], box)
-        return write_pictures(drawn, TEXTS, out)
+        return self.write_pictures(drawn, out)
 
 
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:

@@ -8,7 +8,7 @@ fit a homography between two images.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, angle_deg, resize_view
 from reconstruction.common.memory import memory_budget
 from reconstruction.methods.panorama.composition import Layer, Projection, compose_layers
-from reconstruction.pairs import MIN_MATCHES, Features, detect_features, match_features
+from reconstruction.scene.pairs import MIN_MATCHES, Features, detect_features, match_features
 
 MAX_SIDE_PX = 2000
 """Image size limit; panoramas of full camera images take minutes."""
@@ -324,8 +324,20 @@ class PanoramaStitcher:
         }
         if moving:
             points = {name: of.at_rest(self._shrink_mask(name, moving[name])) for name, of in points.items()}
-        found, self.left_out = register_pictures(points, self._sizes, views)
-        self.used, self.projection = tuple(found), Projection(found)
+        found, left_out = register_pictures(points, self._sizes, views)
+        self._use(found, left_out)
+
+    @classmethod
+    def registered(cls, views: Mapping[str, View]) -> Self:
+        """Return what stitches images of these views, as an earlier registration found them (`views`)."""
+        stitcher = cls.__new__(cls)
+        stitcher._sizes = {name: (view.width, view.height) for name, view in views.items()}
+        stitcher._use(views, {})
+        return stitcher
+
+    def _use(self, views: Mapping[str, View], left_out: Mapping[str, str]) -> None:
+        self.views, self.left_out = views, left_out
+        self.used, self.projection = tuple(views), Projection(views)
 
     def layers(self, images: Mapping[str, Array]) -> dict[str, Layer]:
         """Warp the used ones of the BGR images onto the panorama."""

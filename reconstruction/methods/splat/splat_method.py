@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
 from reconstruction.common.options import command_flag, flag
-from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
-    from reconstruction.methods.splat.splat_run import SplatResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.methods.splat.splat_run import SplatMoment, SplatResult
+    from reconstruction.scene.scene import Scene
 
 
 class SplatMethod(Method, frozen=True, kw_only=True):
@@ -41,6 +41,9 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         ),
     ] = None
     """Instants in order, empty = all; None = `instant` alone."""
+    without: Annotated[
+        tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
+    ] = ()
     iterations: Annotated[
         int,
         command_flag(
@@ -84,11 +87,30 @@ class SplatMethod(Method, frozen=True, kw_only=True):
 
         return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "SplatResult":
-        """Compute depth, and optimize the splats; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "SplatResult":
+        """Compute depth, and optimize the splats; see `Method.save`."""
         from reconstruction.methods.splat.splat_run import make_splats
 
-        return make_splats(dataset, condition, self, output.folder, self.progress)
+        return make_splats(
+            scene,
+            self.run(scene, condition),
+            output.folder,
+            condition=condition.name,
+            iterations=self.iterations,
+            page=self.page,
+        )
+
+    def run(self, scene: "Scene", condition: Condition) -> "Iterator[SplatMoment]":
+        """Yield the splat of each instant; see `Method.run`."""
+        from reconstruction.method.moments import see_moments
+        from reconstruction.methods.splat.splat_run import optimize_moments
+
+        scene.require_calibration()
+        chosen = scene.dataset.chosen_instants(self.listed_instants)
+        seen = see_moments(
+            scene, chosen, condition, without=self.without, quick=self.quick, progress=self.progress
+        )
+        yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
@@ -100,7 +122,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         )
         yield from (f"splat: {out / one.file}" for one in result.instants[:1])
         if self.page:
-            from reconstruction.report.walk_page import PAGE
+            from reconstruction.pages.walk_page import PAGE
 
             yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

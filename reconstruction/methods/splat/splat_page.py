@@ -11,7 +11,7 @@ import numpy as np
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.splat.gaussians import Gaussians, quaternions, read_splats, render_gaussians
-from reconstruction.report.walk_page import Drawing, write_walk_page
+from reconstruction.pages.walk_page import Drawing, write_walk_page
 
 HELD = 4
 """Number of instants that the page keeps in the GPU's memory."""

@@ -1,8 +1,10 @@
 """Splats of a session's instants, each beginning with what the instant before has learned."""
 
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -13,8 +15,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import require_calibration, see_moments
-from reconstruction.depth.seen_moment import find_subject
+from reconstruction.depth.seen_moment import Moment, SeenInstant, find_subject
+from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     make_gaussians,
@@ -23,13 +25,10 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
 )
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_page import write_splat_page
-from reconstruction.report.walk_page import PAGE
-from reconstruction.scores.picture_quality import psnr
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
+from reconstruction.pages.walk_page import PAGE
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 SPLATS = "splats"
 OURS = {SPLATS, PAGE}
@@ -106,53 +105,69 @@ class _Learned:
         )
 
 
-def make_splats(
-    dataset: Dataset, condition: Condition, options: SplatMethod, folder: Path, progress: Progress
-) -> SplatResult:
-    """Write a splat of each chosen instant into a folder.
+class SplatMoment(NamedTuple):
+    """The splat of an instant, the moment that it was made from, and why other cameras are left out."""
 
-    Raises:
-        IncompleteError: the session is not calibrated.
-        BadInputError: there is no such instant.
-        NotApplicableError: no instant has depth.
+    instant: int
+    splat: Gaussians
+    moment: Moment
+    left_out: Mapping[str, str]
+
+
+def optimize_moments(
+    seen: Iterable[SeenInstant], count: int, width_px: int, iterations: int, progress: Progress
+) -> Iterator[SplatMoment]:
+    """Yield the splat of each of `count` instants, beginning with what the instant before has learned.
+
+    Pictures are reduced to `width_px`, the length of their longer side.
     """
-    unit = require_calibration(dataset).unit
-    made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
     learned: _Learned | None = None
-    subject: Array | None = None
-    chosen = dataset.chosen_instants(options.listed_instants)
-    for one in see_moments(dataset, chosen, condition, quick=options.quick, progress=progress):
-        if not made:
-            progress.total = progress.done + len(chosen)  # all maps are computed
+    for number, one in enumerate(seen):
+        if not number:
+            progress.total = progress.done + count  # all maps are computed
         progress.step(f"splat of instant {one.instant}")
-        moment = {camera: seen.resized(options.width) for camera, seen in one.moment.items()}
+        moment = {camera: view.resized(width_px) for camera, view in one.moment.items()}
         begun = make_gaussians(moment)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
         start = learned.begin(begun) if learned is not None else begun
-        splat, kept = optimize(start, moment, options.iterations)
+        splat, kept = optimize(start, moment, iterations)
         learned = _Learned(begun.chosen(kept), splat)
+        yield SplatMoment(one.instant, splat, moment, one.left_out)
+
+
+def make_splats(
+    scene: Scene, splats: Iterable[SplatMoment], folder: Path, *, condition: str, iterations: int, page: bool
+) -> SplatResult:
+    """Write splats into a folder, and a page that shows them if asked for.
+
+    Raises:
+        NotApplicableError: no instant has depth.
+    """
+    made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
+    subject: Array | None = None
+    for one in splats:
         file = f"{SPLATS}/{one.instant:06d}.ply"
-        write_splats(folder / file, splat)
-        found_db = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in moment.values()]
-        made.append(
-            SplatInstant(
-                instant=one.instant, file=file, gaussians=len(splat), psnr=round(float(np.mean(found_db)), 2)
-            )
-        )
+        write_splats(folder / file, one.splat)
+        found_db = [
+            psnr(render_gaussians(one.splat, seen.view), seen.colours) for seen in one.moment.values()
+        ]
+        mean_db = round(float(np.mean(found_db)), 2)
+        made.append(SplatInstant(instant=one.instant, file=file, gaussians=len(one.splat), psnr=mean_db))
         left_out |= one.left_out
-        views |= {camera: seen.view for camera, seen in moment.items()}
-        subject = find_subject(moment) if subject is None else subject
+        views |= {camera: seen.view for camera, seen in one.moment.items()}
+        subject = find_subject(one.moment) if subject is None else subject
     if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
-    if options.page:
+    dataset = scene.dataset
+    if page:
         files = {one.instant: folder / one.file for one in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
         session=dataset.name,
-        condition=condition.name,
+        condition=condition,
         cameras=tuple(views),
-        unit=unit,
-        iterations=options.iterations,
+        unit=scene.unit,
+        iterations=iterations,
         instants=tuple(made),
         left_out=left_out,
     )

@@ -10,25 +10,23 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.moments import see_moments
-from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
-from reconstruction.methods.splat.gaussians import make_gaussians, render_gaussians
-from reconstruction.methods.splat.optimization import optimize
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import EACH_DELAYED
+from reconstruction.method.picture_quality import psnr, ssim
+from reconstruction.method.score import UNASKED, Score
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import Measurements, Tally
+from reconstruction.method.words import read_words
+from reconstruction.methods.splat.gaussians import render_gaussians
 from reconstruction.methods.splat.splat_method import SplatMethod
-from reconstruction.report.findings import EACH_DELAYED
-from reconstruction.report.study_report import MeasureText, StudyText
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.picture_quality import psnr, ssim
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import Condition
-from reconstruction.session.instant_choice import (
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+from reconstruction.scene.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
-from reconstruction.session.moving_pixels import dilate
+from reconstruction.scene.moving_pixels import dilate
 
 MIN_CAMERAS = 4
 """Depth takes three; the fourth is left out."""
@@ -39,33 +37,6 @@ MARGIN_PX = 4
 CLOSE = 1.3
 """Side of the close-up, relative to what moves."""
 WORSE_DB = 1.0
-DECIBEL = "dB"
-WHOLE = Picture(
-    key="splat",
-    title="From the camera that was left out",
-    caption="What {reference} would see. Its own picture is below.",
-)
-CLOSE_UP = Picture(
-    key="splat_close",
-    title="Close up: the camera's own picture, and the splat",
-    caption="Left: the picture of {reference}, which the splat never saw. Right: the splat.",
-    panels=2,
-)
-SECTION = """
-{% from "figures.html" import figure with context %}
-{% from "tables.html" import table %}
-{% set splat = view.found %}
-<section aria-labelledby="{{ section.anchor }}">
-<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
-<p>A Gaussian splat of instant {{ splat.facts.instant }}, made from
-{{ splat.facts.made_from|length|count("camera") }} and seen from the place of {{ splat.facts.reference }},
-whose picture was left out. {{ view.delays|keep_units }}</p>
-{% for picture in splat.pictures %}
-{{ figure(picture, view.conditions) }}
-{% endfor %}
-{{ table(view.table) }}
-</section>
-"""
 
 
 class SplatFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,29 +60,10 @@ class _Splat(NamedTuple):
     gaussians: int
 
 
-class SplatStudy(ConditionStudy):
+class SplatStudy(Score):
     """A splat of one instant in any condition, judged by the picture of a camera that was left out."""
 
-    text = StudyText(
-        name="splat",
-        subject="splats",
-        place=55,
-        term="Splats",
-        caption="A splat of {made_from}, beside the picture of {reference}",
-        measures=(
-            MeasureText(
-                "psnr",
-                "PSNR of the view",
-                "Of the splat, against the picture of {reference}, which it never saw. More is better.",
-                DECIBEL,
-            ),
-        ),
-        condition_columns=(("mover_psnr", "Splat: PSNR of what moves"),),
-        section=SECTION,
-        title="The moment as a splat",
-        section_place=25,
-        details="{iterations} iterations",
-    )
+    text = read_words(__package__)
     needs_calibration = True
     min_cameras = MIN_CAMERAS
     Options = SplatMethod
@@ -121,7 +73,7 @@ class SplatStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[SplatFacts]) -> dict[str, str]:
-        """Return values for the names in braces; see `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `Score.placeholders`."""
         facts = found.facts
         return super().placeholders(found) | {
             "reference": facts.reference,
@@ -148,7 +100,7 @@ class SplatStudy(ConditionStudy):
         return 0 if self.unasked() else 2
 
     def unasked(self) -> str:
-        """Return a reason unless splats are asked for, as they take a while; see `Study.unasked`."""
+        """Return a reason unless splats are asked for, as they take a while; see `Score.unasked`."""
         asked = self.options.splats or self.text.name in self.context.studies
         return "" if asked else f"{UNASKED} (--splats makes it)"
 
@@ -163,26 +115,30 @@ class SplatStudy(ConditionStudy):
             ValueError: fewer than four cameras are calibrated, or the calibration was found for this
                 comparison alone.
         """
-        if self.dataset.calibration() is None:
+        if self.scene.given is None:
             raise ValueError("it needs a session with a calibration: reconstruct calibrate writes one")
-        self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.scene.views)
         if len(self.cameras) < MIN_CAMERAS:
             raise ValueError(f"it needs {MIN_CAMERAS} calibrated cameras")
         if self.reference not in self.cameras:
-            centres = {name: self.rig.views[name].centre for name in self.cameras}
+            centres = {name: self.scene.views[name].centre for name in self.cameras}
             middle = np.mean(list(centres.values()), axis=0)
             self.reference = min(centres, key=lambda name: float(np.linalg.norm(centres[name] - middle)))
-        self.made = dict[tuple[tuple[str, int], ...], _Splat]()
+        self.made = dict[tuple[object, ...], _Splat]()
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
-        """Compare a condition at the instant with most motion; see `ConditionStudy.compare`.
+        """Compare a condition at the instant with most motion; see `Score.compare`.
 
         Raises:
             ValueError: the burst does not contain this condition, or no three cameras have depth.
         """
         shown = self._instant(condition)
-        splats = {side: self._splat(side, one, shown.instant) for side, one in shown.by_condition.items()}
-        view = self.rig.views[self.reference]
+        late = condition.kept_at(self.reference)
+        splats = {
+            "synced": self._splat("synced", shown, SYNCHRONIZED),
+            "offset": self._splat("offset", shown, late),
+        }
+        view = self.scene.views[self.reference]
         truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
         moving, still = self._masks(view, shown)
         tally = Tally()
@@ -197,6 +153,7 @@ class SplatStudy(ConditionStudy):
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.reference, self.cameras),
+            commands=self.commands(self.method(shown), late),
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
@@ -219,20 +176,27 @@ class SplatStudy(ConditionStudy):
             max(chosen, key=lambda k: float(self.motion.detected_moving(self.reference, k).mean()))
         ]
 
-    def _splat(self, side: str, shown: Mapping[str, int], instant: int) -> _Splat:
-        """Return the splat of the pictures shown, without the reference; the same one is made once."""
-        if (known := self.made.get(key := tuple(shown.items()))) is not None:
+    def method(self, one: ShownInstant) -> SplatMethod:
+        """Return the method whose results are scored, with the options of its command."""
+        options: SplatMethod = self.options
+        return msgspec.structs.replace(
+            options,
+            instants=(one.instant,),
+            without=tuple(c for c in self.dataset.cameras if c == self.reference or c not in one.shown),
+            iterations=ITERATIONS,
+            width=WIDTH_PX,
+            quick=True,
+        )
+
+    def _splat(self, side: str, one: ShownInstant, condition: Condition) -> _Splat:
+        """Return the splat of an instant's pictures without the reference; the same one is made once."""
+        shown = one.by_condition[side]
+        if (known := self.made.get(key := (one.instant, *shown.items()))) is not None:
             return known
         self.progress.step(f"a splat without {self.reference}, {side}")
-        times = self.dataset.instants_ns
-        late = tuple((name, (times[k] - times[instant]) / 1e6) for name, k in shown.items())
-        without = [name for name in self.dataset.cameras if name == self.reference or name not in shown]
-        condition = Condition(side, named_ms=late)
-        (seen,) = see_moments(self.dataset, [instant], condition, without=without, quick=True)
-        moment = {name: one.resized(WIDTH_PX) for name, one in seen.moment.items()}
-        splat, _ = optimize(make_gaussians(moment), moment, ITERATIONS)
-        picture = render_gaussians(splat, self.rig.views[self.reference].undistorted)
-        self.made[key] = _Splat(picture, len(splat))
+        (found,) = self.method(one).run(self.scene, condition)
+        picture = render_gaussians(found.splat, self.scene.views[self.reference].undistorted)
+        self.made[key] = _Splat(picture, len(found.splat))
         return self.made[key]
 
     def _masks(self, view: View, shown: ShownInstant) -> tuple[Array, Array]:
@@ -251,17 +215,12 @@ class SplatStudy(ConditionStudy):
         self, splats: Mapping[str, _Splat], truth: Array, moving: Array, folder: Path
     ) -> tuple[Picture, ...]:
         """Write the whole splats, and close-ups of what moves beside the reference's own picture."""
-        drawn, texts = {side: {WHOLE.key: one.picture} for side, one in splats.items()}, [WHOLE]
+        drawn = {side: {"splat": one.picture} for side, one in splats.items()}
         if moving.any():
             close = _close_up(moving)
             for side, one in splats.items():
-                drawn[side][CLOSE_UP.key] = np.hstack([truth[close], one.picture[close]])
-            texts.append(CLOSE_UP)
-        named = [
-            msgspec.structs.replace(one, caption=one.caption.format(reference=self.reference))
-            for one in texts
-        ]
-        return write_pictures(drawn, named, folder)
+                drawn[side]["splat_close"] = np.hstack([truth[close], one.picture[close]])
+        return self.write_pictures(drawn, folder, reference=self.reference)
 
 
 def _scores(picture: Array, truth: Array, moving: Array, still: Array) -> Measurements:

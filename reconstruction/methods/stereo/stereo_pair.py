@@ -27,7 +27,7 @@ from reconstruction.methods.stereo.matching import (
     warp_by_disparity,
     window_correlation,
 )
-from reconstruction.pairs import canvas_bounds, rectifying_rotations
+from reconstruction.scene.pairs import canvas_bounds, rectifying_rotations
 
 STEP = 16
 """Distance over which slopes are measured, px."""
@@ -301,7 +301,14 @@ class StereoPair:
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Return depth from two grey images (uint8) of the pair, checked strictly, to compare conditions."""
+        return self._checked_depth(self._match_both_ways(reference, other))
+
+    def compute_both(self, reference: Array, other: Array) -> tuple[DepthMap, FilledDepthMap]:
+        """Return what `compute_depth` and `compute_filled_depth` do, by one match."""
         found = self._match_both_ways(reference, other)
+        return self._checked_depth(found), self._filled_depth(found)
+
+    def _checked_depth(self, found: _Match) -> DepthMap:
         checked = found.checked()
         marked = self.rectification.to_reference(np.nan_to_num(found.difference, nan=-2.0) + 1.0)
         difference = np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
@@ -315,7 +322,9 @@ class StereoPair:
         a guess. The stricter checks of `compute_depth` would reject more right pixels than wrong ones. What
         is too far for a finite depth has its least one.
         """
-        found = self._match_both_ways(reference, other)
+        return self._filled_depth(self._match_both_ways(reference, other))
+
+    def _filled_depth(self, found: _Match) -> FilledDepthMap:
         filled = np.maximum(fill_holes(found.surface), ACCURACY_PX)
         finite = filled > ACCURACY_PX
         seen = warp_by_disparity(found.backward, filled)

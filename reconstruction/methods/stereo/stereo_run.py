@@ -1,34 +1,52 @@
 """Depth, confidence and a picture from one pair at one instant."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture, write_image
-from reconstruction.common.outputs import STAGES, Made
-from reconstruction.methods.stereo.stereo_method import Stereo
-from reconstruction.methods.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
-from reconstruction.scores.truth import fraction_right
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
+from reconstruction.common.options import Pair
+from reconstruction.common.outputs import Made
+from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
+from reconstruction.method.truth import fraction_right
+from reconstruction.methods.stereo.stereo_pair import (
+    DepthMap,
+    FilledDepthMap,
+    StereoPair,
+    find_disparity_range,
+)
+from reconstruction.scene.conditions import Condition, evenly_spaced
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import instants_shown
+from reconstruction.scene.pairs import PairChoice
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
-DEPTH = "depth.tiff"
-FILLED = "depth_filled.tiff"
+DEPTH, FILLED, CHECKED, DIFFERENCE = (
+    "depth.tiff",
+    "depth_filled.tiff",
+    "depth_checked.tiff",
+    "difference.tiff",
+)
+RANGE_INSTANTS = 8
+"""Number of instants whose images show the range of a pair's disparities."""
+BYTES_PER_PIXEL = 150
+"""Memory of an instant's matching and checks, per pixel, beside what the matcher reserves."""
 
 
 class StereoDepth(Provenance, frozen=True, kw_only=True):
     """Result of `reconstruct stereo`: paths relative to the output folder, fractions of all pixels.
 
     `depth` is float32 in `unit`s along the reference's axis, 0 = unknown. `depth_filled` has a guess in its
-    place. `confidence` is 0 (a guess) to 255.
+    place. `depth_checked` has only what passes stricter checks, which a comparison scores; `difference` is in
+    grey levels between both images (NaN = unknown). `confidence` is 0 (a guess) to 255.
     """
 
     session: str
@@ -38,6 +56,8 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     other_instant: int
     depth: str
     depth_filled: str
+    depth_checked: str
+    difference: str
     confidence: str
     picture: str
     unit: str
@@ -75,56 +95,108 @@ class MadeStereo(Made[StereoDepth]):
         return self.image(self.result.confidence) / 255
 
 
-def compute_stereo(
-    dataset: Dataset, condition: Condition, options: Stereo, folder: Path, progress: Progress
-) -> StereoDepth:
-    """Match one pair of a session densely; write depth, confidence and a picture to `folder`.
+class PairInstant(NamedTuple):
+    """Depth of a pair at one instant; `filled` is missing if only the checked depth was asked for."""
+
+    cameras: tuple[str, str]
+    instant: int
+    other_instant: int
+    checked: DepthMap
+    filled: FilledDepthMap | None
+    pair: StereoPair
+
+
+def prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
+    """Return the matcher of a scene's pair, whose range of disparities all instants and conditions share.
 
     Raises:
-        SimulshotError: the session or the options cannot be used, or the two views overlap too little.
+        ValueError: the two views have nothing in common, or cannot be rectified.
     """
-    session = dataset.session.folder
-    dataset.require_cameras(2, "depth needs two that see the same from different places")
-    progress.total = 3
-    rig = Rig(dataset, folder / STAGES)
-    rig.check_pair(options.pair)
-    progress.step("calibration")
-    rig.calibrate()
-    progress.step("choosing cameras")
-    instant, later = options.instant, options.other_instant
-    shown = dataset.nearest_instants(instant, condition.offsets_ms(dataset.cameras, instant))
-    left_out = _without_image(
-        dataset, {name: {instant, own, own if later is None else later} for name, own in shown.items()}
-    )
-    choice = rig.choose_stereo_pair(options.pair, instant, set(dataset.cameras) - left_out.keys())
-    if choice.cameras is None:
-        absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
-        raise BadInputError(
-            f"no depth can be made from {session}: {choice.why}{absent}",
-            hint="name two overlapping cameras with --pair, or calibrate the rig again",
-        )
-    reference, other = choice.cameras
-    now, later = shown[reference], shown[other] if later is None else later
-    for name, needed in ((reference, now), (other, later), (other, now)):
-        if not dataset.has_image(name, needed):
-            raise BadInputError(
-                f"{session} has no image of {name} at instant {needed}",
-                hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
-            )
-    progress.step(f"stereo {reference}-{other}, instant {now}")
+    return scene.once(("stereo", cameras), lambda: _prepare_pair(scene, cameras))
+
+
+def _prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
+    dataset, views = scene.dataset, (scene.views[cameras[0]], scene.views[cameras[1]])
+
+    def find() -> tuple[float, float]:
+        chosen = evenly_spaced(dataset.instants(*cameras), RANGE_INSTANTS)
+        first, second = cameras
+        images = [(dataset.grey(first, k), dataset.grey(second, k), _moving(scene, first, k)) for k in chosen]
+        return find_disparity_range(views, images)
+
+    disparities = scene.stages.record("disparities", tuple[float, float], find, cameras, repr(views))
+    return StereoPair(*views, disparities)
+
+
+def _moving(scene: Scene, camera: str, instant: int) -> Array:
+    if len(scene.dataset.instants(camera)) > 1:
+        return scene.motion.detected_moving(camera, instant)
+    return np.zeros(scene.dataset.grey(camera, instant).shape, bool)
+
+
+def match_pair(
+    scene: Scene, cameras: tuple[str, str], shown: Sequence[tuple[int, int]], *, lean: bool = False
+) -> Iterator[PairInstant]:
+    """Yield the depth of a pair for each of these pairs of instants; `lean`: only the checked depth.
+
+    Raises:
+        BadInputError: the two views have too little in common.
+    """
+    dataset, (reference, other) = scene.dataset, cameras
     try:
-        found = _match_pair(rig, choice.cameras, now, later)
+        pair = prepare_pair(scene, cameras)
     except ValueError as error:
         raise BadInputError(
             f"{reference} and {other}: {error}",
             hint="name two overlapping cameras with --pair, or calibrate the rig again",
         ) from error
-    return msgspec.structs.replace(
-        _save_result(rig, choice.cameras, (now, later), found, folder),
-        why=choice.why,
-        left_out=left_out,
-        pairs_left_out=dict(choice.left_out),
-    )
+
+    def match(instants: tuple[int, int]) -> PairInstant:
+        now, later = instants
+        images = dataset.grey(reference, now), dataset.grey(other, later)
+        if not lean:
+            return PairInstant(cameras, now, later, *pair.compute_both(*images), pair)
+        checked = scene.stages.arrays(
+            "depth",
+            DepthMap,
+            lambda: pair.compute_depth(*images),
+            cameras,
+            repr(pair.rectification.views),
+            (pair.min_disparity, pair.num_disparities),
+            pair.scale,
+            now,
+            later,
+        )
+        return PairInstant(cameras, now, later, checked, None, pair)
+
+    size = BYTES_PER_PIXEL * scene.views[reference].width * scene.views[reference].height
+    with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
+        yield from pool.map(match, shown)
+
+
+def choose_pair(scene: Scene, shown: Mapping[str, set[int]], instant: int, asked: Pair | None) -> PairChoice:
+    """Return the pair to match, and the cameras without the images that they have to show.
+
+    Raises:
+        BadInputError: no pair can be matched, or it lacks an image.
+    """
+    dataset, session = scene.dataset, scene.dataset.session.folder
+    absent = _without_image(dataset, shown)
+    choice = scene.choose_stereo_pair(asked, instant, set(dataset.cameras) - absent.keys())
+    if choice.cameras is None:
+        why = "".join(f"; {name}: {text}" for name, text in absent.items())
+        raise BadInputError(
+            f"no depth can be made from {session}: {choice.why}{why}",
+            hint="name two overlapping cameras with --pair, or calibrate the rig again",
+        )
+    for name in choice.cameras:
+        for needed in sorted(shown[name]):
+            if not dataset.has_image(name, needed):
+                raise BadInputError(
+                    f"{session} has no image of {name} at instant {needed}",
+                    hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
+                )
+    return choice
 
 
 def _without_image(dataset: Dataset, needed: Mapping[str, set[int]]) -> dict[str, str]:
@@ -133,45 +205,73 @@ def _without_image(dataset: Dataset, needed: Mapping[str, set[int]]) -> dict[str
     return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
-def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
-    views = rig.views[cameras[0]], rig.views[cameras[1]]
-    # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
-    image, other = (rig.dataset.grey(name, instant) for name in cameras)
-    moving = (
-        rig.motion.detected_moving(cameras[0], instant)
-        if len(rig.dataset.instants_ns) > 1
-        else np.zeros(image.shape, bool)
-    )
-    pair = StereoPair(*views, find_disparity_range(views, [(image, other, moving)]))
-    return pair.compute_filled_depth(image, rig.dataset.grey(cameras[1], later))
-
-
-def _save_result(
-    rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: FilledDepthMap, folder: Path
+def compute_stereo(
+    scene: Scene,
+    condition: Condition,
+    folder: Path,
+    *,
+    instant: int,
+    other_instant: int | None,
+    asked: Pair | None,
+    progress: Progress,
 ) -> StereoDepth:
-    depth, known = found.depth, found.depth[found.depth > 0]
-    picture = side_by_side(
-        rig.dataset.image(cameras[0], instants[0]), colour_depth(depth, *display_range(depth))
+    """Match one pair of a session densely; write depth, confidence and a picture to `folder`.
+
+    Raises:
+        SimulshotError: the session or the options cannot be used, or the two views overlap too little.
+    """
+    dataset = scene.dataset
+    dataset.require_cameras(2, "depth needs two that see the same from different places")
+    progress.total = 3
+    scene.check_pair(asked)
+    progress.step("calibration")
+    scene.calibration  # noqa: B018  (may take long, and may fail)
+    progress.step("choosing cameras")
+    now = instants_shown(dataset, condition, instant)
+    later = {name: own if other_instant is None else other_instant for name, own in now.items()}
+    choice = choose_pair(scene, {name: {now[name], later[name]} for name in now}, instant, asked)
+    assert choice.cameras is not None
+    reference, other = choice.cameras
+    progress.step(f"stereo {reference}-{other}, instant {now[reference]}")
+    (found,) = match_pair(scene, choice.cameras, [(now[reference], later[other])])
+    return msgspec.structs.replace(
+        _save_result(scene, found, folder),
+        why=choice.why,
+        left_out=_without_image(dataset, {name: {now[name], later[name]} for name in now}),
+        pairs_left_out=dict(choice.left_out),
     )
-    write_image(folder / DEPTH, depth.astype(np.float32))
-    write_image(folder / FILLED, found.filled.astype(np.float32))
-    truth = rig.dataset.ground_truth(cameras[0], instants[0])
-    judged = truth[0] if truth is not None and rig.unit == "m" else None
+
+
+def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
+    assert found.filled is not None
+    depth, filled = found.filled.depth, found.filled.filled
+    known, reference, instant = depth[depth > 0], found.cameras[0], found.instant
+    picture = side_by_side(
+        scene.dataset.image(reference, instant), colour_depth(depth, *display_range(depth))
+    )
+    maps = {DEPTH: depth, FILLED: filled, CHECKED: found.checked.depth, DIFFERENCE: found.checked.difference}
+    for name, values in maps.items():
+        write_image(folder / name, values.astype(np.float32))
+    truth = scene.dataset.ground_truth(reference, instant)
+    judged = truth[0] if truth is not None and scene.unit == "m" else None
+    confidence = np.round(255 * found.filled.confidence).astype(np.uint8)
     return StereoDepth(
-        session=str(rig.dataset.session.folder),
-        reference=cameras[0],
-        other=cameras[1],
-        instant=instants[0],
-        other_instant=instants[1],
+        session=str(scene.dataset.session.folder),
+        reference=reference,
+        other=found.cameras[1],
+        instant=instant,
+        other_instant=found.other_instant,
         depth=DEPTH,
         depth_filled=FILLED,
-        confidence=save_picture(folder, "confidence.png", np.round(255 * found.confidence).astype(np.uint8)),
+        depth_checked=CHECKED,
+        difference=DIFFERENCE,
+        confidence=save_picture(folder, "confidence.png", confidence),
         picture=save_picture(folder, "depth.png", picture),
-        unit=rig.unit,
+        unit=scene.unit,
         nearest=float(known.min()) if known.size else 0.0,
         farthest=float(known.max(initial=0.0)),
         coverage=known.size / depth.size,
         within_2pct=None if judged is None else fraction_right(depth, judged),
-        filled_within_2pct=None if judged is None else fraction_right(found.filled, judged),
-        calibration=rig.source,
+        filled_within_2pct=None if judged is None else fraction_right(filled, judged),
+        calibration=scene.source,
     )

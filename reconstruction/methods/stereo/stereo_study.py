@@ -6,8 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from reconstruction.common import wording
 from reconstruction.common.drawing import (
     EMPTY,
     box_around,
@@ -19,38 +21,14 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
-from reconstruction.compare.study import Context, PairStudy, write_pictures
-from reconstruction.methods.stereo.stereo_method import Stereo
-from reconstruction.methods.stereo.stereo_pair import (
-    DepthMap,
-    StereoPair,
-    epipolar_errors,
-    find_disparity_range,
-)
-from reconstruction.report import wording
-from reconstruction.report.findings import (
-    CLEAR_FRACTION,
-    DEPTH_MEASURES,
-    depth_sentence,
-    late_text,
-    percent,
-)
-from reconstruction.report.study_report import (
-    CORRECT,
-    COVERAGE,
-    EPIPOLAR,
-    STILL_COVERAGE,
-    WITHIN,
-    Claim,
-    MeasureText,
-    StudyText,
-)
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import CONDITIONS, Measurements, Tally, measure_depth
-from reconstruction.scores.timing import found_shares
-from reconstruction.scores.truth import (
+from reconstruction.common.worker_pool import worker_pool
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.phrases import CLEAR_FRACTION, DEPTH_MEASURES, depth_sentence, late_text, percent
+from reconstruction.method.score import Context, Score
+from reconstruction.method.study_result import Picture, StudyResult
+from reconstruction.method.tally import CONDITIONS, Measurements, Tally, measure_depth
+from reconstruction.method.timing import found_shares
+from reconstruction.method.truth import (
     TOLERANCE_TEXT,
     median_still_depth,
     project_into_other,
@@ -58,21 +36,18 @@ from reconstruction.scores.truth import (
     still_pixels,
     true_depth_in_unit,
 )
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.words import Claim, read_words
+from reconstruction.methods.stereo.stereo_method import Stereo
+from reconstruction.methods.stereo.stereo_pair import (
+    DepthMap,
+    StereoPair,
+    epipolar_errors,
+)
+from reconstruction.methods.stereo.stereo_run import prepare_pair
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
-RANGE_INSTANTS = 8
-BYTES_PER_PIXEL = 150
-"""Memory of an instant's matching and checks, per pixel, beside what the matcher reserves."""
 FALLEN_CONTROL = 0.1
 """Lost fraction of still pixels from which timing is not the only cause."""
-WHY = """
-<p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
-the other, the nearer it is: that shift is how distance is measured, point by point.</p>
-<p>A camera that fires late spoils this. Meanwhile a moving thing has moved by itself, and nothing in the
-pictures tells the one shift from the other: its distance comes out wrong, or not at all. Things at rest
-come out right either way. {{ result.actual_offset_ms|walking_distance }}</p>
-"""
 
 
 @dataclass(frozen=True)
@@ -90,46 +65,6 @@ class StereoInstant:
     static: Array
     truth: Array | None
     matcher: StereoPair
-
-
-def stereo_pictures(
-    dataset: Dataset, cameras: tuple[str, str], instants: Sequence[StereoInstant], out: Path
-) -> tuple[Picture, ...]:
-    """Write pictures of the instant with the most moving pixels with depth into out/pictures."""
-    one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
-    photo = dataset.image(cameras[0], one.now)
-    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], k)) for side, k in one.shown.items()}
-    movers = (
-        "Teal: both pictures agree on a distance. Orange: they do not."
-        if one.truth is None
-        else f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
-    )
-    texts = (
-        Picture(
-            key="stereo_late",
-            title="The second camera's picture",
-            caption=f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
-        ),
-        Picture(
-            key="stereo_depth",
-            title="Distance",
-            caption="Bright is near, blue is far; dark means that no distance was found.",
-        ),
-        Picture(key="stereo_movers", title="What moves", caption=movers),
-        Picture(
-            key="stereo_closeup",
-            title="A moving thing, close up",
-            caption="The picture, and the distance found for it.",
-            panels=2,
-        ),
-        Picture(
-            key="stereo_pair",
-            title="The two pictures",
-            caption="Turned so that the same point lies on the same line in both; what has moved does not.",
-            panels=2,
-        ),
-    )
-    return write_pictures(drawn, texts, out, flat="stereo_depth")
 
 
 def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
@@ -160,60 +95,20 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     return draw_rows(a, b, [int(y) for y in np.linspace(top, bottom, 3)] if on.any() else [])
 
 
-class StereoStudy(PairStudy):
+class StereoStudy(Score):
     """Depth of a pair, synchronized and offset; synchronized images determine what both share."""
 
-    text = StudyText(
-        name="stereo",
-        subject="depth",
-        place=20,
-        term="Depth",
-        caption="Depth from cameras {names}",
-        measures=(
-            *CORRECT,
-            MeasureText(
-                "coverage",
-                COVERAGE,
-                "Share for which the two pictures agree on a distance; it may still be wrong. "
-                "More is better.",
-            ),
-            MeasureText(
-                "epipolar_px",
-                EPIPOLAR,
-                "A point should lie in the same row of both pictures; this is how far off it is. "
-                "Less is better.",
-                wording.PIXELS,
-            ),
-            MeasureText(
-                "photometric_error",
-                "Brightness mismatch",
-                "One picture is laid over the other by the distances found; this is how far the brightness "
-                "differs, of 255. Less is better.",
-                wording.PLAIN,
-            ),
-        ),
-        condition_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("static_coverage", STILL_COVERAGE),
-        ),
-        instant_columns=(
-            ("mover_within_2pct", WITHIN),
-            ("mover_coverage", COVERAGE),
-            ("mover_epipolar_px", EPIPOLAR),
-        ),
-        missing="Depth was not measured",
-        hero="stereo_depth",
-        why=WHY,
-        diagram="diagram.svg",
-        engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
-    )
+    of_pair = True
+    needs_calibration = True
+    min_cameras = 2
+
+    text = read_words(__package__)
     Options = Stereo
     measures_delay = True
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the main result on moving objects; see `StudyReport.claim`."""
+        """Return the main result on moving objects; see `Score.claim`."""
         if (known := found.first_known(*DEPTH_MEASURES)) is None:
             return None
         if known[0] == DEPTH_MEASURES[0]:
@@ -226,7 +121,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """Return the sentence on the images as recorded; see `StudyReport.as_recorded`."""
+        """Return the sentence on the images as recorded; see `Score.as_recorded`."""
         moving, still = found_shares(found)
         if moving is None or still is None:
             return ""
@@ -263,7 +158,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the still control; see `StudyReport.control_sentence`."""
+        """Return the sentence on the still control; see `Score.control_sentence`."""
         if result.cameras_moved:
             return "The cameras moved while they recorded, so nothing in the pictures is a control."
         if (still := found.first_known("static_within_2pct", "static_coverage")) is None:
@@ -291,92 +186,73 @@ class StereoStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or one of them has no calibration.
         """
-        self.use_pair(self.rig.choose_stereo_pair(self.asked, self.context.middle))
+        self.use_pair(self.compared.choose_stereo_pair(self.asked, self.context.middle))
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """Compare a condition at its instants; see `ConditionStudy.compare`."""
+        """Compare a condition at its instants; see `Score.compare`."""
         pairs, offsets_ms = self.instant_pairs(condition)
-        return self.compare_instants(pairs, offsets_ms, folder=folder)
+        return self.compare_instants(pairs, condition, offsets_ms, folder=folder)
 
     def compare_instants(
         self,
         pairs: Sequence[tuple[int, int]],
+        condition: Condition,
         offsets_ms: dict[str, float],
         *,
-        range_instants: Sequence[int] = (),
         folder: Path | None = None,
     ) -> StudyResult[None]:
-        """Compare depth at pairs of instants; see `PairStudy.compare_instants`."""
+        """Compare depth at pairs of instants; see `Score.compare_instants`."""
         reference, other = self.cameras
         self.progress.step(f"depth range of {reference} and {other}")
-        try:
-            disparities = self._disparities(tuple(range_instants or dict(pairs)))
-        except ValueError as error:
-            raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = StereoPair(self.rig.views[reference], self.rig.views[other], disparities)
-
-        def depth(pair: tuple[int, int]) -> dict[str, DepthMap]:
-            now, later = pair
-            self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            return {"synced": self._depth(matcher, now, now), "offset": self._depth(matcher, now, later)}
+        options: Stereo = self.options
+        method = msgspec.structs.replace(options, pair=self.pair, instants=tuple(now for now, _ in pairs))
+        late = self.late_condition(condition, offsets_ms)
 
         def measure(one: StereoInstant) -> tuple[dict[str, Measurements], dict[str, float]]:
             facts: dict[str, float] = {"instant": one.now, "offset_instant": one.shown["offset"]}
             facts["mover_pixels"] = int(one.moving.sum())
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
-        size = BYTES_PER_PIXEL * self.rig.views[reference].width * self.rig.views[reference].height
-        with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
-            instants = self._instants(pairs, list(pool.map(depth, pairs)), matcher)
+        found = []
+        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        for synced, offset in zip(*both, strict=True):
+            self.progress.step(f"stereo {reference}-{other}, instant {synced.instant}")
+            found.append({"synced": synced.checked, "offset": offset.checked})
+        with worker_pool() as pool:
+            instants = self._instants(pairs, found, prepare_pair(self.scene, self.pair))
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,
+            commands=self.commands(method, late),
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
-            pictures=stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else (),
+            pictures=self._pictures(instants, folder) if folder else (),
         )
+
+    def _pictures(self, instants: Sequence[StereoInstant], out: Path) -> tuple[Picture, ...]:
+        """Write pictures of the instant with the most moving pixels with depth."""
+        first, second = self.pair
+        one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
+        photo = self.dataset.image(first, one.now)
+        drawn = {
+            side: _draw(one, side, photo, self.dataset.image(second, k)) for side, k in one.shown.items()
+        }
+        movers = (
+            "Teal: both pictures agree on a distance. Orange: they do not."
+            if one.truth is None
+            else f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
+        )
+        return self.write_pictures(drawn, out, flat="stereo_depth", first=first, second=second, movers=movers)
 
     def _project_still(self, still: bytes) -> tuple[Array, Array]:
         """Return `project_into_other` of float32 depth; cached for conditions with the same instants."""
-        reference, other = (self.rig.views[name] for name in self.cameras)
+        reference, other = (self.scene.views[name] for name in self.cameras)
         depth = np.frombuffer(still, np.float32).reshape(reference.height, reference.width)
         return project_into_other(reference, other, depth)
-
-    def _disparities(self, nows: tuple[int, ...]) -> tuple[float, float]:
-        """Return the pair's disparity range from synchronized images, cached on disk."""
-        grey, (reference, other) = self.dataset.grey, self.cameras
-        views = self.rig.views[reference], self.rig.views[other]
-
-        def find() -> tuple[float, float]:
-            moving = self.motion.detected_moving
-            chosen = nows[:: max(1, len(nows) // RANGE_INSTANTS)]
-            images = [(grey(reference, k), grey(other, k), moving(reference, k)) for k in chosen]
-            return find_disparity_range(views, images)
-
-        return self.rig.stages.record(
-            "disparities", tuple[float, float], find, reference, other, nows, repr(views)
-        )
-
-    def _depth(self, matcher: StereoPair, now: int, shown: int) -> DepthMap:
-        """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
-        reference, other = self.cameras
-        return self.rig.stages.arrays(
-            "depth",
-            DepthMap,
-            lambda: matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown)),
-            reference,
-            other,
-            repr((self.rig.views[reference], self.rig.views[other])),
-            # Ranges that round to the same search, such as the tolerance curve's, share their depth.
-            (matcher.min_disparity, matcher.num_disparities),
-            matcher.scale,
-            now,
-            shown,
-        )
 
     def _instants(
         self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair
@@ -395,7 +271,7 @@ class StereoStudy(PairStudy):
                 [motion.changing(other, k) for k in {now, later}],
             )
             loaded = dataset.ground_truth(reference, now)
-            truth = None if loaded is None else true_depth_in_unit(loaded[0], self.rig.unit, still, static)
+            truth = None if loaded is None else true_depth_in_unit(loaded[0], self.scene.unit, still, static)
             instants.append(
                 StereoInstant(
                     now, {"synced": now, "offset": later}, found, mask & inside, static, truth, matcher

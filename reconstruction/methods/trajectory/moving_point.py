@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.session.moving_pixels import detect_moving, dilate
+from reconstruction.scene.moving_pixels import detect_moving, dilate
 
 EDGE_PX = 3
 """Distance from the image's edge at which an object may be cut off."""

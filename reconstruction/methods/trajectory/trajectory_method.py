@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.text import count
 from reconstruction.common.options import command_flag
-from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.trajectory.trajectory_run import TrajectoryResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 
 class TrajectoryMethod(Method, frozen=True, kw_only=True):
@@ -42,11 +42,11 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
 
         return OutputFolder(out, replaces_only({TABLE, self.result_file}))
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
-        """Find the object in all frames, and fit its path; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "TrajectoryResult":
+        """Find the object in all frames, and fit its path; see `Method.save`."""
         from reconstruction.methods.trajectory.trajectory_run import follow
 
-        return follow(dataset, self.instants, output.folder, self.progress)
+        return follow(scene, self.instants, output.folder, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield how often and how well the object was seen; see `Method.lines`."""

@@ -10,14 +10,11 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.manifest import row_exposures
-from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import Array
-from reconstruction.compare.moments import require_calibration
 from reconstruction.methods.trajectory.moving_point import find_moving_point
 from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import SceneMotion
-from reconstruction.session.provenance import Provenance
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 TABLE = "trajectory.csv"
 MIN_FRAMES = 8
@@ -57,7 +54,7 @@ class TrajectoryResult(Provenance, frozen=True, kw_only=True):
 
 
 def follow(
-    dataset: Dataset, instants: Sequence[int] | None, folder: Path, progress: Progress | None = None
+    scene: Scene, instants: Sequence[int] | None, folder: Path, progress: Progress | None = None
 ) -> TrajectoryResult:
     """Find the largest moving object in each frame, fit its path, and write it as a table to a folder.
 
@@ -68,9 +65,8 @@ def follow(
         IncompleteError: the session is not calibrated.
         NotApplicableError: nothing moves, too few frames show it, or the cameras see different things.
     """
-    calibration = require_calibration(dataset)
-    views = calibrated_views(dataset, calibration)
-    motion = SceneMotion(dataset, step=1)
+    calibration = scene.require_calibration()
+    dataset, views, motion = scene.dataset, scene.views, scene.motion
     motion.require_several_images(views)
     chosen = dataset.chosen_instants(instants)
     frames = [(name, k) for name in views for k in chosen if dataset.has_image(name, k)]

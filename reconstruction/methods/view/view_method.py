@@ -10,13 +10,13 @@ from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import count
 from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.options import command_flag
-from reconstruction.compare.method import Method
-from reconstruction.session.conditions import Condition
+from reconstruction.method.interface import Method
+from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.methods.view.view_run import ViewResult
-    from reconstruction.session.dataset import Dataset
+    from reconstruction.scene.scene import Scene
 
 FILMS = (".mp4", ".gif", ".webp")
 """Suffixes of `--out` for a film alone."""
@@ -107,11 +107,22 @@ class ViewMethod(Method, frozen=True, kw_only=True):
             write_film(out, Path(scratch, "made"), result)
         return result
 
-    def run(self, dataset: "Dataset", condition: Condition, output: "OutputFolder") -> "ViewResult":
-        """Compute depth, and render the views; see `Method.run`."""
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "ViewResult":
+        """Compute depth, and render the views; see `Method.save`."""
         from reconstruction.methods.view.view_run import render_views
 
-        return render_views(dataset, condition, self, output.folder, self.progress)
+        return render_views(
+            scene,
+            condition,
+            output.folder,
+            path=self.path,
+            frames=self.frames,
+            fps=self.fps,
+            instants=self.listed_instants,
+            quick=self.quick,
+            page=self.page,
+            progress=self.progress,
+        )
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""
@@ -120,7 +131,7 @@ class ViewMethod(Method, frozen=True, kw_only=True):
         seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
         yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
         if self.page:
-            from reconstruction.report.walk_page import PAGE
+            from reconstruction.pages.walk_page import PAGE
 
             yield f"page: {out / PAGE}"
         yield from super().lines(result, out)

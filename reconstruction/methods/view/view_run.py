@@ -17,15 +17,15 @@ from reconstruction.common.camera_paths import orbit, read_path, stand_still, sw
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
-from reconstruction.compare.moments import require_calibration, see_moments
 from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
-from reconstruction.methods.view.view_method import ViewMethod
+from reconstruction.method.moments import see_moments
 from reconstruction.methods.view.walk_page import write_moments
-from reconstruction.report.walk_page import PAGE
-from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.provenance import Provenance
+from reconstruction.pages.walk_page import PAGE
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.provenance import Provenance
+from reconstruction.scene.scene import Scene
 
 VIEWS, MAPS = "views", "maps"
 OURS = {VIEWS, MAPS, PAGE}
@@ -77,25 +77,38 @@ class MadeView(Made[ViewResult]):
 
 
 def render_views(
-    dataset: Dataset, condition: Condition, options: ViewMethod, folder: Path, progress: Progress
+    scene: Scene,
+    condition: Condition,
+    folder: Path,
+    *,
+    path: str | Sequence[CameraCalibration],
+    frames: int,
+    fps: float | None,
+    instants: Sequence[int],
+    quick: bool,
+    page: bool,
+    progress: Progress,
 ) -> ViewResult:
     """Render the views of a path into a folder, and save the moments that they show.
+
+    `path` is `swing`, `orbit`, `still`, a file, or cameras; `frames` is the number of pictures of the first
+    two. `fps` None = the usual rate, or as recorded for `still`. `page` also writes a page.
 
     Raises:
         IncompleteError: the session is not calibrated.
         BadInputError: a file has no path, or there is no such instant.
         NotApplicableError: no instant has depth.
     """
-    given = _given_path(options)
-    unit = require_calibration(dataset).unit
+    given = _given_path(path)
+    unit, dataset = scene.require_calibration().unit, scene.dataset
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
     for one in see_moments(
-        dataset,
-        dataset.chosen_instants(options.listed_instants),
+        scene,
+        dataset.chosen_instants(instants),
         condition,
-        quick=options.quick,
+        quick=quick,
         progress=progress,
     ):
         for step, delay_ns in enumerate(order_ns):
@@ -107,17 +120,18 @@ def render_views(
     if not seen:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
-    path = given or PATHS[str(options.path)](views, find_subject(moment), _count(options, seen))
+    number = len(seen) if path == STILL else frames
+    places = given or PATHS[str(path)](views, find_subject(moment), number)
     (folder / VIEWS).mkdir()
     shown, shares = seen[0], []
-    progress.step(f"{len(path)} views")
-    for number, view in enumerate(path):
-        if (now := seen[number * len(seen) // len(path)]) != shown:
+    progress.step(f"{len(places)} views")
+    for number, view in enumerate(places):
+        if (now := seen[number * len(seen) // len(places)]) != shown:
             shown, moment = now, load_moment(folder / MAPS / f"{now:06d}")
         picture = render(view, moment)
         write_image(folder / VIEWS / f"{number:06d}.png", picture.colours)
         shares.append(float(picture.known.mean()))
-    if options.page:
+    if page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
         write_moments(folder, dataset.name, moments, dataset.period_ns // len(order_ns))
     return ViewResult(
@@ -126,11 +140,11 @@ def render_views(
         steps=len(order_ns),
         condition=condition.name,
         cameras=tuple(views),
-        frames=len(path),
-        width=path[0].width,
-        height=path[0].height,
+        frames=len(places),
+        width=places[0].width,
+        height=places[0].height,
         seen=round(float(np.mean(shares)), 4),
-        fps=options.fps or (_recorded_fps(dataset, seen, order_ns) if options.path == STILL else FPS),
+        fps=fps or (_recorded_fps(dataset, seen, order_ns) if path == STILL else FPS),
         left_out=left_out,
     )
 
@@ -154,14 +168,10 @@ def write_film(out: Path, folder: Path, result: ViewResult) -> None:
             write_atomic(out, encode_animation(list(frames), out.suffix.lower(), step_ms, step_ms))
 
 
-def _given_path(options: ViewMethod) -> Sequence[View]:
-    if isinstance(options.path, tuple):
-        return [View.from_calibration(one, one.width, one.height).undistorted for one in options.path]
-    return [] if options.path in PATHS else read_path(Path(options.path))
-
-
-def _count(options: ViewMethod, moments: Sequence[int]) -> int:
-    return len(moments) if options.path == STILL else options.frames
+def _given_path(path: str | Sequence[CameraCalibration]) -> Sequence[View]:
+    if not isinstance(path, str):
+        return [View.from_calibration(one, one.width, one.height).undistorted for one in path]
+    return [] if path in PATHS else read_path(Path(path))
 
 
 def _recorded_fps(dataset: Dataset, moments: Sequence[int], steps_ns: Sequence[int]) -> float:

@@ -10,7 +10,7 @@ from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import View
 from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
 from reconstruction.depth.view_blending import TOLERANCE, render
-from reconstruction.report.walk_page import Drawing, image_address, write_walk_page
+from reconstruction.pages.walk_page import Drawing, image_address, write_walk_page
 
 PICTURE_PX, GRID_PX = 960, 480
 """Longest side of the pictures, and of the depth maps whose pixels are the meshes' corners."""

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.scores.timing import measure_pair_timing
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.timing import measure_pair_timing
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
@@ -40,9 +40,8 @@ def test_on_a_cart_too_a_late_camera_is_found(scene: Scene, tmp_path: Path) -> N
     session = write_session(
         tmp_path, scene, PAIR, instants=5, truth=False, moved=on_a_cart, late={"right": 1.0}
     )
-    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
-    rig.calibrate()
-    timing = measure_pair_timing(PairOffsets(rig), ("left", "right"))
+    opened = OpenScene(Dataset.open(session.folder))
+    timing = measure_pair_timing(PairOffsets(opened), ("left", "right"))
     assert timing.moving_cameras.keys() == {"left", "right"}
     assert timing.offset
     assert timing.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=2)

@@ -34,6 +34,9 @@ def test_names_in_the_description_of_a_room_exist(path: Path) -> None:
         assert is_command or is_file or re.search(rf"\b{re.escape(name)}\b", code), f"`{name}` in {path}"
 
 
+MAX_ARROWS = 50
+
+
 def test_names_on_the_page_of_the_architecture_exist() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text()
     folders = ("capture_app", "reconstruction")
@@ -60,6 +63,15 @@ def test_the_page_lists_what_each_room_imports() -> None:
     assert ROOMS["page"]() == page, "python docs/rooms.py writes it"
     rooms = {room for package in ROOMS["PACKAGES"] for row in ROOMS["layers"](package) for room in row}
     assert ROOMS["described"]().keys() == rooms, "a row for each room of the contracts"
+
+
+def test_reconstruction_has_few_arrows_between_its_rooms() -> None:
+    package = "reconstruction."
+    found = {room: others for room, others in ROOMS["imports"]().items() if room.startswith(package)}
+    arrows = [
+        (room, other) for room, others in found.items() for other in others if other.startswith(package)
+    ]
+    assert len(arrows) <= MAX_ARROWS, "a room that needs another may be the wrong room"
 
 
 def test_the_picture_of_the_rooms_is_drawn_from_the_contracts() -> None:

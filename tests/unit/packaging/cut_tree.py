@@ -19,6 +19,7 @@ PLACES = (
     "capture_app/plugins/footage",
     "capture_app/companions",
     "reconstruction/methods",
+    "reconstruction/checks",
 )
 """Folders outside the wall; a wing is a folder or a module directly in one of them."""
 WINGS = sorted(

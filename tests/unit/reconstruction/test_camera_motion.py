@@ -1,8 +1,8 @@
 """A camera that moves while it records is noticed by what should stand still."""
 
 from capture_app.session.reading.reader import Session
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.moving_pixels import measure_camera_motion
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import measure_camera_motion
 
 
 def test_cameras_on_tripods_stand_still_however_much_moves_before_them(boards: Session) -> None:

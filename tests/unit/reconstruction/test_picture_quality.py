@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.picture_quality import psnr, ssim
+from reconstruction.method.picture_quality import psnr, ssim
 
 
 def grey(values: Array | float) -> Array:

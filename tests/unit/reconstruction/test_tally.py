@@ -2,8 +2,8 @@
 
 import pytest
 
-from reconstruction.scores.study_result import Interval
-from reconstruction.scores.tally import Measurements, Tally
+from reconstruction.method.study_result import Interval
+from reconstruction.method.tally import Measurements, Tally
 
 
 def coverage(*shares: tuple[int, int]) -> Interval | None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
 FRAME_MS = PERIOD_NS / 1e6
@@ -29,7 +29,7 @@ def test_a_whole_frame_moves_images_to_the_next_instant(boards: Session) -> None
         assert true is not None
         assert moved is not None
         assert (moved[0] == true[0]).all()
-    assert shifted.fingerprint() != plain.fingerprint()
+    assert shifted.fingerprint(None) != plain.fingerprint(None)
 
 
 def test_less_than_half_a_frame_keeps_the_pairs_and_changes_the_times(boards: Session) -> None:

@@ -3,8 +3,7 @@
 import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.report.findings import motion_sentence, rig_judgement, timing_sentences
-from reconstruction.scores.timing import (
+from reconstruction.method.timing import (
     Timing,
     judge_timing,
     with_curve_peak,
@@ -12,6 +11,7 @@ from reconstruction.scores.timing import (
     with_planned_delay,
     without_common_times,
 )
+from reconstruction.report.findings import motion_sentence, rig_judgement, timing_sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from reconstruction.scores.truth import true_depth_in_unit
+from reconstruction.method.truth import true_depth_in_unit
 
 TRUTH = np.array([[2.0, 4.0], [0.0, 5.0]])
 STILL = np.array([[3.0, 6.0], [8.0, 0.0]])

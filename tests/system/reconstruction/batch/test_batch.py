@@ -15,8 +15,8 @@ from reconstruction.batch.batch_plan import DEPTH_TASK, BatchPlan
 from reconstruction.batch.batch_run import batch, exit_code, summarize
 from reconstruction.batch.units import Shard, run_unit
 from reconstruction.batch.workers import Workers
-from reconstruction.depth.matchers import Matcher
-from reconstruction.session.conditions import Condition
+from reconstruction.common.matchers import Matcher
+from reconstruction.scene.conditions import Condition
 from tests.unit.reconstruction.batch.fake_units import FAKE_TASK
 from tests.unit.reconstruction.batch.test_batch import (
     here,  # noqa: F401 - a fixture

@@ -122,10 +122,15 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
 BUGGY = """
 import os
 from pathlib import Path
-from reconstruction.compare.study import Study
-from reconstruction.report.study_report import StudyText
+from reconstruction.method.interface import Check
+from reconstruction.method.score import Score
+from reconstruction.method.words import StudyText
 
-class Buggy(Study):
+class Bug(Check, frozen=True):
+    name = "buggy"
+    study = "buggy:Buggy"
+
+class Buggy(Score):
     text = StudyText(name="buggy", subject="something new")
     needs = ("stereo",)
 
@@ -145,7 +150,7 @@ def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
     (installed / "buggy.py").write_text(BUGGY)
     about = installed / "buggy-1.0.dist-info"
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: buggy\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[simulshot.studies]\nbuggy = buggy:Buggy\n")
+    (about / "entry_points.txt").write_text("[simulshot.checks]\nbuggy = buggy:Bug\n")
     out = tmp_path / "out"
     environment = {
         **os.environ,
@@ -156,9 +161,9 @@ def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
     command = [sys.executable, "-m", "reconstruction.cli", "compare", str(boards.folder), *options]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert done.stderr.count(f"first pictures, more follow: {out / 'report.html'}") == 1
-    assert "something new failed: unexpected KeyError in buggy.py:15" in done.stderr
+    assert "something new failed: unexpected KeyError in buggy.py:20" in done.stderr
     page = (out / "report.html").read_text()
-    assert "<b>Failed</b>: something new: unexpected KeyError in buggy.py:15" in page
+    assert "<b>Failed</b>: something new: unexpected KeyError in buggy.py:20" in page
     assert "Still being measured" not in page
 
 

@@ -41,7 +41,7 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
 ) -> None:
     views = {"left": VIEWS["left"], "other": VIEWS["right"]}
     other = write_session(tmp_path / "other", scene, views, instants=2, truth=False)
-    few = ("--max-instants", 1, "--max-multiview-instants", 0, "--stitch-pair", "left,aside")
+    few = ("--max-instants", 1, "--max-multiview-instants", 0, "--panorama-pair", "left,aside")
     out = ("--out", tmp_path / "out", "--json")
     done = reconstruct("compare", boards.folder, *few, "--against", other.folder, *out)
     (condition,) = done.result["conditions"]

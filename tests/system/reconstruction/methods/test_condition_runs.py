@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction import Condition, Panorama, Stereo
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from tests.project import JUMPER
 
 

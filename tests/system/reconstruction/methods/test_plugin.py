@@ -21,9 +21,9 @@ def test_a_method_has_its_command_and_is_a_method_of_an_open_session(package: Pa
     assert "[default: 4; x>=1]" in reconstruct(package, "average", "--help").stdout
     out = tmp_path / "out"
     done = reconstruct(package, "average", SESSION, "--count", 2, "--condition", "cam00=33", "--out", out)
-    assert done.stdout == f"cam00: {out / 'pictures' / 'average.png'}\n"
+    assert done.stdout == f"2 cameras: {out / 'pictures' / 'average.png'}\n"
     result = json.loads((out / "metrics.json").read_text())
-    assert (result["camera"], result["changed_pictures"]) == ("cam00", [])
+    assert (result["cameras"], result["changed_pictures"]) == (2, [])
     assert result["versions"]["numpy"]
     code = f"from reconstruction import open_session; s = open_session({str(SESSION)!r}); "
     code += "m = s.average(instant=1, count=2); print(m.image(m.result.picture).shape, 'average' in dir(s))\n"
@@ -34,6 +34,15 @@ def test_a_method_has_its_command_and_is_a_method_of_an_open_session(package: Pa
         "(480, 640, 3) True",
         "Average: count cannot be 0 (help(Average) shows what it takes)",
     ]
+
+
+def test_a_comparison_runs_the_method_and_scores_it(package: Path, tmp_path: Path) -> None:
+    options = ("--study", "average", "--max-instants", 3, "--out", tmp_path / "out", "--json")
+    result = json.loads(reconstruct(package, "compare", SESSION, *options).stdout)
+    average = study(result, "average")
+    assert average["instants"] == 3
+    assert values(average)["contrast"] > values(average, "offset")["contrast"] > 0
+    assert "--condition distinct@cam00" in average["commands"]["offset"]
 
 
 def test_comparison_and_report_contain_the_study(package: Path, tmp_path: Path) -> None:

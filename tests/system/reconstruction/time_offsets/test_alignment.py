@@ -11,9 +11,9 @@ from capture_app.session.importing.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.scores.timing import measure_pair_timing
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.timing import measure_pair_timing
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view
 from tests.unit.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
@@ -101,9 +101,8 @@ def test_where_nothing_moves_nothing_is_aligned(
 def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene, tmp_path: Path) -> None:
     cameras = {"left": Recorder(LEFT.view), "right": Recorder(NTSC.view)}
     session = write_cut_apart(tmp_path, scene, cameras, 0.3)
-    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
-    rig.calibrate()
-    timing = measure_pair_timing(PairOffsets(rig), ("left", "right"))
+    opened = OpenScene(Dataset.open(session.folder))
+    timing = measure_pair_timing(PairOffsets(opened), ("left", "right"))
     assert timing.late_ms is not None
     assert abs(timing.late_ms) < 1
     assert not timing.synchronized

@@ -8,9 +8,9 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.scores.timing import measure_pair_timing
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.timing import measure_pair_timing
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
 
@@ -50,9 +50,7 @@ FPS = 60
 
 
 def offsets_of(session: Session, scratch: Path) -> PairOffsets:
-    rig = Rig(Dataset.open(session.folder), scratch)
-    rig.calibrate()
-    return PairOffsets(rig)
+    return PairOffsets(OpenScene(Dataset.open(session.folder)))
 
 
 def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
@@ -74,9 +72,9 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
 @pytest.mark.shared
 @pytest.mark.parametrize("late", [-3, 0, 4])
 def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_path: Path, late: int) -> None:
-    rig = ball(shared, tmp_path, late).rig
+    opened = ball(shared, tmp_path, late).scene
     for pair, sign in ((("L", "R"), 1), (("R", "L"), -1)):
-        found = measure_pair_timing(PairOffsets(rig), pair)
+        found = measure_pair_timing(PairOffsets(opened), pair)
         assert found.late_ms is not None, found.reason
         assert found.uncertainty_ms is not None
         assert found.uncertainty_ms < 3.5

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing
-from reconstruction.session.dataset import Dataset
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.timing import measure_pair_timing, measure_rig_timing
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.unit.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 
@@ -47,9 +47,8 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
         name: make_view((x, 0.02 * (name == "b"), 0)) for name, x in (("a", -0.12), ("b", 0), ("c", 0.12))
     }
     session = write_session(tmp_path, scene, views, instants=6, truth=False, late={"c": 1.0})
-    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
-    rig.calibrate()
-    offsets = PairOffsets(rig)
+    opened = OpenScene(Dataset.open(session.folder))
+    offsets = PairOffsets(opened)
     pair = measure_pair_timing(offsets, ("b", "a"))
     found = measure_rig_timing(offsets, pair.reference)
     assert found.reference == "b"

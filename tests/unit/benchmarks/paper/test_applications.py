@@ -10,7 +10,7 @@ import pytest
 from benchmarks.paper import page
 from benchmarks.paper.applications import APPLICATIONS, read_compared
 from capture_app.common.errors import BadInputError
-from reconstruction.scores.study_result import Interval, Measure, Picture, StudyResult
+from reconstruction.method.study_result import Interval, Measure, Picture, StudyResult
 from tests.project import SAMPLES
 
 OVERLAP = Picture(key="panorama_overlap", title="", synced="pictures/one.png", offset="pictures/other.png")

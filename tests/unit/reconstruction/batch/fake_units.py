@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from reconstruction.batch.units import Unit
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 
 FAKE_TASK = "tests.unit.reconstruction.batch.fake_units:compute"
 LOG = "FAKE_UNITS_LOG"

@@ -23,7 +23,7 @@ from reconstruction.batch.batch_run import batch, exit_code
 from reconstruction.batch.summary import UnitRow, depth_sheets
 from reconstruction.batch.units import Shard
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
-from reconstruction.session.conditions import Condition
+from reconstruction.scene.conditions import Condition
 from tests.unit.reconstruction.batch.fake_units import FAKE_TASK
 from tests.unit.reconstruction.conftest import VIEWS, Scene, write_session
 

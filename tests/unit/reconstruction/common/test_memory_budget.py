@@ -18,7 +18,7 @@ from reconstruction.common.geometry import resize_view
 from reconstruction.common.memory import MIN_BYTES, MemoryBudget, limited_memory, memory_budget, parse_size
 from reconstruction.common.worker_pool import max_workers, worker_count
 from reconstruction.methods.stereo.stereo_pair import StereoPair, rectify
-from reconstruction.pairs import Features, canvas_bounds, choose_stereo_pair
+from reconstruction.scene.pairs import Features, canvas_bounds, choose_stereo_pair
 from tests.unit.reconstruction.conftest import Scene, make_view
 
 

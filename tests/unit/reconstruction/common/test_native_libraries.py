@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import ExitCode, NotAvailableError
-from reconstruction.common.native_libraries import load_pycolmap
+from reconstruction.common.colmap import load_pycolmap
 from tests.project import ROOT
 
 WRITES_A_PNG_AND_IS_ENDED = """
 import os, signal, sys
-from reconstruction.common.native_libraries import load_pycolmap
+from reconstruction.common.colmap import load_pycolmap
 assert "cv2" not in sys.modules
 signal.signal(signal.SIGTERM, signal.default_int_handler)
 load_pycolmap("testing")

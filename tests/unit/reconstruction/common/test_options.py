@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import reconstruction
 from capture_app.common.errors import BadInputError
 from reconstruction import CompareOptions, Multiview, Stereo
 from reconstruction.common.options import checked
@@ -32,13 +31,6 @@ def test_numpys_numbers_are_numbers() -> None:
     options = checked(Multiview(**given))
     assert options == Multiview(instants=(0, 1, 2), time_shifts_ms={"cam00": 0.5})
     assert type(options.instants[0]) is int
-
-
-def test_earlier_names_of_options_are_the_methods() -> None:
-    earlier = {"StereoOptions": "Stereo", "MultiviewOptions": "Multiview", "ViewOptions": "ViewMethod"}
-    for name, now in earlier.items():
-        assert getattr(reconstruction, name) is getattr(reconstruction, now)
-        assert name not in dir(reconstruction)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import instants_shown, pair_instants, refuse_synchronized
+from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.instant_choice import instants_shown, pair_instants, refuse_synchronized
 from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 
 
@@ -20,6 +20,11 @@ def test_conditions_are_read_from_text() -> None:
     named = Condition.parse("cam02=66, cam00=-33.5")
     assert named.offsets_ms(names, 3) == (-33.5, 0, 66, 0)
     assert "/" not in named.name
+    kept = Condition.parse("66@cam01")
+    assert kept.offsets_ms(names, 3) == (-66, 0, -66, 0)
+    for text in ("synced", "66", "0,-33.5", "cam00=1,cam02=-2", "distinct", "distinct@cam01", "66@cam01"):
+        assert Condition.parse(text).option == text
+        assert Condition.parse(Condition.parse(text).option) == Condition.parse(text)
     for text in ("", "late", "1,,2", "nan", "inf", "cam00=", "cam00=1,2", "cam00=1,cam00=2", "=3"):
         with pytest.raises(BadInputError, match="is not a condition"):
             Condition.parse(text)
@@ -39,14 +44,18 @@ def test_drawn_offsets_are_distinct_as_far_as_they_go(count: int) -> None:
 def test_the_reference_shows_the_same_picture_in_every_condition(boards: Session) -> None:
     dataset = Dataset(boards)
     for instant in range(5):
-        shown = instants_shown(dataset, Condition(DISTINCT), "right", instant)
+        shown = instants_shown(dataset, Condition(DISTINCT).kept_at("right"), instant)
         assert shown["right"] == instant
         assert len(set(shown.values())) == 3
-    listed = instants_shown(dataset, Condition.parse("66,33,0"), "right", 1)
+    listed = instants_shown(dataset, Condition.parse("66,33,0").kept_at("right"), 1)
     assert listed == {"left": 2, "right": 1, "aside": 0}
-    assert instants_shown(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
-    with pytest.raises(ValueError, match=r"no instant is -33 ms from instant 0.*; instant 1 has one"):
-        instants_shown(dataset, Condition.parse("66,33,0"), "right", 0)
+    assert instants_shown(dataset, Condition(SYNCED).kept_at("left"), 2) == {
+        "left": 2,
+        "right": 2,
+        "aside": 2,
+    }
+    with pytest.raises(BadInputError, match=r"no instant is -33 ms from instant 0.*; instant 1 has one"):
+        instants_shown(dataset, Condition.parse("66,33,0").kept_at("right"), 0)
 
 
 def test_a_condition_that_is_none_is_refused() -> None:
@@ -61,8 +70,8 @@ def test_a_condition_that_is_none_is_refused() -> None:
 
 def test_a_burst_that_is_too_short_to_draw_from_is_said(scene: Scene, tmp_path: Path) -> None:
     short = Dataset(write_session(tmp_path, scene, VIEWS, instants=2, truth=False))
-    with pytest.raises(ValueError, match="too short to draw"):
-        instants_shown(short, Condition(DISTINCT), "left", 0)
+    with pytest.raises(BadInputError, match="too short to draw"):
+        instants_shown(short, Condition(DISTINCT).kept_at("left"), 0)
 
 
 def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: Session) -> None:

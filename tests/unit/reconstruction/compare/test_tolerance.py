@@ -10,10 +10,10 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.compare.tolerance_study import is_decreasing, tolerable_offset_ms
+from reconstruction.method.comparison_results import OffsetTolerance
+from reconstruction.method.study_result import Interval, Measure, StudyResult
+from reconstruction.method.tally import Measurements, Tally, measure_depth
 from reconstruction.report.tolerance_report import write_tolerance_report
-from reconstruction.scores.comparison_results import OffsetTolerance
-from reconstruction.scores.study_result import Interval, Measure, StudyResult
-from reconstruction.scores.tally import Measurements, Tally, measure_depth
 from tests.unit.reconstruction.conftest import Reconstruct
 
 

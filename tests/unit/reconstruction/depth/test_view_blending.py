@@ -13,7 +13,7 @@ from capture_app.common.errors import BadInputError
 from reconstruction.common.camera_paths import orbit, read_path, swing
 from reconstruction.depth.seen_moment import find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import fill, render, surface_seen
-from reconstruction.scores.picture_quality import psnr, ssim
+from reconstruction.method.picture_quality import psnr, ssim
 from tests.unit.reconstruction.depth.moments import BOARD_M, WALL_M, moment, seen, view_at
 
 

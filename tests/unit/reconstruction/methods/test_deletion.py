@@ -1,15 +1,16 @@
-"""A method is one folder: without it and its entry point, all else runs and says nothing of it."""
+"""A method or check is one folder: without it and its entry point, all else runs and says nothing of it."""
 
 import subprocess
 from collections.abc import Sequence
 
 import pytest
 
-from reconstruction.common.options import METHODS
+from reconstruction.common.options import CHECKS, METHODS
 from tests.project import ROOT
 from tests.unit.packaging.cut_tree import ENTRIES, CutTree
 
-NAMES = sorted(ENTRIES[METHODS])
+FOLDERS = {"methods": ENTRIES[METHODS], "checks": ENTRIES[CHECKS]}
+NAMES = sorted(name for entries in FOLDERS.values() for name in entries)
 
 
 @pytest.fixture(scope="module")
@@ -20,14 +21,18 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> CutTree:
 
 def run(tree: CutTree, gone: Sequence[str], *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run Python in the tree without some methods."""
-    return tree.run([f"reconstruction/methods/{name}" for name in gone], *arguments)
+    wings = [
+        f"reconstruction/{of}/{name}" for of, entries in FOLDERS.items() for name in gone if name in entries
+    ]
+    return tree.run(wings, *arguments)
 
 
-def test_each_method_is_a_folder_with_one_entry_point() -> None:
-    folder = ROOT / "reconstruction" / "methods"
-    assert sorted(path.parent.name for path in folder.glob("*/__init__.py")) == NAMES
-    for name, target in ENTRIES[METHODS].items():
-        assert target.startswith(f"reconstruction.methods.{name}.")
+@pytest.mark.parametrize("of", FOLDERS)
+def test_each_method_and_check_is_a_folder_with_one_entry_point(of: str) -> None:
+    folder = ROOT / "reconstruction" / of
+    assert sorted(path.parent.name for path in folder.glob("*/__init__.py")) == sorted(FOLDERS[of])
+    for name, target in FOLDERS[of].items():
+        assert target.startswith(f"reconstruction.{of}.{name}.")
 
 
 def test_every_module_imports_without_any_method(tree: CutTree) -> None:

@@ -17,13 +17,15 @@ from tests.unit.documentation.pages import plugin_module
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package of the recipe, and one whose study does not load."""
     folder = tmp_path_factory.mktemp("installed")
-    for heading, group in (("A study", "simulshot.studies"), ("A method", "simulshot.methods")):
+    for heading, group in (("A check", "simulshot.checks"), ("A method", "simulshot.methods")):
         recipe = (ROOT / "docs" / "plugins.md").read_text().partition(f"\n## {heading}\n")[2]
         module, metadata = plugin_module(recipe), re.search(r"```toml\n(.*?)```", recipe, re.DOTALL)[1]
         ((name, target),) = tomllib.loads(metadata)["project"]["entry-points"][group].items()
         (folder / f"{target.partition(':')[0]}.py").write_text(module)
         install(folder, name, target, group)
-    install(folder, "broken", "no_such_module:Study", "simulshot.studies")
+    score = "simulshot_average_score.py"
+    (folder / score).write_text((ROOT / "docs" / "examples" / "plugins" / score).read_text())
+    install(folder, "broken", "no_such_module:Check", "simulshot.checks")
     return folder
 
 
@@ -47,8 +49,9 @@ def environment(package: Path) -> dict[str, str]:
 def test_help_lists_the_study_and_its_option(package: Path) -> None:
     shown = reconstruct(package, "compare", "--help")
     assert "|flicker|" in shown.stdout
+    assert "[average|" in shown.stdout
     assert re.search(
         r"--flicker-instants N\s+Compare the light at this many instants\.\s+\[default: 8\]", shown.stdout
     )
     (line,) = shown.stderr.splitlines()
-    assert line.startswith("the plugin 'broken' of simulshot.studies does not load: No module named")
+    assert line.startswith("the plugin 'broken' of simulshot.checks does not load: No module named")

@@ -10,10 +10,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from reconstruction.report import wording
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import Picture, StudyResult
 from tests.unit.reconstruction.report.results import RESULT, whole_result, with_pictures, with_studies
 
 VOID = {"meta", "link", "img", "input", "br", "circle", "path", "rect"}

@@ -9,23 +9,23 @@ import msgspec
 import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
-from reconstruction.methods.bullet_time.bullet_time_study import BulletTime
-from reconstruction.methods.multiview.multiview_study import MultiviewFacts
-from reconstruction.methods.poses.pose_study import PoseFacts
-from reconstruction.report.study_report import study_reports
-from reconstruction.scores.comparison_results import (
+from reconstruction.checks.bullet_time.bullet_time_study import BulletTime
+from reconstruction.checks.poses.pose_study import PoseFacts
+from reconstruction.method.comparison_results import (
     CompareResult,
     ConditionResult,
     OffsetTolerance,
 )
-from reconstruction.scores.study_result import (
+from reconstruction.method.score import study_reports
+from reconstruction.method.study_result import (
     InstantClouds,
     Interval,
     Measure,
     Picture,
     StudyResult,
 )
-from reconstruction.scores.timing import SessionTiming, Timing
+from reconstruction.method.timing import SessionTiming, Timing
+from reconstruction.methods.multiview.multiview_study import MultiviewFacts
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(

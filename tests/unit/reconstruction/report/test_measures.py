@@ -5,10 +5,10 @@ from typing import Any
 
 import msgspec
 
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.methods.stereo.stereo_study import StereoStudy
-from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.unit.reconstruction.report.conftest import ReadReport
 from tests.unit.reconstruction.report.results import (
     PANORAMA,

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.report import wording
+from reconstruction.common import wording
+from reconstruction.method.study_result import Interval
+from reconstruction.method.timing import SessionTiming
 from reconstruction.report.findings import claims, describe_exactness, verdict
-from reconstruction.scores.study_result import Interval
-from reconstruction.scores.timing import SessionTiming
 from reconstruction.time_offsets.crossings import InstantOffset
 from reconstruction.time_offsets.instant_votes import Change, Step
 from tests.unit.reconstruction.report.conftest import ReadReport

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from reconstruction.method.comparison_results import CompareResult, ConditionResult
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.unit.reconstruction.report.conftest import Page, ReadReport
 from tests.unit.reconstruction.report.results import CAMERAS, NASTY, RESULT, changed_facts, found, skipped
 

@@ -6,9 +6,9 @@ import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError
-from reconstruction.report import wording
+from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult
 from reconstruction.report.comparison_report import write_report
-from reconstruction.scores.comparison_results import CompareResult
 from tests.unit.reconstruction.report.conftest import ReadReport
 from tests.unit.reconstruction.report.results import CAMERAS, RESULT, changed_facts, found, with_pictures
 

@@ -5,11 +5,11 @@ from typing import Any
 import msgspec
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
-from reconstruction.methods.poses.pose_study import PoseFacts
+from reconstruction.checks.poses.pose_study import PoseFacts
+from reconstruction.method.comparison_results import CompareResult
+from reconstruction.method.study_result import StudyResult
+from reconstruction.method.timing import SessionTiming, Timing, with_depth
 from reconstruction.report.findings import verdict
-from reconstruction.scores.comparison_results import CompareResult
-from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import SessionTiming, Timing, with_depth
 from tests.unit.reconstruction.report.results import study
 
 

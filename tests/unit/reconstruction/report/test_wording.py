@@ -3,7 +3,7 @@
 import pytest
 
 from capture_app.common.text import count
-from reconstruction.report import wording
+from reconstruction.common import wording
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import measure_light_offsets
 from tests.unit.reconstruction.conftest import texture

@@ -7,9 +7,9 @@ from capture_app.plugins.cameras.sim.rendering.scene import Scene
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_source_views
+from reconstruction.method.truth import right_depth
 from reconstruction.methods.multiview.input_images import undistort_image
 from reconstruction.methods.multiview.sweep_matcher import match_all_views
-from reconstruction.scores.truth import right_depth
 
 CAMERAS = ("cam1", "cam2", "cam3")
 

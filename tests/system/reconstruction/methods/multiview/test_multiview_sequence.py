@@ -17,9 +17,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.sequence import (
-    model_sequence,
-)
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 
 VIEWS = {
@@ -39,14 +36,14 @@ def test_a_sequence_is_made_at_the_chosen_instants_and_goes_on(scene: Scene, tmp
     pair = {name: VIEWS[name] for name in ("left", "right")}
     session, out = write_session(tmp_path / "session", scene, pair, instants=2), tmp_path / "out"
     options = Multiview(instants=(1, 1), depth=True, mesh=False, quick=True)
-    made = model_sequence(session.folder, out, options)
+    made = options.make([session.folder], out)
     assert ([one.instant for one in made.instants], made.clouds, made.kept) == ([1], 1, 0)
     assert all((out / "depth" / name / "000001.npz").is_file() for name in pair)
-    again = model_sequence(session.folder, out, options)
+    again = options.make([session.folder], out)
     assert (again.clouds, again.kept, again.instants) == (1, 1, made.instants)
     assert set(again.files) == {path.name for path in out.iterdir()}
     with pytest.raises(BadInputError, match="no instant 2"):
-        model_sequence(session.folder, tmp_path / "none", replace(options, instants=(2,)))
+        replace(options, instants=(2,)).make([session.folder], tmp_path / "none")
 
 
 def test_every_instant_has_its_cloud_and_what_moves_its_masks(

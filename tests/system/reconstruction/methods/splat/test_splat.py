@@ -6,13 +6,13 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
+from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     make_gaussians,
     render_gaussians,
 )
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_run import _Learned
-from reconstruction.scores.picture_quality import psnr
 from tests.unit.reconstruction.depth.moments import moment, seen, view_at
 from tests.unit.reconstruction.methods.splat.test_splat import drawn
 

@@ -15,10 +15,10 @@ import pytest
 
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
-from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import Array
 from reconstruction.methods.stereo.stereo_pair import StereoPair
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.calibration.soundness import calibrated_views
+from reconstruction.scene.dataset import Dataset
 
 LATE = 4
 ACROSS_PX = 3.0
@@ -44,7 +44,7 @@ class Throw:
         options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
         self.session = import_recording([str(folder)], scratch, "ball", options)
         self.dataset = Dataset.open(self.session.folder)
-        calibration = self.dataset.calibration()
+        calibration = self.session.calibration()
         assert calibration is not None
         views = calibrated_views(self.dataset, calibration)
         self.pair = StereoPair(views["L"], views["R"], DISPARITIES)

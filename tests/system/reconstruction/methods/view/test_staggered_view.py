@@ -5,7 +5,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
-from reconstruction.scores.picture_quality import psnr
+from reconstruction.method.picture_quality import psnr
 from tests.unit.reconstruction.conftest import PERIOD_NS, Scene, make_view
 from tests.unit.reconstruction.methods.view.test_staggered_view import pairs  # noqa: F401 - a fixture
 

@@ -5,7 +5,7 @@ import numpy as np
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
 from reconstruction.common.geometry import View
-from reconstruction.scores.picture_quality import psnr, ssim
+from reconstruction.method.picture_quality import psnr, ssim
 from tests.project import JUMPER
 from tests.unit.reconstruction.methods.view.test_view import pictures  # noqa: F401 - a fixture
 

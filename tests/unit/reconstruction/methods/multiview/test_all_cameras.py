@@ -1,28 +1,25 @@
 """The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.study import Context
+from reconstruction.common.matchers import Matcher
+from reconstruction.method.score import Context
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
-from reconstruction.methods.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
+from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.instant_scoring import (
     count_near,
     points_on_masks,
     points_on_moving,
     true_surfaces,
 )
-from reconstruction.methods.multiview.matcher import (
-    ChosenMatcher,
-)
 from reconstruction.methods.multiview.multiview_study import MultiviewStudy, save_clouds
-from reconstruction.report.embedding import view_clouds
-from reconstruction.session.dataset import Dataset
+from reconstruction.pages.embedding import view_clouds
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene as OpenScene
 from tests.unit.reconstruction.conftest import Scene, make_view, write_session
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 
@@ -34,20 +31,16 @@ def multiview(
     instants: int = 1,
     width: int = 640,
     middle: int = 2,
-    matcher: ChosenMatcher = SWEEP,
+    matcher: Matcher = Matcher.AUTO,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
-    options = {"max_multiview_instants": instants, "multiview_width": width}
-    rig = calibrated_rig(session, folder)
-    study = MultiviewStudy(Context(rig=rig, middle=middle, options=options))
-    study.matcher = matcher
-    return study
+    options = {"max_multiview_instants": instants, "multiview_width": width, "matcher": matcher}
+    opened = open_scene(session, folder)
+    return MultiviewStudy(Context(scene=opened, step=2, middle=middle, options=options))
 
 
-def calibrated_rig(session: Session, folder: Path) -> Rig:
-    rig = Rig(Dataset(session), folder, 2)
-    rig.calibrate()
-    return rig
+def open_scene(session: Session, folder: Path) -> OpenScene:
+    return OpenScene(Dataset(session), stages=folder)
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
@@ -67,10 +60,10 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
     colours = np.full((5000, 3), 200, np.uint8)
     points = np.random.default_rng(0).normal((0, 0, 3), 0.3, (5000, 3)).astype(np.float32)
     maps = {
-        side: InstantDepth(nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, NO_PLANES)
+        side: InstantDepth(nothing, nothing, nothing, points[:kept], colours[:kept])
         for side, kept in (("synced", 5000), ("offset", 0))
     }
-    clouds = save_clouds(3, maps, view, nothing > 0, tmp_path)
+    clouds = save_clouds(3, maps, nothing, view, nothing > 0, tmp_path)
     assert clouds is not None
     shown = view_clouds(clouds, tmp_path, "middle", 3)
     assert shown["synced"]["points"] > 4000
@@ -82,16 +75,14 @@ def test_colmap_fuses_the_maps_of_all_cameras_that_an_instant_has() -> None:
     flat = np.full(3 * 240 * 320, 2.0, np.float32)
     facing = np.tile(np.array([0, 0, -1], np.float16), 3 * 240 * 320)
     nothing = np.zeros(0)
-    without = InstantDepth(nothing, nothing, nothing, nothing, nothing, nothing, NO_PLANES)
-    found = replace(without, all_depth=flat, all_normals=facing)
-    maps = found.all_maps(views)
+    found = InstantDepth(np.array(list(views)), flat, facing, nothing, nothing)
+    maps = found.maps(views)
     assert [one.depth.shape for one in maps.values()] == [(240, 320)] * 3
     colours = {name: np.full((240, 320, 3), 90, np.uint8) for name in views}
     points, painted = fuse_by_colmap(views, colours, maps, 3)
     assert len(points) > 10_000
     assert points[:, 2] == pytest.approx(2.0, abs=1e-3)
     assert (painted == 90).all()
-    assert not without.all_maps(views)
 
 
 def test_a_cloud_is_held_against_true_surfaces() -> None:

@@ -14,11 +14,11 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
+from reconstruction.common.matchers import Matcher
 from reconstruction.depth import compiling
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiling import library_of
 from reconstruction.depth.kernels import load_kernels
-from reconstruction.depth.matchers import Matcher
 from reconstruction.depth.plane_sweep import PlaneSweep, Surface
 from reconstruction.depth.sweep_engine import BETTER_OF_TWO, CPU, Agreement, SweepEngine
 from reconstruction.methods.multiview import gpu, matcher

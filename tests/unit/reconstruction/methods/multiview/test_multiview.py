@@ -10,6 +10,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
+from reconstruction.method.truth import depth_shares
 from reconstruction.methods.multiview import colmap_workspace
 from reconstruction.methods.multiview.colmap_workspace import (
     ENVIRONMENT,
@@ -24,8 +25,7 @@ from reconstruction.methods.multiview.input_images import undistort_image, undis
 from reconstruction.methods.multiview.instant_model import MadeMultiview
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.scores.truth import depth_shares
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 

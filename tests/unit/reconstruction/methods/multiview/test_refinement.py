@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.calibration.consistency import (
+from reconstruction.common.geometry import View
+from reconstruction.methods.multiview.confidence import DepthSupport
+from reconstruction.methods.multiview.multiview_method import Multiview
+from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
+from reconstruction.scene.calibration.consistency import (
     check_rig,
     consistent_matches,
     describe_misfit,
     triangulate,
 )
-from reconstruction.common.geometry import View
-from reconstruction.methods.multiview.confidence import DepthSupport
-from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.methods.multiview.refinement import estimate_scale_error, refine_views
-from reconstruction.pairs import Features
+from reconstruction.scene.pairs import Features
 from tests.unit.reconstruction.conftest import make_view
 
 VIEWS = {

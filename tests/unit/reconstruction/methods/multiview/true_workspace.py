@@ -11,7 +11,7 @@ from reconstruction.methods.multiview.colmap_workspace import write_workspace
 from reconstruction.methods.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.methods.multiview.matcher import image_colours, image_views
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 
 
 def write_true_workspace(folder: Path, session: Session, views: Mapping[str, View], instant: int) -> None:

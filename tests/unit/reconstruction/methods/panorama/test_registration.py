@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.methods.panorama.composition import Projection
 from reconstruction.methods.panorama.overlap import known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.registration import PanoramaStitcher
-from reconstruction.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
+from reconstruction.scene.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
 from tests.unit.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
 SIZE = (WIDTH, HEIGHT)

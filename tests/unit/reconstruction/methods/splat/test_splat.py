@@ -10,6 +10,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
     Projected,
@@ -23,7 +24,6 @@ from reconstruction.methods.splat.gaussians import (
 )
 from reconstruction.methods.splat.optimization import _Picture, optimize
 from reconstruction.methods.splat.splat_run import _Learned
-from reconstruction.scores.picture_quality import psnr
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.study import Context
+from reconstruction.method.score import Context
 from reconstruction.methods.splat.splat_study import SplatStudy, _close_up
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 
 
 def study(session: Session, folder: Path, **settings: Any) -> SplatStudy:
-    return SplatStudy(Context(rig=Rig(Dataset(session), folder), **settings))
+    return SplatStudy(Context(scene=Scene(Dataset(session), stages=folder), **settings))
 
 
 def test_it_is_made_only_if_asked_for(boards: Session, tmp_path: Path) -> None:
@@ -25,7 +25,6 @@ def test_it_is_made_only_if_asked_for(boards: Session, tmp_path: Path) -> None:
 
 def test_three_cameras_are_too_few(boards: Session, tmp_path: Path) -> None:
     asked = study(boards, tmp_path, studies=("splat",))
-    asked.rig.calibrate()
     assert asked.run(asked.known).skipped == "it needs 4 cameras"
 
 

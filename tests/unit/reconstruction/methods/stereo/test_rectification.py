@@ -5,7 +5,7 @@ import pytest
 
 from reconstruction.common.geometry import View
 from reconstruction.methods.stereo.stereo_pair import rectify
-from reconstruction.pairs import rectifying_rotations
+from reconstruction.scene.pairs import rectifying_rotations
 from tests.unit.reconstruction.conftest import make_view
 
 PAIRS = {

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.session.dataset import Dataset
+from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import PERIOD_NS, Scene, make_view, write_session
 
 CAMERAS = {

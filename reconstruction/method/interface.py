@@ -1,0 +1,216 @@
+"""Interface of a method: its command, Python, batches and comparisons are derived from it."""
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import msgspec
+
+from capture_app.common.plugins import load_plugin, load_plugins
+from capture_app.common.text import pretty_json
+from capture_app.console.terminal import Progress
+from capture_app.session.files.durable import write_atomic
+from reconstruction.common.options import CHECKS, METHODS, checked, command_flag, described
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
+
+if TYPE_CHECKING:
+    from capture_app.session.files.output_folder import OutputFolder
+    from reconstruction.depth.seen_moment import SeenInstant
+    from reconstruction.scene.scene import Scene
+
+SILENT = Progress(0, silent=True)
+
+
+class Check(msgspec.Struct, frozen=True, kw_only=True, dict=True):
+    """What only a comparison makes, and its options there; each field is an option.
+
+    The class is loaded for every `--help`, so its score imports slow modules.
+    """
+
+    name: ClassVar[str]
+    """Name of the method or check, its plugin, and of a method its command and its method in Python."""
+    study: ClassVar[str] = ""
+    """Its score in a comparison, as module:class; empty for none."""
+
+
+class Method(Check, frozen=True, kw_only=True, dict=True):
+    """One way to reconstruct a session, with its options: its words, and how it runs under a condition.
+
+    Each field is an option. The class is loaded for every `--help`, so its methods import slow modules
+    themselves.
+    """
+
+    help: ClassVar[str]
+    """Help of its command."""
+    examples: ClassVar[Sequence[str]] = ()
+    """Command lines for the help, without `reconstruct`."""
+    takes_images: ClassVar[bool] = False
+    """Whether image files and folders may take the place of a session."""
+    result_file: ClassVar[str] = "metrics.json"
+    made: ClassVar[str] = "reconstruction.common.outputs:Made"
+    """Class of its result in Python, as module:class."""
+
+    instant: Annotated[
+        int,
+        command_flag("--instant", ge=0, metavar="K", help="Instant of the burst, counted from 0."),
+    ] = 0
+    time_shifts_ms: Mapping[str, float] = {}
+    """Corrections added to the times of the named cameras."""
+    progress: Progress = SILENT
+    """Receives the lines that say how far it is."""
+
+    def __post_init__(self) -> None:
+        """Refuse both `instant` and `instants`, with ValueError, if the method has many of them."""
+        if self.instant and self.listed_instants != [self.instant]:
+            raise ValueError("give either --instant or --instants")
+
+    @property
+    def listed_instants(self) -> Sequence[int]:
+        """Its `instants` (empty = all) if it has many and they are given, else `instant` alone."""
+        many: Sequence[int] | None = getattr(self, "instants", None)
+        return [self.instant] if many is None else many
+
+    def command_line(self, session: Path, condition: Condition, out: str) -> str:
+        """Return the command line that writes the results of `run`, in a loop if it takes one instant."""
+        flags = {one.field: one for one in described(type(self)) if one.own}
+        loop = "instants" not in flags and getattr(self, "instants", None)
+        words = ["reconstruct", self.name, str(session)]
+        for name, one in flags.items():
+            value = getattr(self, name)
+            if value != type(self).__struct_defaults__[type(self).__struct_fields__.index(name)]:
+                words += _typed(one.names[0], value)
+        if loop:
+            words += ["--instant", "$k"]
+        if condition != SYNCHRONIZED:
+            words += ["--condition", condition.option]
+        words += [*_times_typed(self.time_shifts_ms), "--out", f"{out}/$k" if loop else out]
+        line = " ".join(word if "$k" in word else quote(word) for word in words)
+        return f"for k in {' '.join(map(str, loop))}; do {line}; done" if loop else line
+
+    def require(self) -> None:
+        """Refuse impossible options before the session is read.
+
+        Raises:
+            SimulshotError: a package or device is missing.
+        """
+
+    def run(self, scene: "Scene", condition: Condition) -> Iterator[Any]:
+        """Yield the result of each of its instants under a condition, in memory; a comparison scores it.
+
+        Raises:
+            SimulshotError: the session, the condition or the options do not allow it.
+        """
+        raise NotImplementedError
+
+    def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> Any:
+        """Run under a condition, write the result to `output.folder`, and return it without its provenance.
+
+        Raises:
+            SimulshotError: the session, the condition or the options do not allow it.
+        """
+        raise NotImplementedError
+
+    def see(self, scene: "Scene", condition: Condition) -> "Iterator[SeenInstant]":
+        """Yield its instants with depth of their cameras, in memory; only methods for depth can.
+
+        Raises:
+            SimulshotError: the session, the condition or the options do not allow it.
+        """
+        raise NotImplementedError
+
+    def notes(self, result: Any) -> Iterator[str]:
+        """Yield the messages about a result: cameras that were left out, with the reasons."""
+        left_out = getattr(result, "left_out", {})
+        yield from (f"{camera} is left out: {why}" for camera, why in left_out.items())
+
+    def lines(self, result: Any, out: Path) -> Iterator[str]:
+        """Yield the lines that the command prints of a result."""
+        yield f"result: {out}"
+
+    def output_folder(self, out: Path) -> "OutputFolder":
+        """Return the folder that replaces an earlier result at `out`, and nothing else."""
+        from reconstruction.common.outputs import comparison_folder
+
+        return comparison_folder(out)
+
+    def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
+        """Check the options, and write the result of a session, or of images, to `out`; see `write`."""
+        return checked(self).write(sources, out, condition)
+
+    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+        """Run on a session, or on images; write the result to `out` atomically, and return it.
+
+        Raises:
+            SimulshotError: the sources, the condition, the options or the folder cannot be used.
+        """
+        from reconstruction.scene.provenance import with_provenance
+
+        began_s = time.monotonic()
+        output = self.output_folder(out)
+        self.require()
+        with output:
+            result = self.compute(sources, condition, output)
+            result = with_provenance(result, began_s, self.time_shifts_ms)
+            write_atomic(output.folder / self.result_file, pretty_json(result))
+        return result
+
+    def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
+        """Open the session and run on it; a method that takes images overrides this."""
+        return self.save(self.open_scene(sources[0], condition), condition, output)
+
+    def open_scene(self, session: Path, condition: Condition) -> "Scene":
+        """Open the session that it runs on, and check the condition.
+
+        Raises:
+            SimulshotError: the session, its calibration or the condition cannot be used.
+        """
+        from reconstruction.scene.scene import Scene
+
+        scene = Scene.open(session, self.time_shifts_ms)
+        condition.check(scene.dataset)
+        return scene
+
+
+def _typed(names: str, value: Any) -> list[str]:
+    """Return how an option with these names is typed."""
+    name, _, negative = names.partition("/")
+    if isinstance(value, bool):
+        return [name] if value else [negative] if negative else []
+    text = ",".join(map(str, value)) or "all" if isinstance(value, tuple) else str(value)
+    return [name, text]
+
+
+def _times_typed(time_shifts_ms: Mapping[str, float]) -> list[str]:
+    return [word for name, ms in time_shifts_ms.items() for word in ("--time-shift-ms", f"{name}={ms:g}")]
+
+
+@cache
+def methods() -> Mapping[str, type[Method]]:
+    """Return all installed methods by name; broken plugins are reported once and left out."""
+    return load_plugins(METHODS, "name", "study", "help", "make")
+
+
+@cache
+def scored() -> Sequence[type[Check]]:
+    """Return all methods and checks that are parts of a comparison."""
+    checks: Mapping[str, type[Check]] = load_plugins(CHECKS, "name", "study")
+    return [one for one in (*methods().values(), *checks.values()) if one.study]
+
+
+def study_names() -> list[str]:
+    """Return the names of all scores that a comparison can make, without loading them."""
+    return sorted(one.name for one in scored())
+
+
+def find_method(name: str, **options: Any) -> Method:
+    """Return an installed method with its options.
+
+    Raises:
+        BadInputError: it is not installed.
+        NotAvailableError: it cannot be loaded.
+    """
+    method: Method = load_plugin(METHODS, name, "make")(**options)
+    return method

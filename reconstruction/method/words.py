@@ -1,0 +1,104 @@
+"""Words of a score: its names, measures and section of the page, read from files beside its code."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import msgspec
+
+from reconstruction.common import wording
+from reconstruction.method.study_result import Picture
+
+WORDS, SECTION, WHY = "words.toml", "section.html", "why.html"
+"""Files of words beside a method's code."""
+
+
+@dataclass(frozen=True)
+class MeasureText:
+    """A table row: the measure without its `mover_` or `static_` prefix, its name, explanation and unit.
+
+    The explanation may contain the study's `placeholders` in braces.
+    """
+
+    key: str
+    name: str
+    text: str
+    unit: str = wording.PERCENT
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A study's main result for the first screen: one value per condition, and what it measures."""
+
+    values: tuple[float, float]
+    what: str
+    unit: str = wording.PERCENT
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyText:
+    """A study's names, its position on the page, and its measures.
+
+    The caption, engine, details and explanations of measures may contain `placeholders` in braces.
+    """
+
+    name: str
+    """Name of the study's plugin."""
+    subject: str
+    """Subject of the study for messages: `depth from all cameras`."""
+    place: int = 100
+    """Position of the study among all studies."""
+    term: str = ""
+    """Term of the study under "How it was made"; empty for no entry."""
+    caption: str = "{subject}, {cameras}"
+    """Caption of the study's table."""
+    measures: Sequence[MeasureText] = ()
+    pictures: Sequence[Picture] = ()
+    """Its pictures, without their files; captions may contain words in braces that the score knows."""
+    control: bool = True
+    """Whether the measures are taken both on moving things (`mover_`) and on the control (`static_`)."""
+    condition_columns: Sequence[tuple[str, str]] = ()
+    """Full names of the measures in the table of all conditions, with their column heads."""
+    instant_columns: Sequence[tuple[str, str]] = ()
+    """Measures in the table of every instant, with their column heads."""
+    engine: str = ""
+    """Sentence that names the method that computed it."""
+    details: str = ""
+    """Detail of how it was made, shown after its cameras and instants."""
+    missing: str = ""
+    """Sentence for a skipped study; the reason follows."""
+    note: str = ""
+    """Text below the study's table."""
+    hero: str = ""
+    """Key of the study's picture that may open the page."""
+    why: str = ""
+    """Template that explains why the instant matters; the page shows the first available one."""
+    diagram: str = ""
+    """Template file of the drawing beside `why`."""
+    section: str = ""
+    """Template of the study's own section, which reads `view`; if empty, its table is listed with the others.
+    """
+    title: str = ""
+    """Title of the section."""
+    section_place: int = 70
+    """Position of the section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
+    scripts: Sequence[str] = ()
+    """Template files of the scripts that the section needs."""
+    replaces: str = ""
+    """Name of a study that this one replaces in the verdict: if made, it adds no sentence."""
+
+    def unit(self, measure: str) -> str:
+        """Return the unit of a measure by its full name."""
+        return next(one.unit for one in self.measures if measure.endswith(one.key))
+
+
+def read_words(package: str) -> StudyText:
+    """Read the words of a method from the files in its package: `WORDS`, and `SECTION` and `WHY` if there."""
+    folder = files(package)
+    found = tomllib.loads((folder / WORDS).read_text("utf-8"))
+    for name, file in (("section", SECTION), ("why", WHY)):
+        if (template := folder / file).is_file():
+            found[name] = template.read_text("utf-8")
+    return msgspec.convert(found, StudyText)

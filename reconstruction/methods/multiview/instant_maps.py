@@ -1,0 +1,190 @@
+"""Depth of all cameras at an instant, in memory: the result that a command writes and a comparison scores."""
+
+import tempfile
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import Progress
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.seen_moment import Moment, SeenView
+from reconstruction.depth.view_choice import (
+    choose_reference_view,
+    choose_source_views,
+    refuse_views,
+    seen_points,
+    smallest_group,
+)
+from reconstruction.methods.multiview.colmap_workspace import write_workspace
+from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
+from reconstruction.methods.multiview.input_images import InputImage, InputImages
+from reconstruction.methods.multiview.matcher import (
+    ChosenMatcher,
+    image_colours,
+    image_views,
+    match_cameras,
+)
+from reconstruction.methods.multiview.still_scene import StillScene
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import instants_shown
+
+
+@dataclass(frozen=True, eq=False)
+class InstantMaps:
+    """The images of one instant that have depth, the cameras that each was matched with, and the depth."""
+
+    instant: int
+    images: Mapping[str, InputImage]
+    sources: Mapping[str, Sequence[str]]
+    rough: RoughScene
+    maps: Mapping[str, ViewDepth]
+    left_out: Mapping[str, str]
+    """Cameras without depth, with the reasons."""
+    usable: Mapping[str, InputImage]
+    """All images that could be matched, also those without depth."""
+    seconds_of: Mapping[str, float] = field(default_factory=dict)
+    """Wall-clock seconds of each stage."""
+
+    @property
+    def reference(self) -> str:
+        """The camera in the middle, whose image overlaps most with the others."""
+        return choose_reference_view(image_views(self.images), self.rough.points)
+
+    @cached_property
+    def cloud(self) -> FusedCloud:
+        """The maps fused into one cloud."""
+        views, colours = image_views(self.images), image_colours(self.images)
+        return fuse_maps(views, self.maps, colours, smallest_group(self.sources))
+
+    @property
+    def moment(self) -> Moment:
+        """The cameras with their pictures and depth, as the files have them."""
+        return {
+            camera: SeenView(
+                image.calibrated.view,
+                image.colours,
+                self.maps[camera].depth,
+                self.maps[camera].normals.astype(np.float16).astype(np.float32),
+            )
+            for camera, image in self.images.items()
+        }
+
+
+def match_instants(
+    inputs: InputImages,
+    instants: Sequence[int],
+    condition: Condition,
+    matcher: ChosenMatcher,
+    *,
+    without: Collection[str] = (),
+    progress: Progress,
+) -> Iterator[InstantMaps]:
+    """Yield the depth of each instant under a condition; several share what stands still.
+
+    Of several, an instant that cannot be reconstructed is left out.
+
+    Raises:
+        BadInputError: there is no such instant, or none has depth.
+    """
+    still, seen, many = StillScene(), False, len(instants) > 1
+    if many:
+        progress.total = len(instants)
+    for instant in instants:
+        if many:
+            progress.step(f"instant {instant}")
+        try:
+            found = match_instant(
+                inputs,
+                instant,
+                condition,
+                matcher,
+                still,
+                Progress(0, silent=True) if many else progress,
+                without=without,
+            )
+        except BadInputError:
+            if seen or instant != instants[-1]:
+                continue
+            raise
+        seen = True
+        yield found
+
+
+def match_instant(
+    inputs: InputImages,
+    instant: int,
+    condition: Condition,
+    matcher: ChosenMatcher,
+    still: StillScene,
+    progress: Progress,
+    *,
+    without: Collection[str] = (),
+    later_steps: int = 0,
+    workspace: Path | None = None,
+    on_pair: Callable[[CalibratedImage, CalibratedImage, tuple[float, float]], None] | None = None,
+) -> InstantMaps:
+    """Compute the depth of an instant's images under a condition, by those of their step.
+
+    `still` is the still scene found at earlier instants; it also stores the new results. COLMAP's workspace
+    is written to `workspace` if given. `later_steps` is the number of progress lines after this.
+    `on_pair` receives two images and their range of depth before all are matched.
+
+    Raises:
+        BadInputError: no two cameras can measure depth.
+    """
+    begin_s = time.monotonic()
+    shown = instants_shown(inputs.dataset, condition, instant)
+    usable, left_out = inputs.usable({camera: k for camera, k in shown.items() if camera not in without})
+    progress.total = len(usable) + later_steps
+    progress.step("the scene's range of depth")
+    calibrated = {camera: image.calibrated for camera, image in usable.items()}
+    still.look(calibrated)
+    rough = still.scene = still.scene or find_rough_scene(calibrated)
+    views = {camera: calibrated[camera].view for camera in rough.points}
+    steps_ns = {camera: image.step_ns for camera, image in usable.items()}
+    sources = choose_source_views(views, rough.points, steps_ns)
+    if not any(sources.values()):
+        raise refuse_views(views, rough.points)
+    left_out |= {c: _why_alone(c, calibrated, rough, steps_ns) for c in usable if not sources.get(c)}
+    images = {camera: image for camera, image in usable.items() if sources.get(camera)}
+    progress.total = len(images) + later_steps
+    range_s = time.monotonic()
+    if on_pair is not None:
+        reference = choose_reference_view(image_views(images), rough.points)
+        on_pair(calibrated[reference], calibrated[sources[reference][0]], rough.depth_ranges[reference])
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        maps = match_cameras(
+            matcher, workspace or Path(scratch), images, sources, rough.depth_ranges, progress, still
+        )
+    if workspace is not None and matcher.gpu is None:
+        write_workspace(workspace, image_views(images), image_colours(images), maps)
+    seconds = {"range": range_s - begin_s, "matching": time.monotonic() - range_s}
+    return InstantMaps(instant, images, sources, rough, maps, left_out, usable, seconds)
+
+
+def _why_alone(
+    camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene, steps_ns: Mapping[str, int]
+) -> str:
+    """Return why a camera has no sources."""
+    if camera not in scene.points:
+        return "nothing in its picture could be matched in another camera's picture"
+    if not any(steps_ns[other] == steps_ns[camera] for other in images if other != camera):
+        return "no other camera takes its frames at the same time"
+    inside = {
+        other: seen_points(images[camera].view, images[other].view, scene.points[camera])
+        for other in images
+        if other != camera and steps_ns[other] == steps_ns[camera]
+    }
+    best = max(inside, key=lambda other: float(inside[other][0].mean()))
+    there, angles = inside[best]
+    return (
+        f"no other camera suits its depth: {best} sees the most of its picture, {100 * there.mean():.0f} %, "
+        f"from an angle of {float(np.median(angles)):.1f} degrees"
+    )

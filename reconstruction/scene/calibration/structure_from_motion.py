@@ -1,0 +1,392 @@
+"""Calibration of a rig by COLMAP's structure from motion, from the static part of a burst."""
+
+import math
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.console.terminal import talk
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.reading.decoding import read_exif
+from reconstruction.common.colmap import load_pycolmap
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import write_image
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import ForeignError
+from reconstruction.scene.calibration.consistency import fit_one_plane
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
+
+FILM_DIAGONAL_MM = 43.27
+"""Diagonal of the 36 x 24 mm format to which equivalent focal lengths refer (CIPA DC-008)."""
+MAX_FOCAL_RATIO = 1.25
+"""Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
+WIDEST_DEG = 100.0
+MIN_TO_SEPARATE_LENSES = 3
+"""Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
+GUESS = "a guess from these pictures alone"
+"""Text in the source of a calibration that rests on images alone."""
+GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
+"""Hint where no lens was known."""
+MAX_INSTANTS = 3
+"""Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
+FEATURE_BYTES_PER_PIXEL = 220
+"""Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
+FEATURE_FRACTION = 0.6
+"""Fraction of the memory budget for all images whose features are extracted at once."""
+
+
+def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
+    """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF."""
+    if field_of_view_deg is not None:
+        half = math.tan(math.radians(field_of_view_deg) / 2)
+        return {name: dataset.size(name)[0] / 2 / half for name in dataset.cameras}
+    known = ((name, _exif_focal_35mm(dataset, name)) for name in dataset.cameras)
+    return {
+        name: mm / FILM_DIAGONAL_MM * math.hypot(*dataset.size(name)) for name, mm in known if mm is not None
+    }
+
+
+def _exif_focal_35mm(dataset: Dataset, camera: str) -> int | None:
+    with suppress(OSError, ValueError):
+        for instant in dataset.instants(camera)[:1]:
+            return read_exif(dataset.image_bytes(camera, instant)).focal_35mm
+    return None
+
+
+def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[str, float]) -> None:
+    """Refuse focal lengths that structure from motion cannot have determined.
+
+    A static scene with little depth leaves a focal length nearly free, however well the points fit.
+
+    Raises:
+        NotApplicableError: a focal length is far from the likely one, or wider than plain lenses are.
+    """
+    for name, camera in found.items():
+        view_deg = field_of_view_deg(camera)
+        if (likely := focal_px.get(name)) is None:
+            odd, why, exif = view_deg > WIDEST_DEG, "which is unlikely", ""
+        else:
+            odd = not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO
+            why = f"not {math.degrees(2 * math.atan(camera.width / 2 / likely)):.0f} as it likely does"
+            exif = "correct the pictures' EXIF, "
+        if odd:
+            raise NotApplicableError(
+                f"{name} would see {view_deg:.0f} degrees wide, {why}: "
+                "the static scene has too little depth to determine its lens",
+                hint=f"calibrate with a board, {exif}{GIVE_LENSES}",
+            )
+
+
+def field_of_view_deg(camera: CameraCalibration) -> float:
+    """Return a camera's horizontal field of view."""
+    return math.degrees(2 * math.atan(camera.width / 2 / camera.fx))
+
+
+def guess_calibration(motion: SceneMotion) -> Calibration:
+    """Calibrate a session that has no calibration from its images, and say so.
+
+    Raises as `calibrate_from_images`.
+    """
+    found = calibrate_from_images(motion)
+    talk(f"{motion.dataset.name} has no calibration; this one was found: {found.source}")
+    return found
+
+
+def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
+    """Calibrate the rig with COLMAP from the static content of a burst; the unit of length is arbitrary.
+
+    The cameras form one rig and each instant is one frame of it. Moving pixels are masked out. The horizontal
+    field of view gives the lenses' initial values; None = from EXIF, if any.
+
+    Raises:
+        NotAvailableError: COLMAP is not installed here.
+        BadInputError: it found no cameras, or implausible lenses.
+    """
+    pycolmap = load_pycolmap(
+        "finding the cameras' positions from the images", hint="give it a calibration.json"
+    )
+    dataset = motion.dataset
+    chosen = _choose_instants(dataset)
+    cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
+    if len(cameras) < 2:
+        raise NotApplicableError(
+            "no calibration in the session, and fewer than two cameras with an image to find it from",
+            hint="add a calibration.json",
+        )
+    focal_px = likely_focal_lengths(dataset, field_of_view_deg)
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        root = Path(scratch)
+        _write_images(motion, chosen, cameras, root)
+        found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+        try:
+            refuse_odd_lenses(found.cameras, focal_px)
+        except NotApplicableError:
+            if len(focal_px) < len(cameras):
+                raise
+            # The static scene does not determine the lenses: fix them at their likely values.
+            found = _found(pycolmap, dataset, cameras, root, focal_px, held=True)
+    return found
+
+
+def _found(
+    pycolmap: Any,
+    dataset: Dataset,
+    cameras: Sequence[str],
+    root: Path,
+    focal_px: Mapping[str, float],
+    *,
+    held: bool,
+) -> Calibration:
+    with tempfile.TemporaryDirectory(dir=root) as work:
+        extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
+        rec = _solve(pycolmap, cameras, Path(work), focal_px, extraction, held=held)
+    advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
+    if rec is None:
+        raise NotApplicableError(
+            "no calibration in the session, and none can be found from its images",
+            hint=f"the views need to overlap and show something with texture; add a calibration.json{advice}",
+        )
+    if len(found := _cameras(rec, dataset)) < 2:
+        raise NotApplicableError(
+            "only one camera could be placed", hint=f"the views need to overlap more{advice}"
+        )
+    guess = f", {GUESS}" if advice else ""
+    lenses = ", focal lengths taken for granted" if held else _lens_errors_text(pycolmap, rec)
+    missing = ", ".join(name for name in dataset.cameras if name not in found)
+    left_out = f"; not placed: {missing}" if missing else ""
+    return Calibration(
+        cameras=found,
+        unit="arbitrary",
+        source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
+        f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px"
+        f"{guess}{lenses}{left_out}",
+    )
+
+
+def _lens_errors_text(pycolmap: Any, rec: Any) -> str:
+    """Describe the uncertainty of the focal lengths; a bar if the points determine them."""
+    if all(fit_one_plane(*at) for at in _shared_pixels(rec)):
+        return ", focal lengths perhaps far off: these points lie in one plane, or far away"
+    percent = [100 * error for error in focal_errors(pycolmap, rec)]
+    off = f"off by up to {min(percent):.1f} to {max(percent):.1f} % (95 %)" if percent else "perhaps far off"
+    return f", focal lengths {off}"
+
+
+def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
+    """Return the pixels (n, 2) of common points in the images of two cameras, for each two."""
+    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    places = [
+        {point.point3D_id: point.xy for point in image.points2D if point.has_point3D()}
+        for image in shown.values()
+    ]
+    shared = (([*one.keys() & other.keys()], one, other) for one, other in combinations(places, 2))
+    return [
+        (np.array([one[key] for key in keys]), np.array([other[key] for key in keys]))
+        for keys, one, other in shared
+    ]
+
+
+def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
+    """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
+
+    From the covariance of a bundle adjustment with one image of each camera: further images would repeat the
+    same errors of static points. Principal points count as known, and lenses as having one distortion term.
+    """
+    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    if len(shown) < MIN_TO_SEPARATE_LENSES:
+        return []
+    plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
+    for image in shown.values():
+        plain.add_camera_with_trivial_rig(image.camera)
+        at = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
+        alone = pycolmap.Image(
+            name=image.name, keypoints=at, camera_id=image.camera_id, image_id=image.image_id
+        )
+        plain.add_image_with_trivial_frame(alone, image.cam_from_world())
+        config.add_image(image.image_id)
+    for point in rec.points3D.values():
+        track = pycolmap.Track()
+        for seen in (one for one in point.track.elements if config.has_image(one.image_id)):
+            track.add_element(seen.image_id, seen.point2D_idx)
+        if track.length() > 1:
+            plain.add_point3D(point.xyz, track, point.color)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(
+        pycolmap.BundleAdjustmentOptions(print_summary=False), config, plain
+    )
+    solved = adjuster.solve().ceres_summary
+    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
+    spare = solved.num_residuals - solved.num_effective_parameters
+    lenses = [plain.cameras[number].params for number in shown]
+    covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
+    if spare < 1 or not covariances or any(places is None for places in covariances):
+        return []
+    return [
+        2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(lens[0])
+        for places, lens in zip(covariances, lenses, strict=True)
+    ]
+
+
+def _choose_instants(dataset: Dataset) -> list[int]:
+    """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
+    instants = range(len(dataset.instants_ns))
+    present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
+    max_cameras = max(map(len, present.values()))
+    most_complete = [k for k in instants if len(present[k]) == max_cameras]
+    places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
+    chosen = {most_complete[int(i)] for i in places}
+    for name in dataset.cameras:
+        there = [k for k in instants if name in present[k]]
+        if there and not chosen & set(there):
+            chosen.add(max(there, key=lambda k: len(present[k])))
+    return sorted(chosen)
+
+
+def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequence[str], root: Path) -> None:
+    dataset = motion.dataset
+    for folder, camera in product(("images", "masks"), cameras):
+        (root / folder / camera).mkdir(parents=True)
+    for camera, k in product(cameras, instants):
+        if dataset.has_image(camera, k):
+            name = f"{camera}/{k:06d}.png"
+            write_image(root / "images" / name, dataset.image(camera, k))
+            still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
+            write_image(root / "masks" / f"{name}.png", still)
+
+
+def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
+    """Return COLMAP's options for feature extraction: the image size within the memory budget, one thread."""
+    options = pycolmap.FeatureExtractionOptions()
+    limit = int(options.eff_max_image_size())
+
+    def bytes_at(scale: float) -> float:
+        shrunk = (min(1.0, limit / max(size)) * scale for size in sizes)
+        pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
+        return float(pixels * FEATURE_BYTES_PER_PIXEL)
+
+    scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
+    options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
+    # With several threads, the images' order in the database, and so the result, changes from run to run.
+    options.num_threads = 1
+    return options
+
+
+def _solve(
+    pycolmap: Any,
+    cameras: Sequence[str],
+    work: Path,
+    focal_px: Mapping[str, float],
+    extraction: Any,
+    *,
+    held: bool,
+) -> Any | None:
+    """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
+    root, database = work.parent, work / "database.db"
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
+    pycolmap.set_random_seed(0)
+    pycolmap.extract_features(
+        database,
+        root / "images",
+        camera_mode=pycolmap.CameraMode.PER_FOLDER,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+    _set_focal_lengths(pycolmap, database, focal_px)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    pycolmap.match_exhaustive(database, verification_options=verification, device=pycolmap.Device.cpu)
+    plain = work / "plain.db"
+    shutil.copy(database, plain)
+    found = None
+    # If the rig as a whole has no solution, incremental mapping may find one.
+    with suppress(ForeignError):
+        found = _map_rig(pycolmap, cameras, database, held=held)
+    if found is None or found.num_reg_images() < 2:
+        # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
+        (work / "plain").mkdir()
+        options = pycolmap.IncrementalPipelineOptions(
+            random_seed=0,
+            num_threads=1,
+            multiple_models=False,
+            min_model_size=2,
+            ba_refine_focal_length=not held,
+        )
+        with suppress(ForeignError):
+            found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
+    return found
+
+
+def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, float]) -> None:
+    opened = pycolmap.Database.open(database)
+    lenses = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+    for image in opened.read_all_images():
+        if (focal := focal_px.get(image.name.split("/")[0])) is not None:
+            lens = lenses[image.camera_id]
+            lens.focal_length = focal
+            lens.has_prior_focal_length = True
+            opened.update_camera(lens)
+    opened.close()
+
+
+def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: bool) -> Any | None:
+    """Solve for the cameras as one rig of unknown geometry, which only global mapping supports."""
+    sensors = [
+        pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
+    ]
+    opened = pycolmap.Database.open(database)
+    pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=sensors)], opened)
+    opened.close()
+    if not held:
+        pycolmap.calibrate_view_graph(database)
+    work = database.parent
+    (work / "rig").mkdir()
+    options = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
+    options.mapper.bundle_adjustment.refine_focal_length = not held
+    return _largest(pycolmap.global_mapping(database, work.parent / "images", work / "rig", options))
+
+
+def _largest(models: dict[int, Any]) -> Any | None:
+    return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+
+
+def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
+    """Return the calibration of each camera with a pose, from the instant with the most such cameras.
+
+    Cameras of other instants are added if the instant shares a camera with those already placed.
+    """
+    placed: dict[str, dict[str, Any]] = {}
+    for image in rec.images.values():
+        if image.has_pose:
+            name, instant = image.name.split("/")
+            placed.setdefault(instant, {})[name] = image
+    found: dict[str, CameraCalibration] = {}
+    poses: dict[str, Any] = {}
+    for instant in sorted(placed, key=lambda instant: (-len(placed[instant]), instant)):
+        images = placed[instant]
+        link = next((name for name in images if name in poses), None)
+        if poses and link is None:
+            continue
+        for name in images.keys() - poses.keys():
+            poses[name] = images[name].cam_from_world()
+            if link is not None:
+                poses[name] = poses[name] * images[link].cam_from_world().inverse() * poses[link]
+            found[name] = _calibration(images[name], poses[name], dataset.size(name))
+    return {name: found[name] for name in dataset.cameras if name in found}
+
+
+def _calibration(image: Any, pose: Any, size: tuple[int, int]) -> CameraCalibration:
+    matrix = np.asarray(pose.matrix())
+    focal, cx, cy, radial = (float(value) for value in image.camera.params)
+    # COLMAP's first pixel has its centre at (0.5, 0.5).
+    intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])
+    distortion = np.array([radial, 0, 0, 0, 0])
+    return View(*size, intrinsics, distortion, matrix[:, :3], matrix[:, 3]).to_calibration()

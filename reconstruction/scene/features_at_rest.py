@@ -1,0 +1,35 @@
+"""Features of a session's images, detected once: all of them, and those at rest."""
+
+from reconstruction.common.worker_pool import computed_once
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.pairs import FAINT_CONTRAST, Features, detect_features
+
+MAX_IMAGES, MAX_INSTANTS = 64, 9
+"""Number of images and of instants whose features are cached; some MB each."""
+
+
+class SceneFeatures:
+    """Features by camera and instant; threads that ask for the same ones compute them once."""
+
+    def __init__(self, motion: SceneMotion) -> None:
+        self.dataset, self.motion = motion.dataset, motion
+        self.of_image = computed_once(self._detect, MAX_IMAGES)
+        """The features of an image, including those of moving objects."""
+        self.at_rest = computed_once(self._at_rest, MAX_INSTANTS)
+        """Each camera's features at rest in the image nearest to an instant."""
+
+    @property
+    def middle(self) -> dict[str, Features]:
+        """The features at rest at the middle of the session."""
+        return self.at_rest(len(self.dataset.instants_ns) // 2)
+
+    def _detect(self, camera: str, instant: int) -> Features:
+        return detect_features(self.dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
+
+    def _at_rest(self, instant: int) -> dict[str, Features]:
+        there = {name: self.dataset.instants(name) for name in self.dataset.cameras}
+        nearest = {name: min(of, key=lambda k: abs(k - instant)) for name, of in there.items() if of}
+        return {
+            name: self.of_image(name, k).at_rest(self.motion.widened_moving(name, k))
+            for name, k in nearest.items()
+        }

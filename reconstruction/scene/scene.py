@@ -1,0 +1,214 @@
+"""Scene: a session and what is known of it, chosen once: images, calibration, views, motion, features."""
+
+import threading
+from collections.abc import Callable, Container, Hashable, Mapping, Sequence
+from copy import copy
+from pathlib import Path
+from typing import Any, Self, TypeVar, cast
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.common.geometry import View
+from reconstruction.common.outputs import StageCache
+from reconstruction.scene.calibration.soundness import calibrated_views
+from reconstruction.scene.calibration.stored import choose_calibration
+from reconstruction.scene.calibration.structure_from_motion import guess_calibration
+from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.features_at_rest import SceneFeatures
+from reconstruction.scene.moving_pixels import SceneMotion
+from reconstruction.scene.pairs import PairChoice, choose_panorama_pair, choose_stereo_pair
+
+T = TypeVar("T")
+
+
+class Scene:
+    """A session, its calibration and unit, the views of its cameras, and what moves.
+
+    Nothing in it changes. What takes long is computed when it is first asked for, once.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        calibration: Calibration | None = None,
+        *,
+        stages: Path | None = None,
+        scale_error: float = 0.0,
+    ) -> None:
+        """`calibration` replaces the session's own; `stages` is the folder of the stage cache, None = none.
+
+        `scale_error` is the relative standard deviation of the calibration's
+        scale; 0 = as exact as its poses.
+        """
+        self.dataset = dataset
+        self.given = calibration or dataset.session.calibration()
+        """The calibration of the session or its rig; None if there is none."""
+        self.scale_error = scale_error
+        self.stages = StageCache(stages, dataset.fingerprint(self.given))
+        self.motion = SceneMotion(dataset, 1)
+        self.features = SceneFeatures(self.motion)
+        self._made = dict[Hashable, Any]()
+        self._lock = threading.RLock()
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return what `make` returns for a key; runs of one scene share it."""
+        with self._lock:
+            if key not in self._made:
+                self._made[key] = make()
+            return cast("T", self._made[key])
+
+    @classmethod
+    def open(cls, folder: Path, shifts_ms: Mapping[str, float] | None = None, **settings: Any) -> Self:
+        """Open a session's folder, and choose its calibration; `shifts_ms` is as in `Dataset`.
+
+        `settings` are as in the constructor.
+
+        Raises:
+            SimulshotError: the session, its images or its calibration cannot be used.
+        """
+        dataset = Dataset.open(folder, shifts_ms)
+        return cls(dataset, choose_calibration(dataset), **settings)
+
+    def calibrated(self, calibration: Calibration | None, scale_error: float = 0.0) -> "Scene":
+        """Return the same session with another calibration; None = without a change."""
+        return Scene(
+            self.dataset,
+            calibration or self.given,
+            stages=self.stages.folder,
+            scale_error=scale_error,
+        )
+
+    def staged(self, stages: Path | None) -> "Scene":
+        """Return the scene with a stage cache in a folder."""
+        return Scene(self.dataset, self.given, stages=stages, scale_error=self.scale_error)
+
+    def moving_over(self, step: int) -> "Scene":
+        """Return the scene in which moves what moves within `step` instants: for scores, not for methods."""
+
+        def make() -> Scene:
+            other = copy(self)
+            other.motion = SceneMotion(self.dataset, step)
+            other.features = SceneFeatures(other.motion)
+            return other
+
+        return self.once(("moving over", step), make)
+
+    def fitted(self, **work: Any) -> "Scene":
+        """Return the scene at a size that fits the memory budget; see `Dataset.fitted`."""
+        dataset = self.dataset.fitted(**work)
+        if dataset is self.dataset:
+            return self
+        return Scene(
+            dataset,
+            self.given,
+            stages=self.stages.folder,
+            scale_error=self.scale_error,
+        )
+
+    @property
+    def calibration(self) -> Calibration:
+        """The given calibration, else one from the images.
+
+        Raises:
+            NotAvailableError: COLMAP is required and is not installed here.
+            BadInputError: no calibration can be found.
+        """
+        return self._require()[0]
+
+    @property
+    def views(self) -> Mapping[str, View]:
+        """The views of the calibrated cameras; raises as `calibration`."""
+        return self._require()[1]
+
+    @property
+    def known_views(self) -> Mapping[str, View]:
+        """The views of the calibrated cameras; empty if no calibration can be found."""
+        return {} if self.problem else self.views
+
+    @property
+    def given_views(self) -> Mapping[str, View]:
+        """The views by the given calibration; empty if none was given."""
+        return {} if self.given is None else self.views
+
+    @property
+    def problem(self) -> str:
+        """Why no calibration can be found; empty if one is."""
+        found = self._calibrated
+        return str(found) if isinstance(found, Exception) else ""
+
+    @property
+    def source(self) -> str:
+        """Description of the calibration's source."""
+        return "none" if self.problem else self.calibration.source_words
+
+    @property
+    def unit(self) -> str:
+        """The unit of length of every depth."""
+        return "" if self.problem else self.calibration.unit
+
+    @property
+    def _calibrated(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
+        return self.once("calibrated", self._calibrate)
+
+    def _require(self) -> tuple[Calibration, dict[str, View]]:
+        found = self._calibrated
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _calibrate(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
+        try:
+            found = self.given or self.stages.record("calibration", Calibration, self._guess)
+            return found, calibrated_views(self.dataset, found)
+        except (BadInputError, NotAvailableError) as error:
+            return error
+
+    def _guess(self) -> Calibration:
+        # Every command calibrates a session by the same points at rest, whatever images it compares.
+        return guess_calibration(self.motion if self.motion.step == 1 else SceneMotion(self.dataset, 1))
+
+    def require_calibration(self) -> Calibration:
+        """Return the given calibration; raise IncompleteError if there is none."""
+        if self.given is None:
+            raise IncompleteError(
+                f"{self.dataset.name} has no calibration, which a view from elsewhere needs",
+                hint=f"reconstruct calibrate {self.dataset.session.folder}",
+            )
+        return self.given
+
+    def check_pair(self, pair: tuple[str, str] | None) -> None:
+        """Raise BadInputError if the session does not have these two different cameras."""
+        for name in pair or ():
+            self.dataset.session.camera(name)
+        if pair is not None and pair[0] == pair[1]:
+            raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
+
+    def choose_stereo_pair(
+        self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
+    ) -> PairChoice:
+        """Return the requested pair for depth, else a chosen one.
+
+        The choice (`among` some cameras) is by the points that both see around an instant.
+        """
+        for name in asked or ():
+            if name not in self.known_views:
+                return PairChoice(None, f"camera {name} has no calibration")
+        if asked is not None:
+            return PairChoice(asked, "asked for")
+        views = {name: view for name, view in self.known_views.items() if among is None or name in among}
+        return choose_stereo_pair(views, self.features.at_rest(instant))
+
+    def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
+        """Return the requested pair for a panorama, else one chosen by overlap."""
+        if asked is not None:
+            return PairChoice(asked, "asked for")
+        points = self.features.at_rest(instant)
+        return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
+
+    def moving_share(self, instants: Sequence[int]) -> float:
+        """Return the largest fraction of moving pixels of any camera, averaged over these instants."""
+        there = {c: [k for k in instants if self.dataset.has_image(c, k)] for c in self.dataset.cameras}
+        shares = {c: [self.motion.detected_moving(c, k).mean() for k in of] for c, of in there.items() if of}
+        return max((float(np.mean(of)) for of in shares.values()), default=0.0)

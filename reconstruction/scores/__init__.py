@@ -1,1 +1,0 @@
-"""Measures of a result, with their uncertainty."""

@@ -1,0 +1,46 @@
+"""Every command holds a session's calibration against its pictures before it makes anything of it."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import View
+from reconstruction.scene.calibration.consistency import upside_down
+from reconstruction.scene.calibration.stored import choose_calibration
+from reconstruction.scene.dataset import Dataset
+from tests.unit.reconstruction.conftest import Reconstruct, write_session
+from tests.unit.reconstruction.scene.calibration.test_kept_calibration import RIG, ROOM, calibration, turned
+
+Rig = dict[str, View]
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path]:
+    """The folder of the rig's session with another calibration."""
+    root = tmp_path_factory.mktemp("rigs")
+    bare: Session = write_session(root, ROOM, RIG, instants=1, calibrated=False, truth=False)
+
+    def write(views: Rig) -> Path:
+        folder = root / str(len(list(root.iterdir())))
+        shutil.copytree(bare.folder, folder)
+        (folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(views)))
+        return folder
+
+    return write
+
+
+def test_what_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path]) -> None:
+    choose_calibration(Dataset.open(calibrated({**RIG, "c": turned(RIG["c"], pitch_px=2.0)})))
+
+
+def test_of_two_cameras_either_may_be_upside_down(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    pair = {name: RIG[name] for name in "bc"}
+    session = write_session(tmp_path, ROOM, pair, instants=2, calibrated=False, truth=False)
+    views = {**pair, "c": upside_down(pair["c"])}
+    (session.folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(views)))
+    refused = reconstruct("time", session.folder)
+    assert "the pictures of b or c are upside down" in refused.complaint

@@ -1,0 +1,77 @@
+"""Bundle adjustment over boards: what pairs got wrong is mended, and misread corners do no harm."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.board.boards import DEFAULT_BOARD
+from reconstruction.common.geometry import View, other_from_reference
+from reconstruction.scene.calibration.board_calibration import Sightings, adjust_bundle
+from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, make_view
+
+RIG = {
+    "a": make_view((0, 0, 0)),
+    "b": make_view((0.15, 0.02, 0), yaw=-6),
+    "c": make_view((-0.15, -0.02, 0), yaw=6),
+}
+PLACES = DEFAULT_BOARD.places.astype(float)
+
+
+def sightings(noise_px: float) -> Sightings:
+    """Nine boards in front of the rig, as each camera sees them."""
+    rng = np.random.default_rng(3)
+    found = {}
+    for moment in range(9):
+        turn = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
+        middle = rng.uniform((-0.15, -0.12, 0.6), (0.15, 0.12, 0.9))
+        points = (PLACES - PLACES.mean(0)) @ turn.T + middle
+        for name, view in RIG.items():
+            pixels = view.project(points @ view.rotation.T + view.translation)
+            pixels = pixels + rng.normal(0, noise_px, pixels.shape)
+            inside = ((pixels > 0) & (pixels < (WIDTH, HEIGHT))).all(1)
+            if inside.sum() >= 8:
+                found[name, moment] = PLACES[inside], pixels[inside]
+    return found
+
+
+def roughly(views: dict[str, View]) -> dict[str, View]:
+    """The views as pairs may have them: lenses 2 % off, cameras turned by half a degree and moved by 5 mm."""
+    rough = {}
+    for sign, (name, view) in zip((0, 1, -1), views.items(), strict=True):
+        matrix = view.matrix * np.array([[1 + 0.02 * sign, 1, 1.01], [1, 1 + 0.02 * sign, 0.99], [1, 1, 1]])
+        turn = cv2.Rodrigues(np.radians([0.5, -0.4, 0.3]) * sign)[0]
+        move = view.translation + 0.005 * sign
+        rough[name] = replace(view, matrix=matrix, rotation=turn @ view.rotation, translation=move)
+    return rough
+
+
+def errors(found: dict[str, View], name: str) -> tuple[float, float, float]:
+    """Of a camera against the first: degrees turned, mm moved, and its focal length's share."""
+    turn, move = other_from_reference(found["a"], found[name])
+    true_turn, true_move = other_from_reference(RIG["a"], RIG[name])
+    turned = np.degrees(np.linalg.norm(cv2.Rodrigues(turn @ true_turn.T)[0]))
+    moved = 1000 * np.linalg.norm(move - true_move)
+    return float(turned), float(moved), abs(found[name].focal / RIG[name].focal - 1)
+
+
+def test_what_pairs_got_wrong_is_mended() -> None:
+    found = adjust_bundle(roughly(RIG), sightings(0.0))
+    for name in ("b", "c"):
+        assert errors(found, name) == pytest.approx((0, 0, 0), abs=1e-3)
+
+
+def test_noise_and_misread_corners_do_little_harm() -> None:
+    seen = dict(sightings(0.05))
+    for key in list(seen)[::7]:
+        places, pixels = seen[key]
+        spoiled = pixels.copy()
+        spoiled[3] += 12
+        seen[key] = places, spoiled
+    found = adjust_bundle(roughly(RIG), seen)
+    for name in ("b", "c"):
+        turned, moved, focal = errors(found, name)
+        assert turned < 0.25
+        assert moved < 5
+        assert focal < 0.01

@@ -1,0 +1,60 @@
+"""What moves is found; noise, flicker and a trembling edge are not."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_matching import track_there_and_back
+from reconstruction.scene import moving_pixels
+from reconstruction.scene.moving_pixels import detect_moving, median_background
+from tests.unit.reconstruction.conftest import Scene, make_view, texture
+
+
+def test_a_moving_board_is_found_where_it_is_now(scene: Scene) -> None:
+    view = make_view((0, 0, 0))
+    shots = [scene.look(view, k) for k in range(7)]
+    images = [image for image, _, _ in shots]
+    found = detect_moving(images[3], [images[1], images[5]], median_background(images))
+    true = shots[3][2]
+    assert (found & true).sum() > 0.6 * true.sum()
+    assert (found & ~true).sum() < 0.25 * true.sum()
+
+
+def test_noise_and_flicker_do_not_move() -> None:
+    rng = np.random.default_rng(5)
+    still = texture(9)[:240, :320].astype(float)
+    images = [
+        np.clip(still + rng.normal(0, 3, still.shape) + 10 * (k % 2), 0, 255).astype(np.uint8)
+        for k in range(6)
+    ]
+    assert not detect_moving(images[2], [images[1], images[4]], median_background(images)).any()
+
+
+def test_a_trembling_camera_does_not_move_its_edges() -> None:
+    bars = np.zeros((120, 160), np.uint8)
+    bars[:, 40:80] = 220
+    trembling = bars.astype(float)
+    trembling[:, 40] = 150
+    images = [bars, trembling.astype(np.uint8), bars, bars]
+    assert not detect_moving(images[1], [images[0], images[2]], median_background(images)).any()
+
+
+def test_large_images_are_tracked_small_and_their_motion_told_in_their_own_pixels(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = []
+
+    def tracked(before: Array, *arguments: Any) -> Any:
+        seen.append(before.shape)
+        return track_there_and_back(before, *arguments)
+
+    monkeypatch.setattr(moving_pixels, "track_there_and_back", tracked)
+    rng = np.random.default_rng(6)
+    wide = cv2.resize(rng.integers(0, 255, (90, 170)).astype(np.uint8), (1360, 720))
+    motions = moving_pixels._cell_motions(wide[:, :1280], wide[:, 12:1292])
+    assert seen == [(360, 640)]
+    assert len(motions) > 10
+    assert np.median(motions) == pytest.approx(12, abs=0.3)

@@ -1,0 +1,35 @@
+"""What a session's record says of its timing, where nobody knows how late a camera's stamps are."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from capture_app.session.writing.session_writer import SessionWriter
+from reconstruction.scene.dataset import Dataset
+from tests.unit.reconstruction.conftest import HEIGHT, WIDTH, finish_session
+from tests.unit.session.conftest import edit_manifest
+
+
+def test_pictures_are_no_nearer_to_their_instants_than_their_stamps_are_known(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "small")
+    data = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
+    for camera, residual_ns in (("left", 4_000), ("right", -9_000)):
+        writer.add_image(
+            data,
+            camera=camera,
+            instant=0,
+            suffix=".png",
+            uncertainty_ns=20_000,
+            hard_bound_ns=250_000,
+            leader_ns=residual_ns,
+            residual_ns=residual_ns,
+        )
+    session = finish_session(writer, ("left", "right"), 1)
+    known = Dataset.open(session.folder)
+    assert (known.worst_residual_us(), known.worst_hard_bound_us()) == (9, 250)
+    stamp = {"bias_ns": 21_000_000, "uncertainty_ns": 21_000_000, "source": "assumed"}
+    edit_manifest(session, lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp))
+    edit_manifest(session, lambda manifest: manifest["images"][0].update(hard_bound_ns=None))
+    unsure = Dataset.open(session.folder)
+    assert (unsure.worst_residual_us(), unsure.worst_hard_bound_us()) == (21_004, None)

@@ -88,7 +88,12 @@ class TryAgainError(BadInputError):
 
 
 class DamagedImageError(BadInputError):
-    """Image that was damaged before it was sent: the sending node reports it as missing."""
+    """Images that were damaged before they were sent: the sending node reports them as missing."""
+
+    def __init__(self, what: str, *, hint: str = "", instants: tuple[int, ...] = ()) -> None:
+        """`instants` are the damaged ones of several images that were sent together."""
+        super().__init__(what, hint=hint)
+        self.instants = instants
 
 
 class UnwantedImageError(BadInputError):

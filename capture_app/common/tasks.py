@@ -28,8 +28,8 @@ async def first_of(*work: Coroutine[Any, Any, T]) -> T:
     return next(task for task in tasks if task in ended).result()
 
 
-async def has_come(event: asyncio.Event, within_s: float) -> bool:
-    """Wait up to `within_s` for an event; return whether it is set."""
+async def has_come(event: asyncio.Event, within_s: float | None) -> bool:
+    """Wait up to `within_s` (None: forever) for an event; return whether it is set."""
     with suppress(TimeoutError):
         async with asyncio.timeout(within_s):
             await event.wait()

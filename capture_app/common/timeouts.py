@@ -39,6 +39,8 @@ JOIN_TIMEOUT_S = 10.0
 # Bursts
 CAMERA_DISCONNECTED_NS = 10_000_000_000
 """A camera has no stream open: the burst goes on without it."""
+ALL_DISCONNECTED_NS = 3_600_000_000_000
+"""All cameras of a recording or a long burst are silent, as their network is down: it ends."""
 CAMERA_DISCONNECTED_AGAIN_NS = 2_000_000_000
 """The same for a camera that was silent in the burst before."""
 CAMERA_STALLED_NS = 180_000_000_000

@@ -32,6 +32,7 @@ from capture_app.trust.known_machines import KnownMachine
 """Maximum duration of a recording, and of any wait."""
 EventField = Annotated[str, Meta(max_length=40)]
 EventValue = TimeNs | Real | Sentence | bool | None
+MAX_PART_FRAMES = 256
 MAX_EVENTS = 200
 """Maximum number of events in a report."""
 
@@ -112,6 +113,47 @@ class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
         """Name of the camera."""
         return self.record.camera
 
+    @property
+    def bytes(self) -> int:
+        """Length of the payload."""
+        return self.record.bytes + self.truth_bytes - self.offset
+
+    @property
+    def sha256(self) -> str:
+        """Checksum by which the image is acknowledged."""
+        return self.record.sha256
+
+
+class FilmPart(Message, frozen=True, kw_only=True, tag="film-part"):
+    """Frames of a camera's recording; the payload is their bytes, one after the other."""
+
+    frames: Annotated[tuple[ImageUpload, ...], Meta(min_length=1, max_length=MAX_PART_FRAMES)]
+
+    @property
+    def leader(self) -> int:
+        """Id of the leader's run that ordered the recording."""
+        return self.frames[0].leader
+
+    @property
+    def burst(self) -> int:
+        """Number of the recording in that run."""
+        return self.frames[0].burst
+
+    @property
+    def camera(self) -> str:
+        """Name of the camera."""
+        return self.frames[0].camera
+
+    @property
+    def bytes(self) -> int:
+        """Length of the payload."""
+        return sum(frame.bytes for frame in self.frames)
+
+    @property
+    def sha256(self) -> str:
+        """Checksum by which it is acknowledged, which is that of its last frame."""
+        return self.frames[-1].sha256
+
 
 class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
     """Free space of a node's spool, in bytes."""
@@ -125,7 +167,7 @@ class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
 
 
 class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
-    """Acknowledgement that an image is stored on the leader's disk."""
+    """Acknowledgement that an image, or a part of a recording, is stored on the leader's disk."""
 
     sha256: str | None = None
     """None: the disk is slow to store the images received; the answer to each follows."""
@@ -150,6 +192,8 @@ class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     receipts: tuple[ImageReceipt, ...] = ()
     requested: tuple[Count, ...] | None = None
     """Instants to send; None: all."""
+    end: Count | None = None
+    """Of a streamed burst, its number of instants: frames after its end are not needed."""
     undecided: bool = False
     """Whether `requested` still depends on reports of other cameras: ask again."""
     proof: Proof | None = None
@@ -167,6 +211,8 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     """Whether to ask again: a disk is full, or a burst was closed and can be opened again."""
     forget: bool = False
     """Whether the burst was cancelled, so that its data may be deleted."""
+    damaged: tuple[Count, ...] = ()
+    """Instants of the damaged frames of a part; its other frames are to be sent again."""
     proof: Proof | None = None
     """Signature of the rig's leader, for a node below a relay."""
 
@@ -179,6 +225,7 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
             error=type(error).__name__,
             retry=isinstance(error, errors.DiskError | errors.TryAgainError | errors.NetworkError),
             forget=isinstance(error, errors.UnwantedImageError),
+            damaged=error.instants if isinstance(error, errors.DamagedImageError) else (),
         )
 
     def as_error(self) -> SimulshotError:
@@ -238,6 +285,7 @@ ToLeader = (
     NodeStream
     | CameraReport
     | ImageUpload
+    | FilmPart
     | SpoolSpace
     | FromViewfinder
     | KeyRequest

@@ -16,6 +16,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         messages.NodeStream,
         messages.CameraReport,
         messages.ImageUpload,
+        messages.FilmPart,
         messages.SpoolSpace,
         orders.CameraHealth,
         orders.ControlsAnswer,

@@ -47,9 +47,6 @@ SOUND_ERROR_NS = 30_000_000
 """Maximum error of the time of sound: a microphone's block arrives up to some ms late."""
 MAX_OVERRUN_S = 3.0
 """Time within which a recording is over once its operator has ended it."""
-RECORDINGS_OUTLIVE_CUTS = False
-"""Whether a recording goes on until its operator ends it though all its cameras were cut off. Set it to True
-once issue 77 (W1) is mended: then only faults of the leader excuse a recording that is too short."""
 
 Sessions = Mapping[tuple[int, int], "Saved"]
 """Sessions by the key of their burst."""
@@ -179,8 +176,10 @@ def _confirmed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         *of_burst, camera, instant = image
         key = (of_burst[0], of_burst[1])
         of, saved = bursts.get(key), sessions.get(key)
-        # Frames after the end of a recording that ended early are confirmed, and in nobody's way.
-        if camera in rig.plan.liars or instant >= frames.get(key, instant + 1):
+        if camera in rig.plan.liars:
+            continue
+        # After an operator has ended a recording its nodes may delete later frames, unconfirmed.
+        if what != "confirmed" and instant >= frames.get(key, instant + 1):
             continue
         # Of a take that is cancelled, only what had arrived is saved.
         if (
@@ -274,6 +273,17 @@ def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | Non
     )
 
 
+def _is_unheard(rig: VirtualRig, of: OrderedBurst) -> bool:
+    """Return whether a fault of each of its cameras, or their relay, lasted when a burst was ordered."""
+    unheard = {
+        span.target
+        for span in rig.evidence.spans
+        if span.from_ns <= of.ordered_ns + 1e9 and span.until_ns + AFTER_S * 1e9 >= of.ordered_ns
+    }
+    below = {*rig.plan.behind_relay} if "relay" in unheard else set[str]()
+    return {*of.burst.clients} <= unheard | below
+
+
 def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     """A recording goes on until its operator or its order ends it, and not much longer."""
     for of, _, manifest in _judged(rig, sessions):
@@ -284,8 +294,12 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         ordered_ns = int(of.clock.true_from_local(of.burst.instants_ns[-1]))
         # Every camera may have dropped its last frame.
         ends_ns = ordered_ns - 2 * of.burst.period_ns if asked_ns is None else min(asked_ns, ordered_ns)
-        cameras = () if RECORDINGS_OUTLIVE_CUTS else of.burst.clients
-        if _befell(rig, of, *cameras, ends_ns=ends_ns) or not {*of.burst.clients} - {*rig.plan.liars}:
+        # A cut of all its cameras is no excuse, unless none of them can have learned of it.
+        if (
+            _befell(rig, of, ends_ns=ends_ns)
+            or _is_unheard(rig, of)
+            or not {*of.burst.clients} - {*rig.plan.liars}
+        ):
             continue
         last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns
         if last_ns < ends_ns:

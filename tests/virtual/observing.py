@@ -14,7 +14,7 @@ from capture_app.node import joining
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.burst_upload import SpoolFolder, Upload
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.protocol.messages import CameraReport, ImageUpload
+from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload
 from capture_app.rig import rig_time
 from capture_app.sync.phase import frame_line
 from capture_app.sync.timekeeping import poll_schedule
@@ -84,7 +84,7 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
 
     def confirming(upload: Upload, stored: Any) -> Any:
         report = upload.report
-        for image in upload.images:
+        for image in upload.images.values():
             instant, sha256 = image.record.instant, image.record.sha256
             if stored.get(instant) == sha256:
                 key = report.leader, report.burst, report.camera, instant
@@ -111,7 +111,7 @@ def _lies(rig: "VirtualRig") -> contextlib.AbstractContextManager[Any]:
         lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
         if isinstance(message, CameraReport):
             reported[channel] = message
-        while lie == "silent" and isinstance(message, ImageUpload):
+        while lie == "silent" and isinstance(message, ImageUpload | FilmPart):
             # It says again and again what it has, and sends nothing of it.
             await asyncio.sleep(5)
             await send(channel, reported[channel])

@@ -258,9 +258,9 @@ FAULTS: dict[str, Fault] = {
     "sent-is-safe": Fault(
         "a node deletes an image when it is sent instead of when it is acknowledged",
         "capture_app/node/camera/uploader.py",
-        "memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S\n        )\n",
-        "memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S\n        )\n"
-        "        await _delete(burst.confirm({image.record.instant: image.record.sha256}))\n",
+        "        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n",
+        "        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n"
+        "        await _delete(burst.confirm({image.record.instant: image.sha256 for image in images}))\n",
         _befalls((*_ENDS, "cut"), "lead"),
     ),
     "retry": Fault(

@@ -303,8 +303,10 @@ class VirtualRig:
         return [
             str(path.relative_to(root))
             for name in honest
-            for path in (self.world.disks.of(name).folder / "spool").rglob("*.jpg")
-            if path.parent.name in answered and path.parent.name.split("-")[0] not in runs
+            for path in (self.world.disks.of(name).folder / "spool").rglob("*")
+            if path.suffix in (".jpg", ".film")
+            and path.parent.name in answered
+            and path.parent.name.split("-")[0] not in runs
         ]
 
     def _open_bursts(self) -> list[str]:
@@ -487,7 +489,8 @@ class VirtualRig:
         if step.kind == "series":
             options = {"frames": 3, "repeat": round(step.value), "every_s": step.seconds}
         elif step.kind == "recording":
-            options = {"video": True}
+            # A value is the ordered length in s; else the operator ends it after the step's seconds.
+            options = {"video": True, "seconds": step.value or None}
         plan = TakePlan(wait_ready_s=5, **options)
         self.world.within(desk, lambda: self._do(self._take(step, plan)))
 
@@ -502,7 +505,7 @@ class VirtualRig:
                 if isinstance(event, Progress):
                     take.status = event.status
                     received[event.number] = event.status.received if event.status.done else 0
-                if isinstance(event, Begun) and step.kind == "recording":
+                if isinstance(event, Begun) and step.kind == "recording" and step.seconds:
                     self.world.loop.call_later(step.seconds, lambda: self._soon(self._end(taking)))
                 if isinstance(event, Begun) and step.kind == "cancel":
                     self._soon(self._cancel(taking))

@@ -4,7 +4,7 @@ import asyncio
 import dataclasses
 import functools
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,9 +22,13 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
-from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS
+from capture_app.common.timeouts import (
+    AFTER_LAST_INSTANT_NS,
+    ALL_DISCONNECTED_NS,
+    CAMERA_DISCONNECTED_NS,
+)
 from capture_app.node.burst.camera_delivery import CameraDelivery
-from capture_app.node.burst.intake import Intake, known, on_disk
+from capture_app.node.burst.intake import Intake, on_disk
 from capture_app.node.burst.plans import (
     Absent,
     InstantChoice,
@@ -38,7 +42,7 @@ from capture_app.node.burst.plans import (
     settled,
     size_problem,
 )
-from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
+from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
@@ -88,10 +92,12 @@ class BurstSession:
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.failure: SimulshotError | None = None
         """Error that kept the session from being written."""
-        self.order_end: Callable[[], Awaitable[None]] | None = None
-        """Order the cameras to end a streamed burst now; calls `end`."""
-        self._is_broken_off = False
-        """An error of the disk has ended it: cameras have frames until the end that were not saved."""
+        self.order_end: Callable[[], int] | None = None
+        """Order the cameras to end a streamed burst now, and return the number of instants until then."""
+        self._broken_off: int | None = None
+        """Number of instants until an error of the disk ended it: its cameras have frames of all of them."""
+        self._is_closing = False
+        """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
         self._is_of_this_run = lost is None
         self._now_ns = 0
@@ -189,7 +195,7 @@ class BurstSession:
         A finished session that was opened again, as its images still arrive, is not done.
         """
         done = self.finished.is_set()
-        instants = self._recorded_instants if self.burst.video else self.burst.frames
+        instants = self._recorded_instants
         parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
         parts |= {name: (0, why) for name, why in self._absent.items()}
         transfer = tuple(
@@ -289,7 +295,11 @@ class BurstSession:
         delivery, plan = self._delivery(report.plan.camera.name), report.plan
         if self.burst.streamed:
             # The camera may have learned late that the burst ends earlier.
-            plan = replace(plan, instants=tuple(n for n in plan.instants if n < self.burst.frames))
+            plan = replace(
+                plan,
+                instants=tuple(n for n in plan.instants if n < self.burst.frames),
+                missing=tuple(gap for gap in plan.missing if gap.instant < self.burst.frames),
+            )
         else:
             # A node that was killed has lost some; only spare instants may still be to come.
             plan = settled(plan, self.burst.frames)
@@ -319,9 +329,20 @@ class BurstSession:
         self.trouble = ""
         if not await has_come(self._choice.committed, wait_s):
             return ReportAck(undecided=True)
-        receipts = await on_disk(self._disk, delivery.receipts, self._writer, self._choice)
+        receipts = await on_disk(
+            self._disk, delivery.receipts, self._writer, self._choice, reported_only=self.burst.streamed
+        )
         await self.finish_if_complete()
-        return ReportAck(receipts=receipts, requested=self._choice.requested)
+        end = self.burst.frames if self.burst.streamed else None
+        return ReportAck(receipts=receipts, requested=self._choice.requested, end=end)
+
+    async def take(
+        self, images: ImageUpload | FilmPart, payload: AsyncIterator[bytes], now_ns: int
+    ) -> "asyncio.Future[str]":
+        """Receive an image or a part of a recording; see `take_image` and `take_part`."""
+        if isinstance(images, FilmPart):
+            return await self.take_part(images, payload, now_ns)
+        return await self.take_image(images, payload, now_ns)
 
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
@@ -332,26 +353,11 @@ class BurstSession:
         TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
         full disk ends the burst.
         """
-        if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            # The node learned late that the burst ends earlier, perhaps after it was saved.
-            return known(upload.record.sha256)
-        self._intake.check_open()
-        instant = upload.record.instant
-        number, suffix = self._choice.number(instant), check_image_path(upload.record)
-        delivery = self._delivery(upload.camera)
-        upload = replace(
-            upload,
-            record=replace(
-                upload.record,
-                instant=number,
-                path=image_path(upload.camera, number, suffix),
-                # A node that was started again during a recording did not know how late its frames are.
-                late=delivery.plan.camera.is_late(upload.record.residual_ns),
-            ),
-        )
-        if problem := size_problem(upload, delivery.plan.camera.facts):
-            await self.give_up_camera(delivery.name, problem.what)
-            raise problem
+        if self.burst.video:
+            return await self.take_part(FilmPart(frames=(upload,)), payload, now_ns)
+        instant, delivery = upload.record.instant, self._delivery(upload.camera)
+        upload = await self._expected(upload)
+        number = upload.record.instant
         if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:
@@ -363,17 +369,74 @@ class BurstSession:
         except DiskError as error:
             self._background.start(self._break_off(error))
             raise
-        saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
+        saving.add_done_callback(functools.partial(self._note_saved, delivery, (number,)))
         delivery.note_heard(now_ns)
         return saving
 
-    def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
+    async def take_part(
+        self, part: FilmPart, payload: AsyncIterator[bytes], now_ns: int
+    ) -> "asyncio.Future[str]":
+        """Receive a part of a recording; the returned future yields its checksum once it is on disk.
+
+        Raises as `take_image`, and TryAgainError for a frame in whose place there is another one.
+        """
+        if not self.burst.video or len({(of.leader, of.burst, of.camera) for of in part.frames}) > 1:
+            raise BadInputError(f"{part.camera} sent parts of a recording that is not one")
+        delivery, facts = self._delivery(part.camera), self._delivery(part.camera).plan.camera.facts
+        part = FilmPart(frames=tuple([await self._expected(upload) for upload in part.frames]))
+        for upload in part.frames:
+            number = upload.record.instant
+            if number in delivery.instants:
+                saved = await on_disk(self._disk, self._writer.image, part.camera, number)
+                if saved is not None and saved.sha256 != upload.sha256:
+                    raise TryAgainError(f"{part.camera} sent another image of instant {number} before")
+        try:
+            saving = await self._intake.receive_part(part, payload, (facts.width, facts.height))
+        except DamagedImageError as error:
+            for instant in error.instants:
+                delivery.note_damaged(instant, error.what)
+            raise
+        except DiskError as error:
+            self._background.start(self._break_off(error))
+            raise
+        numbers = [upload.record.instant for upload in part.frames]
+        saving.add_done_callback(functools.partial(self._note_saved, delivery, numbers))
+        delivery.note_heard(now_ns)
+        return saving
+
+    async def _expected(self, upload: ImageUpload) -> ImageUpload:
+        """Return an upload as its session stores it, with its number there. Raises as `take_image`."""
+        self._intake.check_open()
+        if self.burst.streamed and upload.record.instant >= self.burst.frames:
+            # The node learns from the answer to its next report that it may delete the frame.
+            raise TryAgainError(f"burst {self.burst.number} has ended before instant {upload.record.instant}")
+        number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
+        delivery = self._delivery(upload.camera)
+        if problem := size_problem(upload, delivery.plan.camera.facts):
+            await self.give_up_camera(delivery.name, problem.what)
+            raise problem
+        return replace(
+            upload,
+            record=replace(
+                upload.record,
+                instant=number,
+                path=image_path(upload.camera, number, suffix),
+                # A node that was started again during a recording did not know how late its frames are.
+                late=delivery.plan.camera.is_late(upload.record.residual_ns),
+            ),
+        )
+
+    def _note_saved(
+        self, delivery: CameraDelivery, numbers: Iterable[int], saved: "asyncio.Future[str]"
+    ) -> None:
         if saved.cancelled():
             return
         if (error := saved.exception()) is None:
-            delivery.instants.add(number)
+            for number in numbers:
+                delivery.instants.add(number)
             # Acknowledged before the session is finished, which takes the disk some time.
-            self._background.start(self.finish_if_complete())
+            if self._may_finish():
+                self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
             self._background.start(self._break_off(error))
 
@@ -423,9 +486,8 @@ class BurstSession:
 
     async def _break_off(self, error: DiskError) -> None:
         """Finish after an error of the disk; a streamed burst ends now. Its cameras keep what is missing."""
-        if self.order_end is not None and not self._is_broken_off:
-            self._is_broken_off = True
-            await self.order_end()
+        if self.order_end is not None and self._broken_off is None:
+            self._broken_off = self.order_end()
         await self.finish_now(
             "the leader's disk is full"
             if isinstance(error, DiskFullError)
@@ -486,6 +548,7 @@ class BurstSession:
 
         Without any image, a session is made only if `silent`: the cameras may still have their images.
         """
+        self._is_closing = True
         for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
@@ -502,6 +565,12 @@ class BurstSession:
             except SimulshotError as error:
                 self.failure = error
                 self.message = f"{error}; then: capture-app sessions repair {self.folder}"
+                if not self.folder.exists():
+                    self.failure = BadInputError(
+                        f"{self.folder} was removed while it was being written",
+                        hint="its cameras keep the images that were not saved before",
+                    )
+                    self.message = str(self.failure)
                 await on_disk(self._disk, self._writer.abort)
             self.finished.set()
 
@@ -517,9 +586,27 @@ class BurstSession:
                 self.finished.set()
 
     def _may_finish(self) -> bool:
-        return not self.finished.is_set() and all(
-            delivery.is_complete(self._choice) for delivery in self._deliveries.values()
+        return (
+            not self.finished.is_set()
+            and all(delivery.is_complete(self._choice) for delivery in self._deliveries.values())
+            and not self._awaited
         )
+
+    @property
+    def _awaited(self) -> list[CameraDelivery]:
+        """Silent cameras of a streamed burst for which it stays open, as they take frames until its end.
+
+        While no other camera takes any, what these share has failed, such as an access point. They bring
+        their frames when it is back.
+        """
+        deliveries = self._deliveries.values()
+        silent = [of for of in deliveries if of.silent]
+        if not self.burst.streamed or self._lost is not None or self._is_closing or not silent:
+            return []
+        waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
+        until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS
+        is_open = all(of.is_complete(self._choice) for of in deliveries)
+        return silent if is_open and self._now_ns < min(self._ends_ns + waits_ns, until_ns) else []
 
     def _finish(self) -> Path | None:
         """Write the manifest with the images received so far, and return the session's folder.
@@ -528,7 +615,7 @@ class BurstSession:
         records contradict each other, DiskFullError.
         """
         choice, writer, deliveries = self._choice, self._writer, self._deliveries.values()
-        if self.burst.video:
+        if self._recorded_instants < self.burst.frames:
             choice = InstantChoice(
                 dataclasses.replace(
                     self.burst, instants_ns=self.burst.instants_ns[: max(1, self._recorded_instants)]
@@ -559,11 +646,11 @@ class BurstSession:
 
     @property
     def _recorded_instants(self) -> int:
-        """Length of a recording in instants: unless it was broken off, as many as any camera has sent."""
-        if self._is_broken_off:
+        """Length in instants: of a recording, or what was broken off, as many as any camera has taken."""
+        if not self.burst.video and self._broken_off is None:
             return self.burst.frames
         ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
-        return min(self.burst.frames, max(ends, default=0))
+        return min(self.burst.frames, max(self._broken_off or 0, *ends))
 
     def _passed(self, now_ns: int) -> int:
         """Return the largest number of instants that a camera can have seen by now.
@@ -601,6 +688,11 @@ class BurstSession:
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
+        if awaited := self._awaited:
+            names = ", ".join(sorted(of.name for of in awaited))
+            whom = "all cameras" if len(awaited) == len(self._deliveries) else names
+            silent_s = (self._now_ns - max(of.heard_ns for of in awaited)) // 10**9
+            return f"waiting for {whom}, {silent_s} s; they keep their pictures"
         late = [of for _, of in sorted(self._deliveries.items()) if not of.is_complete(self._choice)]
         unreported = [of.name for of in late if not of.reported_plan]
         if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):

@@ -129,13 +129,16 @@ class CameraDelivery:
             missing=(*(other for other in self.plan.missing if other.instant != instant), gap),
         )
 
-    def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
+    def receipts(
+        self, writer: SessionWriter, choice: InstantChoice, *, reported_only: bool
+    ) -> tuple[ImageReceipt, ...]:
         """Return receipts of its images, complete or partial, numbered as ordered. Blocks on the disk.
 
-        Of images that are sent as they are captured, only those count that the camera reports it still has.
+        `reported_only`: of a streamed burst, which may have very many images, only of those that the camera
+        reports it still has.
         """
-        chosen, plan = choice.chosen or (), self.plan
-        asked = self.instants & {*plan.instants} if plan.picking or plan.picked is not None else self.instants
+        chosen = choice.chosen or ()
+        asked = self.instants & {*self.plan.instants} if reported_only else self.instants
         images = [writer.image(self.name, instant) for instant in sorted(asked)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)

@@ -15,7 +15,7 @@ from typing import ParamSpec, TypeVar
 
 from capture_app.common.errors import DamagedImageError, NetworkError, TryAgainError
 from capture_app.common.names import is_name
-from capture_app.protocol.messages import ImageReceipt, ImageUpload
+from capture_app.protocol.messages import FilmPart, ImageReceipt, ImageUpload
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import PART
 from capture_app.session.format.manifest import ImageRecord
@@ -26,6 +26,8 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
 DISK_THREADS = 8
+SYNC_EVERY_S = 0.25
+"""Interval at which videos are synced: a node keeps its frames for as long, and more."""
 MAX_BATCH = 128
 """Maximum number of images per sync: the first of them waits for the last."""
 
@@ -120,15 +122,26 @@ class PartialImage:
         raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
 
 
-def whole_frame(upload: ImageUpload, chunks: Iterable[bytes], size: Size) -> bytes:
-    """Join a video's frame and verify it, which takes time for a large one. Raises as `split_off_truth`."""
-    data, record = b"".join(chunks), upload.record
-    whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
-    if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
-        raise damaged(record)
-    if wrong := damage(data, size):
-        raise DamagedImageError(f"its image is damaged: {wrong}")
-    return data
+def check_frames(part: FilmPart, data: memoryview, size: Size) -> list[StoredImage]:
+    """Return a part's frames with their bytes, which takes time for large ones.
+
+    `size` is that of the camera's images, px. Raises TryAgainError for frames that were damaged on their way,
+    DamagedImageError for those that were damaged before.
+    """
+    frames, end = [], 0
+    wrong: dict[int, str] = {}
+    for upload in part.frames:
+        begin, end = end, end + upload.record.bytes
+        if hashlib.sha256(data[begin:end]).hexdigest() != upload.record.sha256:
+            raise damaged(upload.record)
+        frames.append(StoredImage(upload.record, data[begin:end], true_ns=upload.true_ns))
+        if reason := damage(bytes(data[begin:end]), size):
+            wrong[upload.record.instant] = reason
+    if wrong:
+        raise DamagedImageError(
+            f"its image is damaged: {', '.join(sorted({*wrong.values()}))}", instants=tuple(wrong)
+        )
+    return frames
 
 
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
@@ -165,6 +178,9 @@ class Intake:
         self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
         """Images in order of arrival, each with its arrival time, by their futures."""
         self._work: asyncio.Task[None] | None = None
+        self._unsynced: dict[asyncio.Future[str], tuple[FilmPart, float]] = {}
+        """Parts of videos that are not safe yet, each with its arrival time, by their futures."""
+        self._syncing: asyncio.Task[None] | None = None
 
     def find(self, camera: str, instant: int) -> "asyncio.Future[str] | None":
         """Return the future checksum of an image that is saved or being saved; None for any other image."""
@@ -173,7 +189,9 @@ class Intake:
 
     def is_saving(self, camera: str) -> bool:
         """Return whether an image of that camera is being saved."""
-        return any(of == camera for of, _ in self._saving)
+        return any(of == camera for of, _ in self._saving) or any(
+            part.camera == camera for part, _ in self._unsynced.values()
+        )
 
     def arrived_bytes(self, camera: str) -> int:
         """Return the number of bytes received of that camera's images."""
@@ -193,15 +211,6 @@ class Intake:
         DamagedImageError for one that was damaged before, DiskError.
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
-        if self._burst.video:
-            chunks = [chunk async for chunk in declared(upload, payload)]
-            data = await on_disk(self._disk, whole_frame, upload, chunks, size)
-            async with self._writing[camera]:
-                self.check_open()
-                if (others := self.find(camera, instant)) is not None:
-                    return others
-                self._video_bytes[camera] += len(data)
-                return self.add(StoredImage(record, data, true_ns=upload.true_ns))
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):
             async with self.interrupted(camera):
@@ -223,6 +232,58 @@ class Intake:
                 await asyncio.wait([saving])
             return saving
 
+    async def receive_part(
+        self, part: FilmPart, payload: AsyncIterator[bytes], size: Size
+    ) -> "asyncio.Future[str]":
+        """Append a part of a video; the returned future yields its checksum once it is safe.
+
+        `size` is that of the camera's images, px. Raises TryAgainError for frames damaged on their way, or
+        once the burst is over; DamagedImageError for frames that were damaged before, DiskError.
+        """
+        data = b"".join([chunk async for chunk in declared(part, payload)])
+        if len(data) != part.bytes:
+            raise damaged(part.frames[0].record)
+        async with self._writing[part.camera]:
+            self.check_open()
+
+            def append() -> None:
+                frames = check_frames(part, memoryview(data), size)
+                self._writer.append_frames(part.camera, frames)
+
+            await on_disk(self._disk, append)
+            self._video_bytes[part.camera] += len(data)
+            loop = asyncio.get_running_loop()
+            saved: asyncio.Future[str] = loop.create_future()
+            self._unsynced[saved] = part, loop.time()
+            saved.add_done_callback(self._unsynced.pop)
+        if self._syncing is None:
+            self._syncing = asyncio.create_task(self._sync_videos())
+        return saved
+
+    async def _sync_videos(self) -> None:
+        """Sync what was appended to the videos, at intervals, until nothing more is."""
+        try:
+            while self._unsynced:
+                parts = {saved: part for saved, (part, _) in self._unsynced.items()}
+                cameras = list(dict.fromkeys(part.camera for part in parts.values()))
+                errors = await asyncio.gather(
+                    *(on_disk(self._disk, self._writer.sync_frames, camera) for camera in cameras),
+                    return_exceptions=True,
+                )
+                error_of = dict(zip(cameras, errors, strict=True))
+                for saved, part in parts.items():
+                    error = error_of[part.camera]
+                    # The caller of one that is done no longer waits.
+                    if error is not None and not saved.done():
+                        saved.set_exception(error)
+                    elif not saved.done():
+                        saved.set_result(part.sha256)
+                await asyncio.sleep(SYNC_EVERY_S)
+        finally:
+            for saved in tuple(self._unsynced):
+                saved.cancel()
+            self._syncing = None
+
     @asynccontextmanager
     async def interrupted(self, camera: str) -> AsyncIterator[None]:
         """Block a camera's writes within the block, and end the image that is being received.
@@ -240,8 +301,8 @@ class Intake:
         async with AsyncExitStack() as stack:
             for writing in self._writing.values():
                 await stack.enter_async_context(writing)
-            while self._saving:
-                await asyncio.wait(self._saving.values())
+            while unsafe := {*self._saving.values(), *self._unsynced}:
+                await asyncio.wait(unsafe)
             yield
 
     def add(self, image: StoredImage) -> "asyncio.Future[str]":
@@ -260,16 +321,15 @@ class Intake:
     def waiting(self) -> tuple[int, float]:
         """Return the number of images waiting for the disk, and how long the first one has waited, s."""
         now_s = asyncio.get_running_loop().time()
-        since_s = next((since_s for _, since_s in self._waiting.values()), now_s)
-        return len(self._waiting), now_s - since_s
+        began_s = [since_s for _, since_s in (*self._waiting.values(), *self._unsynced.values())]
+        frames = sum(len(part.frames) for part, _ in self._unsynced.values())
+        return len(self._waiting) + frames, now_s - min(began_s, default=now_s)
 
     async def _save_all(self) -> None:
         try:
             while self._waiting:
                 batch = {saved: image for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)}
-                errors = await on_disk(
-                    self._disk, self._writer.save, [*batch.values()], in_videos=self._burst.video
-                )
+                errors = await on_disk(self._disk, self._writer.save, [*batch.values()])
                 for (saved, image), error in zip(batch.items(), errors, strict=True):
                     del self._waiting[saved]
                     # The caller of one that is done no longer waits.
@@ -288,9 +348,9 @@ class Intake:
             raise TryAgainError(f"burst {self._burst.number} is over")
 
 
-async def declared(upload: ImageUpload, payload: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+async def declared(upload: ImageUpload | FilmPart, payload: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
     """Yield a payload as it arrives. Raises NetworkError before the first byte beyond its declared size."""
-    left = upload.record.bytes + upload.truth_bytes - upload.offset
+    left = upload.bytes
     async for chunk in payload:
         if (left := left - len(chunk)) < 0:
             raise NetworkError(f"{upload.camera} sent more bytes of an image than it declared")

@@ -94,22 +94,27 @@ class ResumedBursts:
             session = Session.open(folder)
         except SimulshotError:
             return None
-        records = [record for record in session.manifest.images if record.camera == camera]
         instants = session.manifest.burst.instants_ns
         # A recording that was cut off is shorter than ordered: the camera may have more of it.
-        chosen = plan.chosen or range(len(instants) if plan.streamed is None else plan.streamed.count)
-        reported = tuple(n for n in report.plan.instants if n in chosen)
-        if report.plan.picking or not {*reported} <= {chosen[record.instant] for record in records}:
+        end = None if plan.streamed is None else plan.streamed.count
+        chosen = plan.chosen or range(len(instants) if end is None else end)
+        reported = {n for n in report.plan.instants if n in chosen}
+        records = [
+            record
+            for record in session.manifest.images
+            if record.camera == camera and (end is None or record.instant in reported)
+        ]
+        if report.plan.picking or not reported <= {chosen[record.instant] for record in records}:
             return None
         if not all(session.image_file(record).is_file() for record in records):
             return None
-        requested = tuple(chosen) if plan.spare else None if plan.streamed is None else reported
         return ReportAck(
             receipts=tuple(
                 ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
                 for r in records
             ),
-            requested=requested,
+            requested=tuple(chosen) if plan.spare else None,
+            end=end,
         )
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:

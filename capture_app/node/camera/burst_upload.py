@@ -4,6 +4,7 @@ SPOOL/<camera>/<leader>-<burst>/
   report.json       the node's report of the burst, as sent to the leader
   journal.ndjson    a line per image: the header that it is sent with
   <instant>.jpg     the image, followed by a simulated camera's ground truth
+  <number>.film     instead of both, the frames of a recording: see `film_spool`
 """
 
 import hashlib
@@ -14,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Self
 
@@ -25,7 +27,8 @@ from capture_app.common.bounds import cut
 from capture_app.common.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
 from capture_app.common.names import check_name
 from capture_app.common.text import UNREADABLE
-from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.node.camera.film_spool import SpooledFilm
+from capture_app.protocol.messages import MAX_PART_FRAMES, CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
 from capture_app.session.files.durable import PART, AppendOnlyFile, make_folders, sync_all, write_atomic
 from capture_app.session.files.locks import lock_folder
@@ -45,6 +48,8 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30
 """Free space to report, in bytes, while memory replaces the spool."""
+PART_BYTES = 2 << 20
+"""Length of the parts in which a recording is sent."""
 TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
 
 
@@ -58,6 +63,8 @@ class SpoolFolder:
         self.folder = folder
         self._changing = threading.Lock()
         self._is_removed = False
+        self.film = SpooledFilm(folder)
+        """Frames of a recording."""
 
     def image_file(self, image: ImageUpload) -> Path:
         """Return the path of an image's file in this folder."""
@@ -86,13 +93,37 @@ class SpoolFolder:
                     self.image_file(image).unlink(missing_ok=True)
                 raise disk_error(error, self.folder) from error
 
+    def add_frames(self, frames: Iterable[tuple[ImageUpload, bytes]]) -> None:
+        """Append frames of a recording to its film, as `add_image` stores images."""
+        with self._changing:
+            if not self._is_removed:
+                self.film.append(frames)
+
+    def load(self, image: ImageUpload) -> bytes | None:
+        """Return an image's bytes; None if the folder no longer has them. Raises DiskError."""
+        if image.record.instant in self.film:
+            return self.film.read([image])[0]
+        try:
+            return self.image_file(image).read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise disk_error(error, self.folder) from error
+
+    def release(self, images: Collection[ImageUpload]) -> list[Path]:
+        """Forget images that the leader has; return the files that nothing needs any more."""
+        instants = {image.record.instant for image in images}
+        files = [self.image_file(image) for image in images if image.record.instant not in self.film]
+        return files + self.film.release(instants)
+
     def sync(self, images: Iterable[ImageUpload]) -> None:
         """Wait until these images and the report are on the disk; deleted images are skipped.
 
         Their order does not matter, because checksums reveal what a power cut has torn. Raises DiskFullError,
         SimulshotError.
         """
-        files = [self.folder / REPORT, self.folder / JOURNAL, *map(self.image_file, images)]
+        stored = [self.image_file(image) for image in images if image.record.instant not in self.film]
+        files = [self.folder / REPORT, self.folder / JOURNAL, *stored, *self.film.to_sync()]
         for error in sync_all((*files, self.folder, self.folder.parent)).values():
             if not isinstance(error, FileNotFoundError):
                 raise disk_error(error, self.folder) from error
@@ -113,11 +144,13 @@ class SpoolFolder:
                 image = msgspec.json.decode(line, type=ImageUpload)
                 if self.image_file(image).is_file():
                     yield image
+        yield from self.film.recover()
 
     def remove(self) -> None:
         """Delete the burst, once the leader has all of it."""
         with self._changing:
             self._is_removed = True
+            self.film.close()
             # The report goes last: without it, a restarted node would not find what is left.
             with suppress(OSError):
                 for file in sorted(self.folder.iterdir(), key=lambda file: file.name == REPORT):
@@ -244,8 +277,8 @@ class Upload:
     report: CameraReport
     """Lists the ordered instants; the leader may request fewer."""
     frames: deque[SelectedFrame[CapturedFrame]] = field(default_factory=deque)
-    images: deque[ImageUpload] = field(default_factory=deque)
-    """Encoded images, which can be sent as often as needed."""
+    images: dict[int, ImageUpload] = field(default_factory=dict)
+    """Encoded images, which can be sent as often as needed, by instant, in the order of sending."""
     in_memory: dict[int, bytes] = field(default_factory=dict)
     """Bytes of the images that are not safely in the spool, by instant."""
     unsynced: dict[int, ImageUpload] = field(default_factory=dict)
@@ -257,6 +290,8 @@ class Upload:
     spooled: SpoolFolder | None = None
     spooling: bool = True
     """Whether to use the spool; False once that has failed."""
+    oldest: tuple[int, float] = (-1, 0.0)
+    """The instant that is unsynced for longest, and since when at least, by the event loop's time."""
     is_committed: bool = False
     """Whether the leader has named the instants that it requests."""
     reported: CameraReport | None = None
@@ -265,8 +300,12 @@ class Upload:
     """Time of the event loop at which to report again a burst that is not committed."""
     attempts: int = 0
     """Number of reports in a row that did not commit the burst."""
+    is_doubted: bool = False
+    """Whether it has ever been refused for now, perhaps because an image is damaged."""
     requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
+    end_instant: int | None = None
+    """Of a streamed burst: the number of instants that the leader needs."""
     is_over: bool = False
     """Whether sending is over: the leader has the burst, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
@@ -289,14 +328,16 @@ class Upload:
     @classmethod
     def of_spool(cls, spooled: SpoolFolder) -> Self:
         """Return a burst that an earlier run of the node left in the spool. Raises SimulshotError."""
-        report, images = spooled.read_report(), deque(spooled.read_images())
-        here, plan = {image.record.instant for image in images}, report.plan
+        report = spooled.read_report()
+        images = {image.record.instant: image for image in spooled.read_images()}
+        here, plan = {*images}, report.plan
+        video = any(instant in spooled.film for instant in images)
         if not plan.picking and plan.picked is None:
             # Of frames that are sent as they are selected, the leader has all that are no longer here.
             here |= {*plan.instants}
         missing = tuple(gap for gap in plan.missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
-        return cls(report, images=images, spooled=spooled)
+        return cls(report, images=images, spooled=spooled, video=video)
 
     @property
     def is_picking(self) -> bool:
@@ -316,6 +357,7 @@ class Upload:
     def put_off(self, due_s: float) -> None:
         """Send nothing of the burst before `due_s`, unless its report changes."""
         self.is_committed, self.due_s, self.attempts = False, due_s, self.attempts + 1
+        self.is_doubted = True
 
     def current_report(self, waiting: tuple[int, ...] = ()) -> CameraReport:
         """Return the report as it is now.
@@ -331,20 +373,19 @@ class Upload:
     def load(self, image: ImageUpload) -> bytes | None:
         """Return an image's bytes; None if the spool no longer has them unchanged.
 
-        Raises DiskError where its disk cannot be read at present.
+        The leader checks what it receives: a frame of a recording is checked here only if this burst was
+        refused before, or if an earlier run has left it. Raises DiskError where the disk cannot be read at
+        present.
         """
         if image.record.instant in self.in_memory:
             return self.in_memory[image.record.instant]
         assert self.spooled is not None
-        try:
-            data = self.spooled.image_file(image).read_bytes()
-        except FileNotFoundError:
+        data, record = self.spooled.load(image), image.record
+        if data is None or len(data) != record.bytes + image.truth_bytes:
             return None
-        except OSError as error:
-            raise disk_error(error, self.spooled.folder) from error
-        record = image.record
-        whole = len(data) == record.bytes + image.truth_bytes
-        return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
+        is_trusted = self.video and self.streamed and not self.is_doubted
+        is_whole = is_trusted or hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256
+        return data if is_whole else None
 
     def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Add frames selected for further instants, unless the leader does not need them.
@@ -364,7 +405,7 @@ class Upload:
         self.over = max(self.over, picked.over)
         held_bytes = sum(map(len, list(self.in_memory.values())))
         held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
-        for frame in picked.frames:
+        for frame in filter(lambda of: self._is_needed(of.instant), picked.frames):
             if held_bytes + frame.frame.picture.held_bytes > self.max_bytes:
                 self._note_missing(frame.instant, TOO_SLOW)
             else:
@@ -388,21 +429,32 @@ class Upload:
             )
         self.report = self.report.with_plan(camera=replace(camera, widened=(*known, times)))
 
-    def commit(self, requested: Collection[int] | None) -> list[Path]:
-        """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""
+    def commit(self, requested: Collection[int] | None, end: int | None = None) -> list[Path]:
+        """Restrict the upload to the `requested` instants before `end` (None: all); return the dropped files.
+
+        A streamed burst has an `end`, which its operator may have moved while this node was not reached.
+        """
         first, self.is_committed = not self.is_committed, True
-        self.requested = None if requested is None else frozenset(requested)
+        self.requested, self.end_instant = None if requested is None else frozenset(requested), end
         if first and not self.streamed:
             self.on_commit()
-        if requested is None:
-            return []
-        self.frames = deque(frame for frame in self.frames if frame.instant in requested)
-        return self._let_go({*self.encoded}.difference(requested))
+        dropped = {
+            instant
+            for instant in (*self.encoded, *(frame.instant for frame in self.frames))
+            if not self._is_needed(instant)
+        }
+        if dropped:
+            self.frames = deque(frame for frame in self.frames if frame.instant not in dropped)
+        return self._let_go(dropped)
+
+    def _is_needed(self, instant: int) -> bool:
+        is_requested = self.requested is None or instant in self.requested
+        return is_requested and (self.end_instant is None or instant < self.end_instant)
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
         self.is_committed, self.reported, self.attempts = False, None, 0
-        self.images.extend(self.disputed)
+        self.images |= {image.record.instant: image for image in self.disputed}
         self.disputed.clear()
 
     def confirm(self, stored: Mapping[int, str]) -> list[Path]:
@@ -412,10 +464,9 @@ class Upload:
         """
         if not self.streamed:
             self.confirmed.update(stored)
-        for image in tuple(self.images):
-            if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
-                self.images.remove(image)
-                self.disputed.append(image)
+        for instant, sha256 in stored.items():
+            if instant in self.images and self.images[instant].sha256 != sha256:
+                self.disputed.append(self.images.pop(instant))
         return self._let_go(stored)
 
     def end(self) -> None:
@@ -427,8 +478,7 @@ class Upload:
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
         here = {*self.encoded, *(frame.instant for frame in self.frames)}
-        lost = {*self.report.plan.instants} - here - self.confirmed
-        return sorted(lost if self.requested is None else lost & self.requested)
+        return sorted(filter(self._is_needed, {*self.report.plan.instants} - here - self.confirmed))
 
     def report_lost(self, instants: Collection[int], reason: str) -> list[Path]:
         """Report announced images that will not come as missing, and drop them; return their files."""
@@ -442,7 +492,18 @@ class Upload:
     @property
     def encoded(self) -> tuple[int, ...]:
         """Instants of the encoded images that are here."""
-        return tuple(image.record.instant for image in self.images)
+        return tuple(self.images)
+
+    def next_part(self, sent: int) -> list[ImageUpload]:
+        """Return the images to send after the first `sent` ones: one, or frames of a recording."""
+        images: list[ImageUpload] = []
+        size = 0
+        for image in islice(self.images.values(), sent, sent + (MAX_PART_FRAMES if self.video else 1)):
+            size += image.bytes
+            if images and size > PART_BYTES:
+                break
+            images.append(image)
+        return images
 
     def _note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
         if not self.streamed:
@@ -459,9 +520,8 @@ class Upload:
             self.missing_runs.insert(place, run)
 
     def _let_go(self, instants: Collection[int]) -> list[Path]:
-        dropped = [image for image in self.images if image.record.instant in instants]
+        dropped = [self.images.pop(instant) for instant in instants if instant in self.images]
         for image in dropped:
-            self.images.remove(image)
             self.in_memory.pop(image.record.instant, None)
             self.unsynced.pop(image.record.instant, None)
-        return [] if self.spooled is None else [self.spooled.image_file(image) for image in dropped]
+        return [] if self.spooled is None else self.spooled.release(dropped)

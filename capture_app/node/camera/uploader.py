@@ -5,6 +5,7 @@ import contextlib
 from collections import deque
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,7 +28,9 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import Spool, Upload, encode_frame
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
+    MAX_PART_FRAMES,
     CameraReport,
+    FilmPart,
     FromLeader,
     ImageAck,
     ImageReceipt,
@@ -45,8 +48,12 @@ from capture_app.trust.trust import Trust
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
-MAX_IN_FLIGHT = 64
-"""Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
+MAX_IN_FLIGHT, MAX_BYTES_IN_FLIGHT = 64, 16 << 20
+"""Maximum number and size of unacknowledged images, because the leader syncs its disk for many at a time."""
+UNSYNCED_S = 1.0
+"""Images of a streamed burst that the leader does not have by then are synced to the node's disk."""
+ENCODE_EVERY_S = 0.1
+"""Interval at which frames of a recording are stored."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
 """Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
 doubles each time, to 0.8 s."""
@@ -76,7 +83,8 @@ class Sender:
         """
         self._channel, self._changed, self._log = channel, changed, log
         self._waiting, self.roots, self._retry_s = waiting, roots, retry_s
-        self._in_flight: deque[tuple[Upload, ImageUpload]] = deque()
+        self._in_flight: deque[tuple[Upload, ImageUpload | FilmPart, int]] = deque()
+        """Messages that are not acknowledged, each with its number of images."""
         self._answer: asyncio.Task[FromLeader] | None = None
         self._receipts: dict[str, ImageReceipt] = {}
         """The leader's receipts for partial images, by checksum."""
@@ -118,7 +126,7 @@ class Sender:
             if unreported := next((of for of in self._waiting if of.must_be_reported(now())), None):
                 refused = await self._take_all_answers() or await self._report_burst(unreported)
             elif (unsent := self._next_unsent()) is not None:
-                refused = await self._send_image(*unsent)
+                refused = await self._send_images(*unsent)
             elif self._in_flight:
                 refused = await self._take_answer()
             else:
@@ -142,13 +150,14 @@ class Sender:
         else:
             await has_come(self._changed, max(0.0, due_s - now_s))
 
-    def _next_unsent(self) -> tuple[Upload, ImageUpload] | None:
-        """Return the next image to send now; a burst that is being captured waits for those that are over."""
-        if len(self._in_flight) < MAX_IN_FLIGHT:
+    def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
+        """Return the next images to send now; bursts that are being captured wait for those that are over."""
+        size = sum(message.bytes for _, message, _ in self._in_flight)
+        if len(self._in_flight) < MAX_IN_FLIGHT and size < MAX_BYTES_IN_FLIGHT:
             for burst in sorted(self._waiting, key=lambda burst: burst.is_picking):
-                sent = sum(of is burst for of, _ in self._in_flight)
+                sent = sum(images for of, _, images in self._in_flight if of is burst)
                 if burst.is_committed and sent < len(burst.images):
-                    return burst, burst.images[sent]
+                    return burst, burst.next_part(sent)
         return None
 
     async def _report_burst(self, burst: Upload) -> tuple[Upload, Refusal] | None:
@@ -169,26 +178,28 @@ class Sender:
             return None
         burst.attempts = 0
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
-        await _delete([*burst.commit(answer.requested), *burst.confirm(stored)])
+        await _delete([*burst.commit(answer.requested, answer.end), *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
 
-    async def _send_image(self, burst: Upload, image: ImageUpload) -> tuple[Upload, Refusal] | None:
-        record = image.record
+    async def _send_images(self, burst: Upload, images: list[ImageUpload]) -> tuple[Upload, Refusal] | None:
+        """Send an image, or frames of a recording in one message; report what the spool has lost."""
         try:
-            data = await asyncio.to_thread(burst.load, image)
+            loaded = await asyncio.to_thread(lambda: [burst.load(image) for image in images])
         except DiskError as error:
             return burst, Refusal.of_error(error)
-        if data is None:
-            await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
+        if lost := [image.record.instant for image, of in zip(images, loaded, strict=True) if of is None]:
+            await self._report_lost(burst, lost, "its file in the spool is damaged")
             return None
-        receipt = self._receipts.pop(record.sha256, None)
-        offset = receipt.bytes if receipt is not None and receipt.bytes <= len(data) else 0
-        self._in_flight.append((burst, image))
-        await self._channel.send(
-            replace(image, offset=offset), memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S
-        )
+        data = [memoryview(of) for of in loaded if of is not None]
+        message: ImageUpload | FilmPart = images[0]
+        if burst.video:
+            message = FilmPart(frames=tuple(images))
+        elif (receipt := self._receipts.pop(images[0].sha256, None)) and receipt.bytes <= len(data[0]):
+            message, data = replace(images[0], offset=receipt.bytes), [data[0][receipt.bytes :]]
+        self._in_flight.append((burst, message, len(images)))
+        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
         return None
 
     async def _take_answer(self) -> tuple[Upload, Refusal] | None:
@@ -204,20 +215,25 @@ class Sender:
 
     async def _take_all_answers(self) -> tuple[Upload, Refusal] | None:
         """Wait for the answers to all sent images; return the first refusal."""
-        answers = [await self._take_next() for _ in tuple(self._in_flight)]
-        return next(filter(None, answers), None)
+        refused = None
+        while self._in_flight:
+            answer = await self._take_next()
+            refused = refused or answer
+        return refused
 
     async def _take_next(self) -> tuple[Upload, Refusal] | None:
-        answer, (burst, image) = await self._next_answer(ImageAck), self._in_flight.popleft()
+        answer, (burst, message, _) = await self._next_answer(ImageAck), self._in_flight.popleft()
         answer = self._proven(answer, burst)
+        images = message.frames if isinstance(message, FilmPart) else (message,)
         if isinstance(answer, Refusal):
             if answer.error != DamagedImageError.__name__:
                 return burst, answer
-            await self._report_lost(burst, [image.record.instant], answer.what)
-            return None
-        if answer.sha256 != image.record.sha256:
+            await self._report_lost(burst, answer.damaged or [images[0].record.instant], answer.what)
+            # The other frames of a part are sent again, after those that are on their way.
+            return await self._take_all_answers()
+        if answer.sha256 != message.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
-        await _delete(burst.confirm({image.record.instant: answer.sha256}))
+        await _delete(burst.confirm({image.record.instant: image.sha256 for image in images}))
         return None
 
     def _proven(self, answer: A | Refusal, burst: Upload) -> A | Refusal:
@@ -349,7 +365,8 @@ class Uploader:
         """Add further instants to an earlier burst, if they are still needed."""
         for upload in self._uploads_of(picked.trigger.leader, picked.trigger.burst):
             upload.extend(picked)
-        self._changed.set()
+            if not upload.is_picking:
+                self._changed.set()
         self._to_encode.set()
 
     def widen_times(self, times: WidenedTimes) -> None:
@@ -400,40 +417,59 @@ class Uploader:
                 await self._store_ends()
                 await self._to_encode.wait()
                 continue
-            picked, image = burst.frames[0], None
-            try:
-                image = await asyncio.get_running_loop().run_in_executor(
-                    self._thread, self._encode, burst, picked
-                )
-            except CameraError as error:
-                burst.report_lost([picked.instant], str(error))
-                self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
-            # The leader may have refused the burst while the frame was encoded.
-            if burst.frames and burst.frames[0] is picked:
-                burst.frames.popleft()
-                if image is not None:
-                    burst.images.append(image)
+            picks = tuple(islice(burst.frames, MAX_PART_FRAMES if burst.video else 1))
+            results = await asyncio.get_running_loop().run_in_executor(
+                self._thread, self._encode, burst, picks
+            )
+            for picked, result in zip(picks, results, strict=True):
+                if isinstance(result, CameraError):
+                    burst.report_lost([picked.instant], str(result))
+                    self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {result}")
+                # The leader may have refused the burst while the frame was encoded.
+                if burst.frames and burst.frames[0] is picked:
+                    burst.frames.popleft()
+                    if not isinstance(result, CameraError):
+                        burst.images[picked.instant] = result
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._changed.set()
             self._to_sync.set()
+            if burst.video:
+                await asyncio.sleep(ENCODE_EVERY_S)
 
-    def _encode(self, burst: Upload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
-        """Encode a frame into the spool if there is room, else into memory; runs in a thread of its own."""
-        image, data = encode_frame(burst.report, picked, with_truth=not burst.video)
-        # The image can be sent from memory at once, while the spool's disk is slower.
-        burst.in_memory[picked.instant] = data
-        if self.spool is None or not burst.spooling:
-            return image
+    def _encode(
+        self, burst: Upload, picks: Sequence[SelectedFrame[CapturedFrame]]
+    ) -> list[ImageUpload | CameraError]:
+        """Encode frames into the spool if there is room, else into memory; runs in a thread of its own."""
+        results: list[ImageUpload | CameraError] = []
+        frames: list[tuple[ImageUpload, bytes]] = []
+        for picked in picks:
+            try:
+                frames.append(encode_frame(burst.report, picked, with_truth=not burst.video))
+                results.append(frames[-1][0])
+            except CameraError as error:
+                results.append(error)
+        in_memory = {image.record.instant: data for image, data in frames}
+        if not burst.video:
+            # The image can be sent from memory at once, while the spool's disk is slower.
+            burst.in_memory.update(in_memory)
+        is_spooled = self.spool is not None and burst.spooling and bool(frames)
         try:
-            if burst.spooled is None:
-                burst.spooled = self.spool.create_burst(burst.current_report())
-            burst.spooled.add_image(image, data)
+            if is_spooled and self.spool is not None:
+                if burst.spooled is None:
+                    burst.spooled = self.spool.create_burst(burst.current_report())
+                if burst.video:
+                    burst.spooled.add_frames(frames)
+                else:
+                    burst.spooled.add_image(*frames[0])
         except SimulshotError as error:
+            is_spooled = False
             self._note_useless_spool(burst, error)
+        if is_spooled:
+            burst.unsynced.update({image.record.instant: image for image, _ in frames})
         else:
-            burst.unsynced[picked.instant] = image
-        return image
+            burst.in_memory.update(in_memory)
+        return results
 
     def _note_useless_spool(self, burst: Upload, error: SimulshotError) -> None:
         """Keep a burst in memory from now on, as the spool failed; the next burst tries the spool again."""
@@ -449,24 +485,28 @@ class Uploader:
 
     async def _sync_spool(self) -> None:
         """Sync the spool for all images that were written during the previous sync."""
+        now = asyncio.get_running_loop().time
         while True:
-            await self._to_sync.wait()
+            await has_come(self._to_sync, UNSYNCED_S if any(of.unsynced for of in self._bursts) else None)
             self._to_sync.clear()
             for burst in self._bursts:
                 images, spooled = dict(burst.unsynced), burst.spooled
                 if not images or spooled is None:
                     continue
+                if burst.oldest[0] != (oldest := next(iter(images))):
+                    burst.oldest = oldest, now()
                 try:
-                    # Images that are sent at once are here too briefly to be worth a sync. They survive this
-                    # process, and a power cut of this machine would end the stream anyway.
-                    if not burst.streamed or self._stream is None:
+                    # Streamed images that the leader has soon are here too briefly to be worth a sync.
+                    is_due = self._stream is None or now() - burst.oldest[1] >= UNSYNCED_S
+                    if is_due or not burst.streamed:
                         await asyncio.to_thread(spooled.sync, images.values())
+                        for instant in images:
+                            burst.unsynced.pop(instant, None)
                 except SimulshotError as error:
                     burst.unsynced.clear()
                     self._note_useless_spool(burst, error)
                 else:
                     for instant in images:
-                        burst.unsynced.pop(instant, None)
                         burst.in_memory.pop(instant, None)
 
     async def _send_all(self) -> None:

@@ -31,6 +31,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.readiness import (
     check_room,
     degraded_nodes,
+    drift_apart,
     reasons_until_ready,
 )
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
@@ -57,6 +58,8 @@ SOON_NS = 30_000_000_000
 """Bursts that begin later than this count as ahead, and not among those being saved."""
 SURE_FRAMES = 300
 """A recording needs room for at least this many frames of each camera before it begins."""
+UNKNOWN_LENGTH_NS = 60_000_000_000
+"""For a recording without an end, the cameras' drift within this time is reported."""
 SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
@@ -197,6 +200,11 @@ class ActiveBursts:
         grid = engine.grid
         # Without a camera there is no grid; `order` reports that.
         order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
+        if grid is not None and order.streamed:
+            is_open = request.frames is None and request.seconds is None
+            lasts_ns = UNKNOWN_LENGTH_NS if is_open else order.frames * order.spacing * grid.period_ns
+            if drift := drift_apart(grid, engine.roster.cameras(), asked_ns, lasts_ns):
+                yield replace(before, message=drift)
         session = await self.order(order, name=request.name, note=request.note)
         for follower in self._options.followers:
             follower.take_part(session)
@@ -246,7 +254,7 @@ class ActiveBursts:
             short_timeouts=self._silent,
             absent=self._lost_cameras() | without,
         )
-        session.order_end = functools.partial(self._end, session) if order.streamed else None
+        session.order_end = functools.partial(self._stop_cameras, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         self._background.start(self._follow(session))
         # So that each captured frame can be fetched after a crash. Cameras do not wait for a slow disk.
@@ -351,20 +359,27 @@ class ActiveBursts:
         await self._end(found[-1])
 
     async def _end(self, session: BurstSession) -> None:
-        """Order no further instants of a session than every node can have learned of."""
-        frames = frames_until(session.burst, self.now_ns())
+        """End a session's burst for its nodes and itself: an operator needs no frames after now."""
+        frames = self._stop_cameras(session)
         if frames < session.burst.frames:
-            await self._end_after(session, frames)
+            await session.end(
+                dataclasses.replace(session.burst, instants_ns=session.burst.instants_ns[:frames])
+            )
 
-    async def _end_after(self, session: BurstSession, frames: int) -> None:
-        """End a session's burst after so many instants, for its nodes and itself."""
-        self._frames_of_ended[session.burst.number] = frames
-        ended = self._engine.orders.end(session.burst, frames, self.now_ns())
-        self._pump.turn()
-        if session.finished.is_set():
-            session.burst = ended
-        else:
-            await session.end(ended)
+    def _stop_cameras(self, session: BurstSession) -> int:
+        """Order no further instants than every node can have learned of; return their number.
+
+        The session accepts later ones: a camera that is not reached takes, and brings, as many as ordered.
+        """
+        frames = min(
+            frames_until(session.burst, self.now_ns()),
+            self._frames_of_ended.get(session.burst.number, session.burst.frames),
+        )
+        if frames < session.burst.frames:
+            self._frames_of_ended[session.burst.number] = frames
+            self._engine.orders.end(session.burst, frames, self.now_ns())
+            self._pump.turn()
+        return frames
 
     async def place_mark(self, mark: Mark) -> MarkPlaced:
         """Store a mark in the takes that it falls into; without one, in a file of the rig's.
@@ -397,10 +412,9 @@ class ActiveBursts:
             raise UnwantedImageError(f"burst {report.burst} was cancelled")
         if session is None or session.finished.is_set():
             session = await self.resumed.reopen(report, self.now_ns())
-            frames = self._frames_of_ended.get(report.burst) if of_this_run else None
-            if frames is not None and frames < session.burst.frames:
+            if of_this_run and report.burst in self._frames_of_ended:
                 # It was saved without its cameras, which were away when it ended and still take frames.
-                await self._end_after(session, frames)
+                self._stop_cameras(session)
         session.check_machine(report.camera, pin)
         return session
 
@@ -450,7 +464,7 @@ class ActiveBursts:
         if self._bursts.get(number) is session:
             if session.burst.streamed:
                 # If the burst ended for another reason, such as a full disk, nodes still capture.
-                self._background.start(self._end(session))
+                self._stop_cameras(session)
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
         self._event_log.note(status)

@@ -18,8 +18,10 @@ from capture_app.protocol.event_text import off_rate_line
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.rig.burst_orders import peak_to_peak_ns
 from capture_app.sync.rig.leader_engine import Leader
-from capture_app.sync.rig.roster import Member
+from capture_app.sync.rig.roster import Member, camera_phases
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 CHECK_EVERY_S = 0.1
@@ -49,6 +51,21 @@ def shortfall(member: Member, *, why: bool = False) -> str:
 def degraded_nodes(members: Sequence[Member]) -> str:
     """Return the nodes that are synchronized less accurately than requested; empty if none is."""
     return ", ".join(shortfall(member) for member in members if member.report.state is NodeState.DEGRADED)
+
+
+def drift_apart(grid: FrameGrid, members: Sequence[Member], begins_ns: int, lasts_ns: int) -> str:
+    """Return how far cameras will drift apart in a recording, if farther than they tolerate; else empty.
+
+    It begins at `begins_ns` of leader time. No stream is moved while frames of a burst are selected.
+    """
+    phases = camera_phases(members)
+    spread_ns = peak_to_peak_ns(grid, phases, begins_ns + lasts_ns)
+    if spread_ns <= 2 * max((phase.tolerance_ns for phase in phases), default=0):
+        return ""
+    return (
+        f"the cameras will drift apart by {duration(spread_ns)} within {duration(lasts_ns)}:"
+        " their phases are not corrected during a recording"
+    )
 
 
 def why_not_ready(members: Sequence[Member], cameras: int, *, accept_degraded: bool = False) -> str:

@@ -55,7 +55,11 @@ LOOKS = 50
 """Number of looks at a burst under way within BUSY_TIMEOUT_S."""
 
 
-class ImageAnswers(asyncio.Queue[tuple[messages.ImageUpload, "asyncio.Future[str]"]]):
+Images = messages.ImageUpload | messages.FilmPart
+"""Messages that are acknowledged when their images are on disk."""
+
+
+class ImageAnswers(asyncio.Queue[tuple[Images, "asyncio.Future[str]"]]):
     """Answers to the images of one stream, in order, while further images arrive.
 
     Each is queued with the future of its checksum; its answer is that, or the future's error.
@@ -72,7 +76,7 @@ class ImageAnswers(asyncio.Queue[tuple[messages.ImageUpload, "asyncio.Future[str
         answer: messages.ImageAck | messages.ReportAck | messages.Refusal,
     ) -> None:
         """Send the answer to a node's message, signed where a relay passes it on."""
-        if self._channel.who.via and isinstance(message, messages.CameraReport | messages.ImageUpload):
+        if self._channel.who.via and isinstance(message, messages.CameraReport | Images):
             answer = replace(
                 answer,
                 proof=sign(self._trust.identity, (message.camera, message.leader, message.burst), answer),
@@ -132,7 +136,7 @@ class LeaderService:
         try:
             while (message := await self._receive(channel, principal)) is not None:
                 try:
-                    if isinstance(message, messages.ImageUpload):
+                    if isinstance(message, Images):
                         answers.put_nowait((message, await self._take_image(channel, message, working_on)))
                         continue
                     check_allowed(channel.who, message)
@@ -207,20 +211,27 @@ class LeaderService:
                     raise BadInputError(f"this stream may not send for camera {message.camera!r}")
 
     async def _take_image(
-        self, channel: Channel[messages.ToLeader], message: messages.ImageUpload, working_on: WorkingOn
+        self, channel: Channel[messages.ToLeader], message: Images, working_on: WorkingOn
     ) -> "asyncio.Future[str]":
-        """Receive an image that this stream has reported; permission was checked with the report."""
+        """Receive images that this stream has reported; permission was checked with the report."""
         if (session := working_on.get((message.leader, message.burst, message.camera))) is None:
             raise BadInputError(f"this stream may not send for camera {message.camera!r} in that burst")
-        # A video's frames wait for the disk in memory; images are received into files, but for their truth.
-        machine, size = channel.machine, message.record.bytes if session.burst.video else message.truth_bytes
+        # A part of a video is in memory until it is written; images are received into files, and their truth
+        # is in memory until they are saved.
+        is_part, machine = isinstance(message, messages.FilmPart), channel.machine
+        size = message.bytes
+        if isinstance(message, messages.ImageUpload) and not session.burst.video:
+            size = message.truth_bytes
         await self._memory.take(machine, size)
         try:
-            saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
+            saving = await session.take(message, channel.payload(), self._bursts.now_ns())
         except BaseException:
             self._memory.give_back(machine, size)
             raise
-        saving.add_done_callback(lambda _: self._memory.give_back(machine, size))
+        if is_part:
+            self._memory.give_back(machine, size)
+        else:
+            saving.add_done_callback(lambda _: self._memory.give_back(machine, size))
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
 

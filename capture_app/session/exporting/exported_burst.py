@@ -111,9 +111,20 @@ class ExportedBurst:
     def load(self, image: ImageRecord, redraw: Redraw | None = None) -> tuple[bytes, Picture]:
         """Return an image's file bytes and its pixels: height x width x BGR of 8 bits, EXIF not applied.
 
-        The pixels are redrawn by `redraw`, if given. Raises IncompleteError if the file is missing;
-        BadInputError if it differs from what was saved, cannot be decoded, or has a different size than its
-        camera.
+        The pixels are redrawn by `redraw`, if given. Raises as `read`, and BadInputError if it cannot be
+        decoded.
+        """
+        data = self.read(image)
+        if (pixels := decode_image(data, colour=True)) is None:
+            path = self.session.image_file(image)
+            raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
+        return data, (redraw(pixels) if redraw else pixels)
+
+    def read(self, image: ImageRecord) -> bytes:
+        """Return an image's file bytes without decoding them.
+
+        Raises IncompleteError if the file is missing; BadInputError if it differs from what was saved, or has
+        a different size than its camera.
         """
         path = self.session.image_file(image)
         try:
@@ -133,9 +144,7 @@ class ExportedBurst:
                 f"{path} is {size[0]}x{size[1]} pixels; {image.camera} takes {width}x{height}",
                 hint=RESTORE_IMAGE,
             )
-        if (pixels := decode_image(data, colour=True)) is None:
-            raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
-        return data, (redraw(pixels) if redraw else pixels)
+        return data
 
     def _in_order(self, camera: str) -> list[ImageRecord]:
         places = ((camera, instant) for instant in range(len(self.instants_ns)))

@@ -1,9 +1,11 @@
-"""Videos of a burst: H.264 in MP4, each frame with its own time in microseconds."""
+"""Videos of a burst in MP4: H.264 or a camera's own JPEGs, each frame with its own time in microseconds."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 
+T = TypeVar("T")
 TIME_BASE = Fraction(1, 1_000_000)
 _QUALITY: dict[str, str] = {"crf": "15", "preset": "veryfast", "bf": "0"}
 _LOSSLESS: dict[str, str] = {"qp": "0", "preset": "veryfast", "bf": "0"}
@@ -37,50 +40,83 @@ def write_video(
     import av
 
     width, height = size
-    last_us = -math.inf
     scaler = av.video.reformatter.Interpolation
     # Without accurate rounding every image is darker by half a level.
     rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP
+    with _container(path, size) as container:
+        unreduced = "yuv444p" if width % 2 or height % 2 else "yuv420p"
+        stream = container.add_stream(
+            "libx264rgb" if lossless else "libx264",
+            rate=Fraction(1_000_000_000, period_ns).limit_denominator(),
+            options=_LOSSLESS if lossless else _QUALITY,
+            width=width,
+            height=height,
+            pix_fmt="bgr24" if lossless else unreduced,
+        )
+        stream.time_base = stream.codec_context.time_base = TIME_BASE
+        if timecode:
+            stream.metadata["timecode"] = timecode
+        if not lossless:
+            stream.codec_context.colorspace = _BT601
+            stream.codec_context.color_range = _LIMITED_RANGE
+        for since_us, picture in _in_us(path, frames):
+            frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+            if not lossless:
+                frame = frame.reformat(format=stream.pix_fmt, interpolation=rounding)
+            frame.pts, frame.time_base = since_us, TIME_BASE
+            frame.duration = max(1, period_ns // 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def copy_jpegs(
+    path: Path, frames: Iterable[tuple[int, bytes]], size: tuple[int, int], period_ns: int
+) -> None:
+    """Write JPEGs unchanged as a video, Motion JPEG in MP4; parameters and errors as in `write_video`."""
+    import av
+
+    with _container(path, size) as container:
+        rate = Fraction(1_000_000_000, period_ns).limit_denominator()
+        stream = container.add_stream("mjpeg", rate=rate, width=size[0], height=size[1], pix_fmt="yuvj420p")
+        stream.time_base = stream.codec_context.time_base = TIME_BASE
+        for since_us, data in _in_us(path, frames):
+            packet = av.Packet(data)
+            packet.stream, packet.time_base, packet.is_keyframe = stream, TIME_BASE, True
+            packet.pts = packet.dts = since_us
+            packet.duration = max(1, period_ns // 1000)
+            container.mux(packet)
+
+
+@contextmanager
+def _container(path: Path, size: tuple[int, int]) -> Iterator[Any]:
+    """Open an MP4 to write within the block. Raises OSError, SimulshotError."""
+    import av
+
     try:
         # In milliseconds, MP4's default, the time before the first frame would lose its microseconds.
         with av.open(str(path), "w", format="mp4", options={"movie_timescale": "1000000"}) as container:
-            unreduced = "yuv444p" if width % 2 or height % 2 else "yuv420p"
-            stream = container.add_stream(
-                "libx264rgb" if lossless else "libx264",
-                rate=Fraction(1_000_000_000, period_ns).limit_denominator(),
-                options=_LOSSLESS if lossless else _QUALITY,
-                width=width,
-                height=height,
-                pix_fmt="bgr24" if lossless else unreduced,
-            )
-            stream.time_base = stream.codec_context.time_base = TIME_BASE
-            if timecode:
-                stream.metadata["timecode"] = timecode
-            if not lossless:
-                stream.codec_context.colorspace = _BT601
-                stream.codec_context.color_range = _LIMITED_RANGE
-            for since_ns, picture in frames:
-                since_us = (since_ns + 500) // 1000
-                if since_us <= last_us:
-                    raise BadInputError(
-                        f"{path.name}: two frames within the same microsecond, {since_us}",
-                        hint="import the recording again with correct times, or export to mcap",
-                    )
-                last_us = since_us
-                frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
-                if not lossless:
-                    frame = frame.reformat(format=stream.pix_fmt, interpolation=rounding)
-                frame.pts, frame.time_base = since_us, TIME_BASE
-                frame.duration = max(1, period_ns // 1000)
-                container.mux(stream.encode(frame))
-            container.mux(stream.encode(None))
+            yield container
     except av.FFmpegError as error:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise SimulshotError(
-            f"cannot encode {path.name} ({width}x{height}): {error}",
+            f"cannot encode {path.name} ({size[0]}x{size[1]}): {error}",
             hint="export the images instead: --to mcap",
         ) from error
+
+
+def _in_us(path: Path, frames: Iterable[tuple[int, T]]) -> Iterator[tuple[int, T]]:
+    """Yield frames with their times in us. Raises BadInputError if two share a microsecond."""
+    last_us = -math.inf
+    for since_ns, frame in frames:
+        since_us = (since_ns + 500) // 1000
+        if since_us <= last_us:
+            raise BadInputError(
+                f"{path.name}: two frames within the same microsecond, {since_us}",
+                hint="import the recording again with correct times, or export to mcap",
+            )
+        last_us = since_us
+        yield since_us, frame
 
 
 Shown = tuple[int, int, ImageRecord | None]
@@ -122,6 +158,14 @@ def write_camera(
     lossless = burst.lossless
     write_video(path, frames, (width, height), burst.period_ns, lossless=lossless, timecode=timecode)
     burst.frames |= {(camera, n): (file or path.name, k, image) for k, (n, _, image) in enumerate(shown)}
+
+
+def copy_camera(burst: ExportedBurst, path: Path, shown: Sequence[Shown], camera: str) -> None:
+    """Write a camera's video of its own JPEGs, unchanged; none may be missing."""
+    images = [(since_ns, image) for _, since_ns, image in shown if image is not None]
+    frames = ((since_ns, burst.read(image)) for since_ns, image in images)
+    copy_jpegs(path, frames, burst.size(camera), burst.period_ns)
+    burst.frames |= {(camera, n): (path.name, k, image) for k, (n, _, image) in enumerate(shown)}
 
 
 def write_paired_videos(

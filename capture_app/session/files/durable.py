@@ -104,7 +104,7 @@ def free_name(path: Path) -> Path:
     return next(free for free in chain((path,), numbered) if not free.exists())
 
 
-def write_atomic(path: Path, data: bytes, *, synced: bool = True) -> None:
+def write_atomic(path: Path, data: bytes | memoryview, *, synced: bool = True) -> None:
     """Write a file that readers see in full or not at all, also after a crash; replaces an older one.
 
     Without `synced`, the caller syncs the file and its folder.
@@ -169,7 +169,7 @@ def make_folders_unsynced(folder: Path, inside: Path) -> tuple[Path, ...]:
     return (*changed, folder.parent)
 
 
-def write_all(handle: int, data: bytes) -> None:
+def write_all(handle: int, data: bytes | memoryview) -> None:
     """Write all of the data to an open file. Raises OSError."""
     left = memoryview(data)
     while left:

@@ -18,7 +18,9 @@ from capture_app.session.files.untrusted_files import read_input, rejecting
 from capture_app.session.reading.decoding import read_exif
 
 _DATE = re.compile(
-    r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
+    r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})"
+    # One or two digits after a dash are a counter within the second.
+    r"(?:[.,]|[-_]?(?=\d{3}))?(\d*)"
 )
 _EPOCH = re.compile(r"(?<!\d)([1-9]\d*)(?:(?:\.|[_-](?=\d{6}(?!\d)|\d{9}(?!\d)))(\d+))?(?!\d)")
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}

@@ -35,7 +35,7 @@ class StoredImage:
     """An image or a video frame to be saved, with its ground truth if simulated."""
 
     record: ImageRecord
-    source: Path | bytes
+    source: Path | bytes | memoryview
     """The image's bytes, or a file on the session's disk that contains them."""
     truth: bytes = b""
     """Bytes of a simulated image's ground truth .npz; empty for none."""
@@ -147,10 +147,10 @@ class ImageStore:
         path = self._folder / image.record.path
         changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
         self._make(path.parent)
-        if isinstance(image.source, bytes):
-            write_atomic(path, image.source, synced=False)
-        else:
+        if isinstance(image.source, Path):
             image.source.replace(path)
+        else:
+            write_atomic(path, image.source, synced=False)
         return [*changed, path, path.parent]
 
     def _put_truth(self, camera: str, instant: int, true_ns: int, data: bytes) -> list[Path]:

@@ -217,6 +217,19 @@ class SessionWriter:
         except SimulshotError as error:
             return [error] * len(images)
 
+    def append_frames(self, camera: str, frames: Iterable[StoredImage]) -> None:
+        """Append frames to a camera's video; they are safe after the next `sync_frames`.
+
+        Cameras do not wait for each other. Raises as `VideoStore.append`, and TryAgainError.
+        """
+        self._check_open()
+        self.videos.append(camera, frames)
+
+    def sync_frames(self, camera: str) -> None:
+        """Sync a camera's video. Raises as `VideoStore.sync`, and TryAgainError."""
+        self._check_open()
+        self.videos.sync(camera)
+
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the record of a saved image, or None."""
         return self.images.records.get((camera, instant)) or self.videos.frame(camera, instant)
@@ -339,10 +352,13 @@ class SessionWriter:
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._mutex:
-            if not self._open:
-                raise TryAgainError(f"{self.folder} is closed: nothing can be added any more")
+            self._check_open()
             with disk_errors(self.folder):
                 yield
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise TryAgainError(f"{self.folder} is closed: nothing can be added any more")
 
     def _close(self) -> None:
         self.videos.close()

@@ -1,4 +1,4 @@
-"""Videos of a session being written: a frame's bytes precede its line, so that a kill loses neither."""
+"""Videos of a session being written: frames are appended, and count once they and their lines are synced."""
 
 import heapq
 import os
@@ -6,9 +6,10 @@ import shutil
 import threading
 from array import array
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
+from errno import ENOENT
 from pathlib import Path
 
 import msgspec
@@ -56,6 +57,15 @@ class _Video:
     """Byte offset of each frame's line."""
     length: int = 0
     """Total length of all lines, bytes."""
+    unsynced: list[tuple[int, bytes, int]] = field(default_factory=list)
+    """Appended frames that are not safe yet: instant, line, and end in the video."""
+    writing: threading.Lock = field(default_factory=threading.Lock)
+    """Held while the files are written or synced."""
+
+    @property
+    def end(self) -> int:
+        """End of the last appended frame."""
+        return self.unsynced[-1][2] if self.unsynced else self.record.bytes
 
     def find(self, instant: int) -> int | None:
         """Return the index of an instant's frame, or None."""
@@ -124,19 +134,49 @@ class VideoStore:
         return heapq.merge(*cameras, key=lambda record: record.instant)
 
     def save(self, frames: Sequence[StoredImage]) -> list[SimulshotError | None]:
-        """Add frames; return the error of each. A camera's frames are added all together or not at all.
-
-        Frames of instants that the video already contains are skipped.
-        """
+        """Add frames and sync them; return the error of each. A camera's frames are added all or none."""
         errors: dict[str, SimulshotError | None] = {}
         for camera in dict.fromkeys(frame.record.camera for frame in frames):
             try:
                 errors[camera] = None
-                with self._mutex, disk_errors(self._folder):
-                    self._append(self._video(camera), [of for of in frames if of.record.camera == camera])
+                self.append(camera, [of for of in frames if of.record.camera == camera])
+                self.sync(camera)
             except SimulshotError as error:
                 errors[camera] = error
         return [errors[frame.record.camera] for frame in frames]
+
+    def append(self, camera: str, frames: Iterable[StoredImage]) -> None:
+        """Append frames of one camera, all or none; they are safe after the next `sync`.
+
+        Frames of instants that the video already contains are skipped. Raises DiskError, BadInputError.
+        """
+        with disk_errors(self._folder):
+            with self._mutex:
+                video = self._video(camera)
+            with video.writing:
+                self._append(video, frames)
+
+    def sync(self, camera: str) -> None:
+        """Sync what was appended to a camera's video, then its lines.
+
+        Raises DiskError; what was appended since the last sync is then not in the video.
+        """
+        video = self._videos[camera]
+        with video.writing, disk_errors(self._folder):
+            frames, video.unsynced = video.unsynced, []
+            try:
+                if frames:
+                    os.fdatasync(video.handle)
+                    if not os.fstat(video.handle).st_nlink:
+                        # A person has deleted it; no frame of it may count as saved.
+                        raise FileNotFoundError(ENOENT, os.strerror(ENOENT), video.record.path)
+                    video.lines.append(*(line for _, line, _ in frames), durable=True)
+            except OSError:
+                self._truncate(video)
+                raise
+            with self._mutex:
+                for instant, line, frame_end in frames:
+                    video.note(instant, len(line) + 1, frame_end)
 
     def records(self) -> tuple[VideoRecord, ...]:
         """Return the manifest's records of the videos."""
@@ -170,27 +210,30 @@ class VideoStore:
                 at = start + len(line)
                 yield frame_of_line(video.record, msgspec.json.decode(line, type=FrameRecord))
 
-    def _append(self, video: _Video, given: Sequence[StoredImage]) -> None:
-        end, frames = video.record.bytes, []
+    def _append(self, video: _Video, given: Iterable[StoredImage]) -> None:
+        end, frames = video.end, []
+        waiting = {instant for instant, _, _ in video.unsynced if instant != NO_INSTANT}
         for frame in given:
-            if video.find(frame.record.instant) is None:
-                assert isinstance(frame.source, bytes), "a frame of a video is no file"
+            if video.find(frame.record.instant) is None and frame.record.instant not in waiting:
+                assert not isinstance(frame.source, Path), "a frame of a video is no file"
                 check_written(frame.record)
                 line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.source)
                 frames.append((frame, frame.source, line, end))
         try:
-            os.lseek(video.handle, video.record.bytes, os.SEEK_SET)
+            os.lseek(video.handle, video.end, os.SEEK_SET)
             for _, data, _, _ in frames:
                 write_all(video.handle, data)
-            os.fdatasync(video.handle)
-            video.lines.append(*(line for _, _, line, _ in frames), durable=True)
         except OSError:
-            with suppress(OSError):
-                os.ftruncate(video.handle, video.record.bytes)
+            self._truncate(video)
             raise
         for frame, _, line, frame_end in frames:
-            video.note(frame.record.instant, len(line) + 1, frame_end)
+            video.unsynced.append((frame.record.instant, line, frame_end))
             self.knows_true_times |= frame.true_ns is not None
+
+    def _truncate(self, video: _Video) -> None:
+        """Remove what was written after the last appended frame."""
+        with suppress(OSError):
+            os.ftruncate(video.handle, video.end)
 
     def _video(self, camera: str) -> _Video:
         if camera not in self._videos:

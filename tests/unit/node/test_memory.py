@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 import threading
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Iterable
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
@@ -100,15 +100,14 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
 ) -> None:
     """40 names with frames of 60 MB each took 2,599 MB of the leader's memory in 80 s."""
     disk_goes_on = threading.Event()
-    save = SessionWriter.save
+    append, appending = SessionWriter.append_frames, set[str]()
 
-    def slow(
-        writer: SessionWriter, images: Sequence[StoredImage], *, in_videos: bool = False
-    ) -> list[SimulshotError | None]:
+    def slow(writer: SessionWriter, camera: str, frames: Iterable[StoredImage]) -> None:
+        appending.add(camera)
         disk_goes_on.wait(60)
-        return save(writer, images, in_videos=in_videos)
+        append(writer, camera, frames)
 
-    monkeypatch.setattr(SessionWriter, "save", slow)
+    monkeypatch.setattr(SessionWriter, "append_frames", slow)
     frame = small_jpeg(bytes(100_000))
     leader.service._memory = MemoryShares(3 * len(frame))
     machine, other = (introduced(tmp_path, trust, name) for name in ("machine", "other"))
@@ -127,15 +126,14 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
             await ask(channel, NodeStream(camera=name, instance=instance))
             said = report_of(name, *key, [0]).with_plan(picking=True)
             assert isinstance(await ask(channel, said), wire.ReportAck)
-            await channel.send(image(name, *key, 0, frame), frame)
+            await channel.send(wire.FilmPart(frames=(image(name, *key, 0, frame),)), frame)
             return channel
 
         streams = [await send(machine, name, n + 1) for n, name in enumerate(names)]
-        waiting = session._intake.waiting
-        await until(lambda: waiting()[0] == 3)
+        await until(lambda: len(appending) == 3)
         streams.append(await send(other, "cam", 1))
-        await until(lambda: waiting()[0] == 4)
-        assert {of for of, _ in session._intake._saving} - {"cam"} < {*names}
+        await until(lambda: "cam" in appending)
+        assert len(appending) == 4
         disk_goes_on.set()
         for channel in streams:
             # While the disk is slow, answers without a checksum say that it is waited for.

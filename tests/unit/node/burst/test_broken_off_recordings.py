@@ -1,6 +1,8 @@
 """Recordings that end early at the leader: what their cameras have recorded on comes when it can."""
 
 import asyncio
+import dataclasses
+import shutil
 import threading
 from collections.abc import AsyncIterator
 from hashlib import sha256
@@ -10,8 +12,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.common.errors import DiskFullError, TryAgainError
-from capture_app.common.timeouts import CAMERA_STALLED_NS
+from capture_app.common.errors import DiskError, DiskFullError, TryAgainError
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.bursts import END_LEAD_NS
@@ -120,11 +122,86 @@ async def test_a_recording_that_a_full_disk_ends_is_whole_once_there_is_room(
     done = whole(session.folder).manifest
     assert (len(done.burst.instants_ns), done.missing) == (end, ())
     assert [video.frames for video in done.videos] == [end, end]
-    # A node that learned late of the end need not send what came after it.
-    too_late = report("a", end, end + 1).with_plan(picked=end + 2)
-    answer = await ResumedBursts(small_disk, lambda _: None, DISK).answer_finished(too_late, "")
-    assert answer is not None
-    assert answer.requested == ()
+    # No operator has ended it: what a node recorded before it learned of the end is saved, too.
+    await deliver_late(small_disk, "a", range(end, end + 2))
+    longer = whole(session.folder).manifest
+    assert (len(longer.burst.instants_ns), len(longer.images)) == (end + 2, 2 * end + 2)
+    assert {gap.camera for gap in longer.missing} == {"b"}
+
+
+async def test_a_recording_whose_folder_is_removed_ends_and_acknowledges_nothing_more(tmp_path: Path) -> None:
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a")
+        await bring(session, "a", 0)
+        shutil.rmtree(session.folder)
+        with pytest.raises(DiskError):
+            await bring(session, "a", 1)
+        await until(session.finished.is_set)
+        assert "was removed while it was being written" in session.message
+        assert not bursts._bursts, "it is not open any more"
+
+
+async def test_frames_after_the_end_that_an_operator_ordered_are_not_acknowledged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its node learns that it need not send them."""
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        monkeypatch.setattr(StillClock, "shown_ns", session.burst.instants_ns[5])
+        await bursts.end()
+        end = session.burst.frames
+        assert 6 < end < 30
+        await bring(session, "a", *range(end))
+        with pytest.raises(TryAgainError):
+            await bring(session, "a", end)
+        now_ns = session.burst.instants_ns[-1]
+        for camera in ("a", "b"):
+            answer = await session.accept_report(report(camera, end).with_plan(picked=end), now_ns)
+            assert answer.end == end
+        await bring(session, "b", *range(end))
+        await until(session.finished.is_set)
+    assert len(whole(session.folder).manifest.images) == 2 * end
+    late = report("a", end, end + 1).with_plan(picked=end + 2)
+    saved = await ResumedBursts(tmp_path, lambda _: None, DISK).answer_finished(late, "")
+    assert saved is not None
+    assert (saved.end, saved.receipts) == (end, ())
+
+
+@pytest.mark.parametrize("back", ["both", "one, whose node was started again", "none"])
+async def test_a_recording_stays_open_while_all_its_cameras_are_silent(tmp_path: Path, back: str) -> None:
+    """An access point that is started again is not the end of a recording."""
+    session = recording_of(tmp_path, "a", "b")
+    await begin(session, "a", "b")
+    for camera in ("a", "b"):
+        await bring(session, camera, 0, 1)
+    silent_ns = session.burst.instants_ns[0] + CAMERA_DISCONNECTED_NS + AFTER_LAST_INSTANT_NS
+    last_ns = silent_ns + 20 * 10**9
+    session.burst = replace_instants(session.burst, last_ns)
+    for now_ns in (session.burst.instants_ns[0], silent_ns, silent_ns + 10 * 10**9):
+        await session.give_up_silent_cameras({}, now_ns)
+    assert session.status.message == "waiting for all cameras, 20 s; they keep their pictures"
+    assert not session.finished.is_set()
+    if back == "none":
+        await session.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
+        assert session.finished.is_set()
+        return
+    again = report("a", 2).with_plan(picking=back == "both")
+    await session.accept_report(again, silent_ns + 11 * 10**9)
+    await bring(session, "a", 2)
+    await session.give_up_silent_cameras({}, silent_ns + 12 * 10**9)
+    assert not session.finished.is_set()
+    if back == "both":
+        return
+    assert session.status.message == "waiting for b, 22 s; they keep their pictures"
+    await session.give_up_silent_cameras({}, last_ns)
+    assert session.finished.is_set()
+
+
+def replace_instants(burst: Burst, last_ns: int) -> Burst:
+    """The burst with instants until then."""
+    return dataclasses.replace(burst, instants_ns=range(burst.instants_ns[0], last_ns + 1, PERIOD_NS))
 
 
 def recording_of(root: Path, *names: str, kind: type[SessionWriter] = SessionWriter) -> BurstSession:

@@ -6,10 +6,19 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.errors import DamagedImageError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.plans import check_report
-from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, Upload
-from capture_app.protocol.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
+from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, SpoolFolder, Upload, encode_frame
+from capture_app.protocol.messages import (
+    CameraReport,
+    FilmPart,
+    ImageAck,
+    ImageUpload,
+    Refusal,
+    ReportAck,
+    ToLeader,
+)
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.sync.rig.frame_selection import Burst
@@ -133,3 +142,79 @@ async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: 
     async with uploading(serve, [], Spool(tmp_path, "a")):
         await until(lambda: not list((tmp_path / "a").iterdir()))
     assert [(report.plan.picking, report.plan.instants) for report in reports] == [(False, (0, 1))]
+
+
+async def test_a_recording_is_sent_in_parts_and_what_is_damaged_costs_no_other_frame(tmp_path: Path) -> None:
+    parts: list[list[int]] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await received_from(channel)) is not None:
+            message, payload = received
+            if not isinstance(message, FilmPart):
+                await channel.send(ReportAck())
+                continue
+            assert payload == b"".join(b"frame %d" % frame.record.instant for frame in message.frames)
+            parts.append([frame.record.instant for frame in message.frames])
+            if 2 in parts[-1]:
+                refused = DamagedImageError("its image is damaged: cut off", instants=(2,))
+                await channel.send(Refusal.of_error(refused))
+            else:
+                await channel.send(ImageAck(sha256=message.sha256))
+
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        upload = streamed(1, *(Picture(b"frame %d" % n) for n in range(5)))
+        upload.video = True
+        uploader.add_burst(upload)
+        await until(lambda: not upload.images and not upload.frames)
+        assert parts == [[0, 1, 2, 3, 4], [0, 1, 3, 4]]
+        assert [run.first for run in upload.missing_runs] == [2]
+        uploader.extend_burst(further(over=5, ended=True))
+        await until(lambda: not list((tmp_path / "a").iterdir()))
+
+
+async def test_frames_of_a_recording_wait_in_a_film(tmp_path: Path) -> None:
+    async def deaf(channel: Channel[ToLeader]) -> None:
+        while (received := await received_from(channel)) is not None:
+            if not isinstance(received[0], FilmPart):
+                await channel.send(ReportAck())
+
+    folder = tmp_path / "a/00000001-000001"
+    async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
+        upload = streamed(1, Picture(b"zero"), Picture(b"one"))
+        upload.video = True
+        uploader.add_burst(upload)
+        await until(lambda: len(upload.images) == 2)
+        assert (folder / "000001.film").read_bytes() == b"zeroone"
+        assert not upload.in_memory
+        # The leader does not have them soon, so that they are synced to this disk.
+        await until(lambda: not upload.unsynced)
+
+    sent: list[bytes] = []
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await received_from(channel)) is not None:
+            message, payload = received
+            if isinstance(message, FilmPart):
+                sent.append(payload)
+            await channel.send(
+                ImageAck(sha256=message.sha256) if isinstance(message, FilmPart) else ReportAck()
+            )
+
+    async with uploading(serve, [], Spool(tmp_path, "a")):
+        await until(lambda: not list((tmp_path / "a").iterdir()))
+    assert sent == [b"zeroone"]
+
+
+async def test_frames_after_the_end_are_dropped_and_not_reported_as_lost(tmp_path: Path) -> None:
+    """A node that was started again, while its operator ended the recording, offered them for ever."""
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    whole = burst_upload(*(Picture(b"%d" % n) for n in range(4)))
+    folder = spool.create_burst(streamed(1).current_report())
+    folder.add_frames([encode_frame(whole.report, frame) for frame in whole.frames])
+    folder.film.close()
+    upload = Upload.of_spool(SpoolFolder(folder.folder))
+    assert (upload.video, upload.report.plan.instants) == (True, (0, 1, 2, 3))
+    upload.commit(None, 2)
+    assert (upload.encoded, upload.lost_instants()) == ((0, 1), [])
+    spool.close()

@@ -6,10 +6,17 @@ from typing import cast
 
 import pytest
 
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import IncompleteError
 from capture_app.common.node_state import NodeState
-from capture_app.node.leader.readiness import degraded_nodes, reasons_until_ready, why_not_ready
+from capture_app.node.leader.readiness import (
+    degraded_nodes,
+    drift_apart,
+    reasons_until_ready,
+    why_not_ready,
+)
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.datagrams import Report
@@ -66,3 +73,20 @@ def test_a_node_that_is_not_aligned_does() -> None:
         waited_for(READY, view("cam02", NodeState.ALIGNING))
     with pytest.raises(IncompleteError, match="0 of 1 nodes have joined"):
         waited_for()
+
+
+def drifting(name: str, ppm: float, control: PhaseControl = PhaseControl.INJECTION) -> Member:
+    """A camera whose frames are on the grid at time 0, and drift by so much."""
+    report = Report(state=NodeState.READY, message="", frame_leader_ns=0, drift_ppm=ppm, tolerance_ns=50_000)
+    return Member(name, 1, 1, ("10.0.0.2", 5), make_facts(phase_control=control), report, 0, 0.0)
+
+
+def test_how_far_cameras_drift_apart_in_a_recording_is_said_beforehand() -> None:
+    grid, cameras = FrameGrid(0, 33_333_333), [drifting("cam01", 3.0), drifting("cam02", 17.0)]
+    assert drift_apart(grid, cameras, 0, 60 * 10**9).startswith(
+        "the cameras will drift apart by 840 µs within 60.0 s"
+    )
+    assert drift_apart(grid, cameras, 0, 5 * 10**9) == "", "they tolerate that"
+    held = [drifting(member.name, 17.0 * n, PhaseControl.FRAME_DURATION) for n, member in enumerate(cameras)]
+    assert drift_apart(grid, held, 0, 60 * 10**9) == ""
+    assert drift_apart(grid, [], 0, 60 * 10**9) == ""

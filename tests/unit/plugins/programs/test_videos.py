@@ -15,6 +15,7 @@ from capture_app.session.format.export_record import FRAMES
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
 from tests.unit.plugins.programs.conftest import (
     GRID,
     PERIOD_NS,
@@ -25,6 +26,7 @@ from tests.unit.plugins.programs.conftest import (
     calibrated,
     grey,
 )
+from tests.unit.session.recorded import record
 
 
 def frames(path: Path) -> list[tuple[int, int]]:
@@ -59,6 +61,38 @@ def test_mp4_has_exact_times_and_no_frame_where_none_is(make: Make, export: Expo
             [grey(camera, instant) for instant in times], abs=5
         )
     assert since_us(session, "right")[0] == 9  # 8,888 ns after the earliest: not lost in a millisecond
+
+
+def packets(path: Path) -> tuple[str, list[tuple[int, bytes]]]:
+    """Codec of a video, and time in us and bytes of each packet, by FFmpeg."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        found = [packet for packet in container.demux(stream) if packet.dts is not None]
+        times = [round(packet.pts * stream.time_base * 10**6) for packet in found]
+        return stream.codec_context.name, [*zip(times, map(bytes, found), strict=True)]
+
+
+def test_mp4_of_a_recording_has_its_own_jpegs(tmp_path: Path, export: Export) -> None:
+    with SessionWriter.create(tmp_path, "recording") as writer:
+        session = record(writer)
+    exported = export(session, "mp4")
+    for camera, count in (("left", 3), ("right", 2)):
+        images = [image for image in session.manifest.images if image.camera == camera]
+        codec, found = packets(tmp_path / "out" / f"{camera}.mp4")
+        assert (codec, len(found)) == ("mjpeg", count)
+        assert found == [
+            (since_us(session, camera)[image.instant], session.image_bytes(image)) for image in images
+        ]
+        assert len(frames(tmp_path / "out" / f"{camera}.mp4")) == count, "they are decoded"
+    assert any("--codec h264" in note for note in exported.notes)
+
+
+def test_mp4_of_a_recording_is_encoded_on_request(tmp_path: Path, export: Export) -> None:
+    with SessionWriter.create(tmp_path, "recording") as writer:
+        session = record(writer)
+    export(session, "mp4", codec="h264")
+    codec, found = packets(tmp_path / "out" / "left.mp4")
+    assert (codec, [time for time, _ in found]) == ("h264", list(since_us(session, "left").values()))
 
 
 def test_a_substitute_that_is_its_neighbours_frame_is_shown_once(

@@ -14,15 +14,14 @@ MS, US = 1_000_000, 1_000
 IRREGULAR_US = (0, 33_400, 66_001, 140_000, 166_667, 200_123)
 
 
-def write_video(
-    path: Path, times_us: Sequence[int], *, first: int = 0, codec: str = "libx264", **options: str
-) -> Path:
+def write_video(path: Path, times_us: Sequence[int], *, first: int = 0, interlaced: bool = False) -> Path:
     """A video whose frame n is shown at its own time and is 20 n grey levels bright, n from `first`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w", options={"movie_timescale": "1000000"}) as container:
-        stream = container.add_stream(codec, rate=30)
+        stream = container.add_stream("libx264", rate=30)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.options = {"bf": "2", "crf": "10"} | options
+        fields = {"x264-params": "tff=1"} if interlaced else dict[str, str]()
+        stream.options = {"bf": "2", "crf": "10", **fields}
         stream.time_base = stream.codec_context.time_base = Fraction(1, 1_000_000)
         for number, at_us in enumerate(times_us, first):
             frame = av.VideoFrame.from_ndarray(

@@ -12,7 +12,6 @@ from capture_app.session.reading.reader import Session
 from tests.unit.session.importing.numbered_video import numbers_of, write_video
 
 REGULAR_US = [40_000 * number for number in range(8)]
-INTERLACED = {"preset": "ultrafast", "x264-params": "tff=1"}
 
 
 @pytest.mark.parametrize("how", [["--synchronized"], ["--fps", "25"], ["--times", "video"]])
@@ -20,7 +19,7 @@ def test_interlaced_frames_are_decoded_and_reported_once(
     how: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("a", "b"):
-        write_video(tmp_path / "rec" / f"{name}.mp4", REGULAR_US, **INTERLACED)
+        write_video(tmp_path / "rec" / f"{name}.mp4", REGULAR_US, interlaced=True)
     assert run(["sessions", "import", str(tmp_path / "rec"), *how, "--out", str(tmp_path / "s")]) == 0
     assert numbers_of(Session.open(tmp_path / "s" / "rec")) == [{"a": n, "b": n} for n in range(8)]
     said = capfd.readouterr().err

@@ -1,0 +1,166 @@
+"""A recording in its node's spool: a film of segments, each deleted when the leader has all of it.
+
+SPOOL/<camera>/<leader>-<burst>/
+  <number>.film     frames, one after the other
+  <number>.ndjson   a line per frame: its place in the film, and the header that it is sent with
+"""
+
+import os
+import threading
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.common.bounds import Count
+from capture_app.protocol.messages import ImageUpload
+from capture_app.session.files.disk import disk_error, disk_errors
+from capture_app.session.files.durable import AppendOnlyFile, write_all
+from capture_app.session.format.journal import lines_of_file, record_of_line
+
+FILM, INDEX = ".film", ".ndjson"
+SEGMENT_BYTES = 8 << 20
+"""Length of a segment; most are deleted before the system has written them to the disk."""
+
+
+class IndexLine(Struct, frozen=True, kw_only=True):
+    """Place of a frame in its segment, and its header."""
+
+    offset: Count
+    frame: ImageUpload
+
+
+class Segment:
+    """Files of one segment, and how many of its frames the leader does not have."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.index = path, path.with_suffix(INDEX)
+        self.waiting = self.length = 0
+
+
+class SpooledFilm:
+    """Film of one recording on a node. Threads may share it; methods block on the disk, but for `release`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._places: dict[int, tuple[Segment, int]] = {}
+        """Segment and offset of each frame that the leader does not have, by instant."""
+        self._current: Segment | None = None
+        self._number = 0
+        """Number of the last segment; 0 while unknown."""
+        self._handle = -1
+        self._lines: AppendOnlyFile | None = None
+        self._unsynced: set[Segment] = set()
+        self._changing = threading.Lock()
+
+    def __contains__(self, instant: object) -> bool:
+        """Return whether the film has a frame of that instant, which the leader does not have."""
+        return instant in self._places
+
+    def recover(self) -> Iterator[ImageUpload]:
+        """Yield the headers of the frames that an earlier run has left. Raises DiskError."""
+        with disk_errors(self._folder):
+            for path in sorted(self._folder.glob(f"*{FILM}")):
+                segment = Segment(path)
+                lines = lines_of_file(segment.index.read_bytes()) if segment.index.exists() else []
+                size = path.stat().st_size
+                for line in lines:
+                    place = record_of_line(line, IndexLine)
+                    if place is not None and place.offset + place.frame.bytes <= size:
+                        self._places[place.frame.record.instant] = segment, place.offset
+                        segment.waiting += 1
+                        yield place.frame
+
+    def append(self, frames: Iterable[tuple[ImageUpload, bytes]]) -> None:
+        """Append frames, all or none: they survive this process now, and a power cut after `sync`.
+
+        Raises DiskFullError, SimulshotError.
+        """
+        with self._changing:
+            try:
+                segment, lines = self._open()
+                end, index = segment.length, []
+                for frame, data in frames:
+                    write_all(self._handle, data)
+                    index.append(
+                        (frame.record.instant, end, msgspec.json.encode(IndexLine(offset=end, frame=frame)))
+                    )
+                    end += len(data)
+                lines.append(*(line for _, _, line in index), durable=False)
+            except OSError as error:
+                with suppress(OSError):
+                    if self._current is not None:
+                        os.ftruncate(self._handle, self._current.length)
+                self._close()
+                raise disk_error(error, self._folder) from error
+            segment.length, segment.waiting = end, segment.waiting + len(index)
+            self._places |= {instant: (segment, offset) for instant, offset, _ in index}
+            self._unsynced.add(segment)
+
+    def read(self, frames: Sequence[ImageUpload]) -> list[bytes | None]:
+        """Return the bytes of each frame; None if the film does not have all of them. Raises DiskError."""
+        found: list[bytes | None] = []
+        handles: dict[Segment, int] = {}
+        try:
+            with disk_errors(self._folder):
+                for frame in frames:
+                    if (place := self._places.get(frame.record.instant)) is None:
+                        found.append(None)
+                        continue
+                    segment, offset = place
+                    try:
+                        if segment not in handles:
+                            handles[segment] = os.open(segment.path, os.O_RDONLY | os.O_CLOEXEC)
+                        data = os.pread(handles[segment], frame.bytes, offset)
+                    except FileNotFoundError:
+                        data = b""
+                    found.append(data if len(data) == frame.bytes else None)
+        finally:
+            for handle in handles.values():
+                os.close(handle)
+        return found
+
+    def release(self, instants: Collection[int]) -> list[Path]:
+        """Forget frames that the leader has; return the files that nothing needs any more."""
+        with self._changing:
+            touched = set()
+            for instant in instants:
+                if (place := self._places.pop(instant, None)) is not None:
+                    place[0].waiting -= 1
+                    touched.add(place[0])
+            done = {segment for segment in touched if not segment.waiting and segment is not self._current}
+            self._unsynced -= done
+            return [path for segment in done for path in (segment.path, segment.index)]
+
+    def to_sync(self) -> list[Path]:
+        """Return the files to sync, so that what was appended since the last call survives a power cut."""
+        with self._changing:
+            unsynced, self._unsynced = self._unsynced, set()
+            return [path for segment in unsynced for path in (segment.path, segment.index)]
+
+    def close(self) -> None:
+        """Close the files; frames that are appended later go into a new segment."""
+        with self._changing:
+            self._close()
+
+    def _open(self) -> tuple[Segment, AppendOnlyFile]:
+        """Return the current segment, a new one after SEGMENT_BYTES. Raises OSError."""
+        if self._current is None or self._lines is None or self._current.length >= SEGMENT_BYTES:
+            self._close()
+            if not self._number:
+                left = (path.stem for path in self._folder.glob(f"*{FILM}"))
+                self._number = max((int(stem) for stem in left if stem.isdecimal()), default=0)
+            self._number += 1
+            segment = Segment(self._folder / f"{self._number:06d}{FILM}")
+            self._handle = os.open(segment.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            self._current, self._lines = segment, AppendOnlyFile(segment.index)
+        return self._current, self._lines
+
+    def _close(self) -> None:
+        if self._handle >= 0:
+            os.close(self._handle)
+        if self._lines is not None:
+            self._lines.close()
+        self._current, self._handle, self._lines = None, -1, None

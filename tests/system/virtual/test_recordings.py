@@ -1,0 +1,69 @@
+"""Recordings whose network or machines fail meanwhile: as many instants are saved as were ordered."""
+
+import pytest
+
+from tests.virtual.invariants import broken, sessions_of
+from tests.virtual.plan import Plan, Step
+from tests.virtual.rig import VirtualRig
+from tests.virtual.run import run
+
+ORDERED_S, BEGINS_S = 40.0, 25.0
+
+
+def record(monkeypatch: pytest.MonkeyPatch, *faults: Step) -> tuple[int, list[str]]:
+    """Record for ORDERED_S with two cameras; return how many instants are saved, and what is missing."""
+    saved: list[tuple[int, list[str]]] = []
+
+    def look(rig: VirtualRig) -> list[str]:
+        for of in sessions_of(rig).values():
+            assert of.session is not None, of.error
+            manifest = of.session.manifest
+            missing = [f"{gap.camera}/{gap.instant}: {gap.reason}" for gap in manifest.missing]
+            saved.append((len(manifest.burst.instants_ns), missing))
+        return list(broken(rig))
+
+    monkeypatch.setattr("tests.virtual.run.broken", look)
+    steps = (Step(BEGINS_S, "recording", "desk", ORDERED_S), *faults)
+    plan = Plan(
+        seed=5,
+        cameras=("cam0", "cam1"),
+        behind_relay=(),
+        has_standby=False,
+        liars={},
+        drops=0.0,
+        image_bytes=2000,
+        wifi=False,
+        steps=steps,
+        seconds=70.0,
+        lopsided={},
+        phones=(),
+        stagger="",
+        has_sound=False,
+    )
+    result = run(plan)
+    assert result.failures == ()
+    (recording,) = saved
+    return recording
+
+
+@pytest.mark.parametrize("after_s", [2.0, 30.0])
+@pytest.mark.parametrize("lasts_s", [8.0, 15.0, 60.0])
+@pytest.mark.parametrize("target", ["lead", "cam0"])
+def test_what_is_cut_off_is_fetched_afterwards(
+    monkeypatch: pytest.MonkeyPatch, target: str, lasts_s: float, after_s: float
+) -> None:
+    cut = Step(BEGINS_S + after_s, "cut", target, 0.0, lasts_s)
+    instants, missing = record(monkeypatch, cut)
+    assert instants in (399, 400)
+    assert missing == []
+
+
+@pytest.mark.parametrize("how", ["kill", "power"])
+def test_a_node_that_ends_in_a_cut_keeps_what_it_took_and_does_not_end_the_recording_of_the_others(
+    monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    cut = Step(BEGINS_S + 10, "cut", "lead", 0.0, 15.0)
+    instants, missing = record(monkeypatch, cut, Step(BEGINS_S + 17, how, "cam0", 0.0, 5.0))
+    assert instants in (399, 400)
+    assert {gap.split("/")[0] for gap in missing} == {"cam0"}
+    assert len(missing) <= 0.62 * instants, "it has what it took until 2 s before"

@@ -20,8 +20,11 @@ AS_README_SAYS = (
     ("5 of 5 ready", "2"),
     ("pictures of one instant", "Space"),
     (r"(excellent|good|fair) +[0-9.]+ .s", "q"),
+    (r"Quit\?", "s"),
 )
-"""What the screen shows, and the key that is pressed then."""
+"""What the screen shows, and the key that is pressed then; the last one stops the rig."""
+OPENED = (("Try 5", "q"),)
+"""The same where README says no more than that the screen opens."""
 PATIENCE_S = 1800.0
 NETWORK = re.compile(
     r"PIP_.*|SSL_CERT_.*|REQUESTS_CA_BUNDLE|CURL_CA_BUNDLE|UV_.*|https?_proxy|no_proxy", re.I
@@ -88,7 +91,11 @@ def typed(root: Path, block: str) -> tuple[int, str]:
     code.unlink(missing_ok=True)
     window = ["-f", "/dev/null", "new-session", "-d", "-x", "120", "-y", "40"]
     subprocess.run([*tmux, *window, f"{shlex.join(inside)}; echo $? >{code}; sleep 5"], check=True)
-    keys, screen, until = list(AS_README_SAYS), "", time.monotonic() + PATIENCE_S
+    keys, screen, until = (
+        list(OPENED if "uvx" in block else AS_README_SAYS),
+        "",
+        time.monotonic() + PATIENCE_S,
+    )
     while not (code.exists() and code.read_text().strip()) and time.monotonic() < until:
         time.sleep(0.5)
         screen = (

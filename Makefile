@@ -123,6 +123,8 @@ test: $(VENV)/.installed-dev | $(filter slurm,$(KIND))
 readers: $(VENV)/.installed-readers
 $(VENV)/.installed-readers: tests/readers.txt $(VENV)/.installed-dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -r tests/readers.txt
+	@: mpl_interactions brings its own tests, under the name of ours
+	rm -rf $(VENV)/lib/python3*/site-packages/tests
 	npm install --silent --no-fund --no-audit --prefix $(VENV)/readers @playcanvas/splat-transform@3.7.0
 	@touch $@
 

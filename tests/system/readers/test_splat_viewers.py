@@ -12,6 +12,7 @@ from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, re
 from tests.project import ROOT
 from tests.unit.reconstruction.depth.moments import moment
 
+pytestmark = pytest.mark.filterwarnings("ignore")  # of numba, about this machine's libraries
 PLY = "splat.ply"
 SPLAT_TRANSFORM = shutil.which("splat-transform") or shutil.which(
     "splat-transform", path=str(ROOT / ".venv/readers/node_modules/.bin")

@@ -28,12 +28,11 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if not os.environ.get("CI") or reporter is None or hasattr(session.config, "workerinput"):
         return
-    wrong = sorted({f"{report.nodeid}: {reason(report)}" for report in reporter.getreports("skipped")})
-    wrong = [line for line in wrong if refused(line.split(": ", 1)[1])]
-    if wrong:
+    skipped = {(report.nodeid, reason(report)) for report in reporter.getreports("skipped")}
+    if wrong := sorted((name, why) for name, why in skipped if refused(why)):
         reporter.section("skipped, and not accepted by tests/skips.py", red=True)
-        for line in wrong:
-            reporter.write_line(line)
+        for name, why in wrong:
+            reporter.write_line(f"{name}: {why}")
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 

@@ -19,6 +19,7 @@ import msgspec
 from msgspec import Meta
 
 from capture_app.common.errors import BadInputError, DiskError
+from capture_app.common.file_system_limits import is_missing
 from capture_app.common.pairing_codes import pin_of
 
 FILE = "identity.pem"
@@ -68,8 +69,7 @@ def _put(part: Path, path: Path) -> None:
     try:
         os.link(part, path)
     except OSError as error:
-        # Android's storage and some CIFS have no hard links.
-        if error.errno not in (errno.EPERM, errno.EACCES, errno.ENOSYS, errno.EOPNOTSUPP):
+        if not is_missing("link", error.errno):
             raise
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from error

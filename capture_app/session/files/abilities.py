@@ -1,15 +1,12 @@
 """What the file system of a folder lacks, tried with a hidden folder in it."""
 
-import errno
 import fcntl
 import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from capture_app.session.files.durable import UNSUPPORTED
-
-REFUSED = (*UNSUPPORTED, errno.EPERM, errno.EACCES, errno.ENOLCK)
+from capture_app.common.file_system_limits import is_missing
 
 
 def missing_abilities(folder: Path) -> list[str]:
@@ -18,26 +15,27 @@ def missing_abilities(folder: Path) -> list[str]:
         file = Path(name) / "file"
         file.touch()
         handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY)
-        tries: tuple[tuple[str, Callable[[], object]], ...] = (
-            ("folders cannot be synced: a power cut may lose the newest files", lambda: os.fsync(handle)),
-            ("no locks: one machine may use it at a time", lambda: fcntl.flock(handle, fcntl.LOCK_EX)),
+        tries: tuple[tuple[str, str, Callable[[], object]], ...] = (
+            ("fsync", "folders cannot be synced: a power cut may lose the newest files", lambda: os.fsync(handle)),
+            ("flock", "no locks: one machine may use it at a time", lambda: fcntl.flock(handle, fcntl.LOCK_EX)),
             (
+                "link",
                 "no hard links: renaming a session copies its images",
                 lambda: os.link(file, file.with_name("link")),
             ),
-            ("no permissions: everybody who reaches it reads the sessions", lambda: file.chmod(0o600)),
+            ("chmod", "no permissions: everybody who reaches it reads the sessions", lambda: file.chmod(0o600)),
         )
         try:
-            return [lack for lack, attempt in tries if _fails(attempt)]
+            return [lack for call, lack, attempt in tries if _is_missing(call, attempt)]
         finally:
             os.close(handle)
 
 
-def _fails(attempt: Callable[[], object]) -> bool:
+def _is_missing(call: str, attempt: Callable[[], object]) -> bool:
     try:
         attempt()
     except OSError as error:
-        if error.errno not in REFUSED:
+        if not is_missing(call, error.errno):
             raise
         return True
     return False

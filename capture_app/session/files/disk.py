@@ -75,7 +75,7 @@ def disk_error(error: OSError, folder: Path) -> DiskError:
             hint="what was saved before is intact; make room, and it can go on",
         )
     return DiskError(
-        f"cannot write {error.filename or folder}: {error.strerror}",
+        f"cannot write {error.filename or folder}: {error.strerror or error}",
         hint="check the disk: capture-app doctor; what was saved before is intact",
     )
 

@@ -10,10 +10,10 @@ from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
 
+from capture_app.common.file_system_limits import is_missing
+
 FEW_SYNCS, MAX_SYNCS = 2, 16
 """Number of syncs up to which they run sequentially, and maximum number of concurrent syncs."""
-UNSUPPORTED = (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP)
-"""What a file system says of a call that it does not have."""
 PART = ".part"
 """Suffix of a file that is still being written; readers ignore such files."""
 
@@ -56,8 +56,7 @@ def _sync(path: Path, kind: int = 0) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        # Virtual machines' shared folders, older CIFS and some FUSE have no sync of folders.
-        if error.errno not in UNSUPPORTED or not path.is_dir():
+        if not is_missing("fsync", error.errno) or not path.is_dir():
             raise
     finally:
         os.close(handle)
@@ -93,7 +92,7 @@ def _renameat2(one: Path, other: Path, how: int) -> bool:
     if renameat2(here, os.fsencode(one), here, os.fsencode(other), how) == 0:
         return True
     code = ctypes.get_errno()
-    if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+    if is_missing("renameat2", code):
         return False
     raise OSError(code, os.strerror(code), str(other))
 

@@ -12,11 +12,11 @@ import time
 from pathlib import Path
 
 from capture_app.common.errors import TryAgainError, reading
-from capture_app.session.files.durable import UNSUPPORTED, make_folders
+from capture_app.common.file_system_limits import is_missing
+from capture_app.session.files.durable import make_folders
 
 _TRIES = 5
 _READER_S = 0.005
-NO_LOCKS = (*UNSUPPORTED, errno.ENOLCK)
 
 
 def lock_handle(handle: int, *, wait: bool = False, how: int = fcntl.LOCK_EX) -> os.stat_result:
@@ -30,7 +30,7 @@ def lock_handle(handle: int, *, wait: bool = False, how: int = fcntl.LOCK_EX) ->
         fcntl.flock(handle, how | (0 if wait else fcntl.LOCK_NB))
         return status
     except OSError as error:
-        if error.errno not in NO_LOCKS:
+        if not is_missing("flock", error.errno):
             raise
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as named:
         while True:

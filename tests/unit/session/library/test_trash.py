@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import BadInputError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskError, TryAgainError
 from capture_app.session.library.changes import (
+    TRASH,
     empty_trash,
     restore_session,
     results_folder,
@@ -91,3 +92,12 @@ def test_a_record_from_elsewhere_leads_nowhere_else(session: Session, tmp_path: 
     trash_session(tmp_path / "outside")
     (tmp_path / ".trash" / "outside" / "trashed.json").write_text("torn")
     assert restore_session(tmp_path) == tmp_path / "outside"
+
+
+def test_a_trash_that_is_a_link_is_left_alone_and_the_reason_is_given(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (tmp_path / TRASH).symlink_to(elsewhere)
+    with pytest.raises(DiskError, match="symbolic link"):
+        empty_trash(tmp_path)
+    assert elsewhere.is_dir()

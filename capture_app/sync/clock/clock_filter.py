@@ -54,11 +54,14 @@ SLEW_SAMPLES, MAX_SLEW = 8, 0.1
 value explains them. chrony slews by at most a twelfth."""
 GAP_SIGMAS = 2.0
 """The gap has the errors of both directions, and the line's offset half of them."""
-LOOKS_BACK = 1, 2, 4
-"""Multiples of the time since the gap was large: the newest samples, more of them where messages are slow."""
+LOOKS_BACK, LOOKS_CLOSER = (1, 2, 4), 0.5
+"""Multiples of the time since the gap was large: the newest samples, more of them where messages are slow;
+and fewer after a change, as a slew may have ended since the samples before it were removed."""
 DOUBTED = 2.0
 """A gap that is smaller by more than this multiple of what chance and paths do is doubted before its cause is
 known: the rest counts as a possible error. WiFi's two floors (a recording: 16 % apart) stay below."""
+CONTRADICTED = 0.05
+"""A sample contradicts an estimate if it leaves its minimum round trip this part smaller."""
 Bound = tuple[int, int]
 """Local time and bound, both in ns; lower bounds are stored negated."""
 
@@ -147,6 +150,10 @@ class ClockFilter:
         self._watch = GapWatch()
         self.hidden_ns = 0.0
         """Possible error of the newest line in ns while its gap is small and the cause is not known."""
+        self.is_back = False
+        """Whether a clock that changed lately has the rate of before again."""
+        self._skew_before = 0.0
+        """Skew before the first of the changes that may not be over."""
         self._changed: tuple[int, float] | None = None
         """Local time of the last change that may be a rate change, and the skew before it."""
         self._unsure_until_ns = LONG_AGO_NS
@@ -157,6 +164,7 @@ class ClockFilter:
 
     def _clear(self) -> None:
         """Remove all samples."""
+        self._newest: TimeMap | None = None
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
         self._highest = self._lowest = (0, -LONG_AGO_NS)
         self._blocks: dict[int, tuple[list[Bound], list[Bound]]] = {}
@@ -171,7 +179,8 @@ class ClockFilter:
         """Newest samples, if they contradict the earlier ones and are consistent with one clock."""
 
     @property
-    def _may_change_again(self) -> bool:
+    def may_change_again(self) -> bool:
+        """Whether a clock has changed so recently that it may change again, as what slews it also ends."""
         return self._newest_ns < self._unsure_until_ns
 
     def add(self, sample: ClockSample) -> bool:
@@ -218,7 +227,9 @@ class ClockFilter:
             if abs(change) > CHANGE_SKEW + SIGMAS_95 * sqrt(line.skew_variance):
                 self.rate_changed_ns = self._changed[0]
         gap = abs(line.gap)
-        unseen = gap - self._gap(gap, line.excess).least if self._may_change_again else 0.0
+        is_slewed = self.may_change_again and abs(line.skew - self._skew_before) > SKEW
+        unseen = gap - self._gap(gap, line.excess).least if is_slewed else 0.0
+        self.is_back = self.may_change_again and not is_slewed
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
         sigma = None if self.asymmetry is None else self.asymmetry.sigma(gap, 2.0 * sqrt(line.excess))
         self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
@@ -234,7 +245,7 @@ class ClockFilter:
         bound = max(highest - offset_ns, offset_ns - lowest) + self.hidden_ns + unseen + ROUNDING_NS
         self.chance_ns = SIGMAS_95 * chance + self.longer_ns + self.hidden_ns + unseen
         skew_bound = MAX_SKEW + abs(line.skew)
-        return TimeMap(
+        self._newest = TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
@@ -248,6 +259,17 @@ class ClockFilter:
             samples=self.samples,
             round_trip_ns=round(gap),
         )
+        return self._newest
+
+    def is_contradicted_by(self, sample: ClockSample) -> bool:
+        """Whether the newest map's minimum round trip is too large for a sample, as after a change."""
+        newest = self._newest
+        if newest is None:
+            return False
+        room_ns = (0.5 - CONTRADICTED) * newest.round_trip_ns
+        early_ns = newest.leader_from_local(sample.t0_ns) + room_ns - sample.t1_ns
+        late_ns = sample.t2_ns + room_ns - newest.leader_from_local(sample.t3_ns)
+        return max(early_ns, late_ns) > STAMP_NS
 
     def _suspect(self, sample: ClockSample) -> bool:
         """Record a sample that contradicts the earlier ones. Return as `add` does."""
@@ -258,7 +280,7 @@ class ClockFilter:
         # Messages from before the step may still be in transit.
         self._not_before_ns = suspects[0].t0_ns
         self._note_change(STEPPED_NS)
-        self._watch.restart()
+        self._watch.restart(self._newest_ns)
         self._clear()
         for suspect in suspects:
             self.add(suspect)
@@ -278,7 +300,7 @@ class ClockFilter:
                 for (past, hull), points in zip(self._past, new, strict=True)
             )
             self._fitted, self._stale = (
-                fit_line(*above, *below, odd=EVEN_ODDS if self._may_change_again else ODD_HOSTS),
+                fit_line(*above, *below, odd=EVEN_ODDS if self.may_change_again else ODD_HOSTS),
                 False,
             )
         return self._fitted
@@ -304,6 +326,8 @@ class ClockFilter:
         """Note that one of the two clocks has stepped, or that its rate has changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SHOWN_NS:
             self._changed = self._newest_ns, 0.0 if self._fitted is None else self._fitted.skew
+        if not self.may_change_again:
+            self._skew_before = 0.0 if self._fitted is None else self._fitted.skew
         self._unsure_until_ns = max(self._unsure_until_ns, self._newest_ns + unsure_ns)
 
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:
@@ -316,11 +340,11 @@ class ClockFilter:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""
         line = self._line()
         before, self.hidden_ns = self._watch.before(line.gap), 0.0
-        self._watch.add(self._gap(line.gap, line.excess))
+        self._watch.add(self._gap(line.gap, line.excess), is_of_path=not self.may_change_again)
         if before is None:
             return line
-        for multiple in LOOKS_BACK:
-            since_ns = self._newest_ns - multiple * (self._newest_ns - before.local_ns)
+        for multiple in (*LOOKS_BACK, LOOKS_CLOSER) if self.may_change_again else LOOKS_BACK:
+            since_ns = self._newest_ns - round(multiple * (self._newest_ns - before.local_ns))
             newest = [
                 [(t - since_ns, v) for bounds in self._all_bounds() for t, v in bounds[side] if t > since_ns]
                 for side in (0, 1)
@@ -329,9 +353,9 @@ class ClockFilter:
                 continue
             cause = cause_of(before, line.gap, self._gap(*gap_of(*newest)))
             if cause is Cause.CLOCK:
-                self._watch.restart(before)
+                self._watch.restart(self._newest_ns)
                 return self._forget_before(since_ns)
-            if cause is Cause.PATH:
+            if cause is Cause.PATH and not self.may_change_again:
                 self._watch.forget_before(before.local_ns)
                 return line
         self.hidden_ns = max(0.0, before.gap - line.gap - DOUBTED * (before.gap - before.least))

@@ -56,9 +56,10 @@ class GapWatch:
         self.path_ns = inf
         """Smallest gap of the path so far, in ns."""
 
-    def add(self, gap: LineGap) -> None:
-        """Add the gap of the newest line."""
-        self.path_ns = min(self.path_ns, gap.gap)
+    def add(self, gap: LineGap, *, is_of_path: bool = True) -> None:
+        """Add the gap of the newest line; unless it `is_of_path`, it may be that of two clocks."""
+        if is_of_path or self.path_ns == inf:
+            self.path_ns = min(self.path_ns, gap.gap)
         while self._gaps and self._gaps[-1][0].least <= gap.least:
             self._gaps.pop()
         self._gaps.append((gap, self.path_ns))
@@ -74,10 +75,15 @@ class GapWatch:
         while self._gaps and self._gaps[0][0].local_ns <= local_ns:
             self._gaps.popleft()
 
-    def restart(self, before: LineGap | None = None) -> None:
-        """Remove all gaps, as a clock has changed: those after `before` were too small for the path."""
-        self.path_ns = next((path_ns for one, path_ns in self._gaps if one is before), self.path_ns)
-        self._gaps.clear()
+    def restart(self, local_ns: int) -> None:
+        """Remove all gaps at a local time in ns, as a clock has changed, but the one that is surest.
+
+        The path is still the same: a line with a smaller gap is that of two clocks again.
+        """
+        if self._gaps:
+            surest, self.path_ns = self._gaps[0]
+            self._gaps.clear()
+            self._gaps.append((surest._replace(local_ns=local_ns), self.path_ns))
 
 
 def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause:

@@ -40,8 +40,9 @@ Thousands of clients may have lost the first one, and a high initial rate would 
 MIN_EXCHANGES = 10
 """Minimum number of samples for an estimate. Its 95 % bar then held in 90 to 100 % on 15 links, half of which
 have bursts of long delays."""
-ESTIMATE_EVERY_NS = 1_000_000_000
-"""Interval of a relay's estimates: drift adds 0.03 us within it, and thousands of them share one machine."""
+ESTIMATE_EVERY_NS, UNSETTLED_EVERY_NS = 1_000_000_000, 100_000_000
+"""Interval of estimates while nothing contradicts the last one, within which drift adds 0.03 us; and until a
+clock is as accurate as requested, or after a sample that contradicts the estimate."""
 LEAVE_AT = 2.0
 """Factor on the target error at which a good clock stops being good.
 
@@ -112,6 +113,7 @@ class SteadySchedule:
         self._paces_ns = (first_interval_ns, *easing_intervals_ns, poll_interval_ns)
         self._near_ns = near_ns
         self._grid_ns = 0
+        self._soonest_ns = NEVER_NS
         self._samples_when_synced: int | None = None
 
     def begin(self, now_ns: int) -> None:
@@ -144,9 +146,14 @@ class SteadySchedule:
             self.estimate_due_ns = now_ns
         return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._interval(progress)
 
-    def estimated(self, now_ns: int) -> None:
-        """Schedule the next estimate in a tenth of a second."""
-        self.estimate_due_ns = now_ns + 100_000_000
+    def estimated(self, now_ns: int, *, is_settled: bool) -> None:
+        """Schedule the next estimate: rarely once the clock `is_settled`, or when a sample contradicts it."""
+        self._soonest_ns = now_ns + UNSETTLED_EVERY_NS
+        self.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS if is_settled else self._soonest_ns
+
+    def contradicted(self) -> None:
+        """A sample contradicts the newest estimate: make the next one soon."""
+        self.estimate_due_ns = min(self.estimate_due_ns, self._soonest_ns)
 
     def _interval(self, progress: Progress) -> int:
         if not progress.synced:
@@ -182,7 +189,7 @@ class TreeSchedule(SteadySchedule):
         super().restart(now_ns)
         self.begin(now_ns)
 
-    def estimated(self, now_ns: int) -> None:
+    def estimated(self, now_ns: int, *, is_settled: bool) -> None:
         """Schedule the next estimate some requests later."""
         self.estimate_due_ns = now_ns + max(ESTIMATE_EVERY_NS, MIN_EXCHANGES * self._interval())
 
@@ -210,10 +217,11 @@ class AccuracyTarget:
         """Whether the clock is good enough."""
         self._least_ns, self._began_ns = inf, NEVER_NS
 
-    def judge(self, time_map: TimeMap, now_ns: int, above_ns: float = 0.0) -> bool:
+    def judge(self, time_map: TimeMap, now_ns: int, above_ns: float = 0.0, *, is_back: bool = False) -> bool:
         """Update from the newest estimate; return whether it is good enough or will hardly improve.
 
-        `above_ns` is the 95 % error of the relay that is followed, which its link bears as well.
+        `above_ns` is the 95 % error of the relay that is followed, which its link bears as well. A clock that
+        `is_back` at its rate after a slew is good again as long as it would have stayed so.
         """
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
         if self.target_ns is None:
@@ -229,5 +237,6 @@ class AccuracyTarget:
             self.met = error_ns <= LEAVE_AT * self.target_ns
         else:
             has_settled = stays_ns >= SETTLED_NS or now_ns - self._began_ns >= 2 * SETTLED_NS
-            self.met = error_ns <= (self.target_ns if has_settled else self._min_ns or self.target_ns)
+            at_ns = self.target_ns if has_settled else self._min_ns or self.target_ns
+            self.met = error_ns <= (LEAVE_AT if is_back else 1.0) * at_ns
         return self.met or stays_ns >= NO_GAIN_TIMEOUT_NS or now_ns - self._began_ns >= LONGEST_TRY_NS

@@ -10,6 +10,8 @@ TYPICAL_PPM = 100.0
 """Maximum rate difference of two ordinary crystals."""
 STILL_UNUSUAL_PPM = 80.0
 """Threshold below which an unusual rate counts as ordinary again."""
+JUDGED_AFTER_NS = 5_000_000_000
+"""Time from the first estimate until a rate is judged: before, changes of a WiFi path look like one."""
 RECENT_NS = 30_000_000_000
 """Time for which a rate change is reported: as long as samples from before it affect the estimate."""
 LEADER = None
@@ -23,10 +25,11 @@ class RateWatch:
         self.fast_ppm: float | None = None
         """Rate excess of this node's clock over the leader's; None if it is ordinary."""
         self._changed_ns: int | None = None
+        self._began_ns: int | None = None
 
     def restart(self) -> None:
         """Clear the verdict: the leader is another one, or a clock has stepped."""
-        self.fast_ppm = None
+        self.fast_ppm = self._began_ns = None
 
     def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockChanged | None:
         """Judge the rate of this node's clock by the newest estimate; return an event if something changed.
@@ -37,7 +40,10 @@ class RateWatch:
         # The map is from this clock to the leader's: a positive skew means that the leader's is faster.
         fast_ppm, uncertainty_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
         min_ppm = TYPICAL_PPM + uncertainty_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
-        before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > min_ppm else None
+        if self._began_ns is None:
+            self._began_ns = time_map.epoch_local_ns
+        is_known = time_map.epoch_local_ns - self._began_ns >= JUDGED_AFTER_NS
+        before, self.fast_ppm = self.fast_ppm, fast_ppm if is_known and abs(fast_ppm) > min_ppm else None
         if changed_ns not in (None, self._changed_ns):
             self._changed_ns = changed_ns
             return ClockChanged(jumped=False)

@@ -149,6 +149,8 @@ class Timekeeper:
         samples = self.clock.samples
         if self.clock.add(sample):
             self._agreed_ns = now_ns if self.clock.samples > samples else self._agreed_ns
+            if self.clock.is_contradicted_by(sample):
+                self.schedule.contradicted()
         else:
             self._right_until_ns = self._right_until_ns or self._agreed_ns
             self.synced = self.time_is_known = False
@@ -221,8 +223,9 @@ class Timekeeper:
         self._request = request_before_t0(self._number, self._sequence)
 
     def _estimate(self, now_ns: int) -> None:
-        self.schedule.estimated(now_ns)
         own, asked = self.clock.time_map(now_ns), self._asked
+        is_settled = self.synced and self.target.met and not self.clock.may_change_again
+        self.schedule.estimated(now_ns, is_settled=is_settled)
         if own is None or asked is None:
             return
         self.map_to_leader = own
@@ -251,7 +254,7 @@ class Timekeeper:
                 self.events.append(doubted)
             self._right_until_ns = None
             self._history.add(time_map, now_ns)
-        if self.target.judge(time_map, now_ns, above_ns) and not self.synced:
+        if self.target.judge(time_map, now_ns, above_ns, is_back=self.clock.is_back) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))
 

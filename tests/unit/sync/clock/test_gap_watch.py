@@ -45,14 +45,19 @@ def test_a_gap_of_long_ago_is_forgotten() -> None:
 
 
 def test_what_a_change_takes_from_the_gap_is_not_taken_for_the_path() -> None:
-    shrinking = LineGap(BEFORE.local_ns + S, 900_000.0, 1_000.0)
-    watch = watched(BEFORE, shrinking)
-    watch.restart(BEFORE)
+    watch = watched(BEFORE)
+    watch.add(LineGap(BEFORE.local_ns + S, 600_000.0, 1_000.0), is_of_path=False)
     assert watch.path_ns == BEFORE.gap
-    assert watch.before(0.0) is None
-    watch.add(shrinking)
-    watch.restart()
-    assert watch.path_ns == shrinking.gap, "a step takes nothing from it"
+    watch.add(LineGap(BEFORE.local_ns + 2 * S, 500_000.0, 1_000.0))
+    watch.restart(BEFORE.local_ns + 3 * S)
+    assert watch.path_ns == BEFORE.gap
+
+
+def test_a_line_after_a_change_is_compared_with_the_surest_gap_before_it() -> None:
+    watch = watched(BEFORE, LineGap(BEFORE.local_ns + S, 700_000.0, 50_000.0))
+    watch.restart(BEFORE.local_ns + 2 * S)
+    same = watch.before(BEFORE.least - 1.0)
+    assert same == BEFORE._replace(local_ns=BEFORE.local_ns + 2 * S)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ def lan_rig(*skews_ppm: float) -> VirtualRig:
         for n, ppm in enumerate(skews_ppm)
     ]
     rig = ready_rig(specs, seed=2)
-    rig.run_for(3 * S)
+    rig.run_for(6 * S)
     return rig
 
 
@@ -31,8 +31,7 @@ def test_a_fast_clock_is_named_to_the_user_by_its_node_and_by_the_rig() -> None:
     rig = lan_rig(10.0, 210.0, -30.0)
     node = rig.nodes["cam1"]
     (event,) = [event for event in node.events if isinstance(event, ClockRateUnusual)]
-    # It is reported as soon as it is significant: at 187 to 250 ppm in 20 seeds.
-    assert event.fast_ppm == pytest.approx(210.0, abs=40.0)
+    assert event.fast_ppm == pytest.approx(210.0, abs=10.0)
     report = next(view.report for view in rig.leader.roster.by_name() if view.name == "cam1")
     assert report.message.startswith(
         "its clock runs 210 ppm fast against the leader's: an NTP daemon is slewing"

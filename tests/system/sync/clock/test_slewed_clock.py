@@ -1,0 +1,15 @@
+"""A clock that is slewed over WiFi, and comes back: is its node soon ready again, and not before?"""
+
+import pytest
+
+from benchmarks.clock.ready_clocks import Slew, run_slew
+from tests.unit.benchmarks.simulated.link_spells import LAWS
+
+@pytest.mark.parametrize("name", ["two states as recorded", "the same, 20 times as often"])
+def test_a_node_is_ready_within_5_s_of_the_end_of_a_slew(name: str) -> None:
+    figures = run_slew(name, LAWS[name], Slew(500.0, 15.0), range(1, 3), 0.0)
+    again_s, false_s = figures["again_s"], figures["false_s"]
+    assert isinstance(again_s, float)
+    assert again_s < 5.0
+    assert isinstance(false_s, float)
+    assert false_s <= 2.0

@@ -41,6 +41,8 @@ DELIVERY_NS = 100_000_000
 NEVER = "its page is closed: open it again on the phone"
 STARTING = "its camera is starting, or its clock is being measured"
 BLOCK_US, BLOCKS = 3e6, 10
+STALE_NS, SILENT_NS = 1_000_000_000, 8_000_000_000
+"""Age at which a frame is of no use to a burst, and the time without one after which its user is told."""
 HELD_FRAMES = 8
 """Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
 RATE_FRAMES, RATE_FRACTION = 20, 0.05
@@ -220,6 +222,7 @@ class Phone:
         """The camera's controls, as the page last reported them."""
         self._orders: dict[int, asyncio.Future[str]] = {}
         self._numbers = count(1)
+        self._usable_ns = now_ns()
         self._on_frame: OnFrame | None = None
         self._on_disconnect: Callable[[str], None] | None = None
 
@@ -341,6 +344,15 @@ class Phone:
             )
         return picture.result()
 
+    def check_frames(self) -> None:
+        """Raise CameraError if its camera is open, but gave no frame of use for SILENT_NS."""
+        if self._opened is not None and self._now_ns() - self._usable_ns > SILENT_NS:
+            self.came.clear()
+            raise CameraError(
+                f"{self.name}: its page delivers no frame that can be used",
+                hint="load its page again; if this comes back, use another browser",
+            )
+
     # Methods for the link
 
     def link_opened(self, send: Send, hello: wire.PhoneHello) -> None:
@@ -400,10 +412,11 @@ class Phone:
                 if self.clock.is_known:
                     self.on_sound(message.pcm, self.clock.gateway_ns(message.arrived_us))
             case wire.FrameReport() if self._opened is not None:
-                timed, is_known = self._times.add(message), self.clock.is_known
-                if self._times.period_ns is not None and is_known:
+                timed = self._times.add(message) if self.clock.is_known else []
+                if timed and received_ns - self.clock.gateway_ns(timed[-1].page_us) < STALE_NS:
+                    self._usable_ns = received_ns
                     self.came.set()
-                for frame in timed if is_known else ():
+                for frame in timed:
                     if self._on_frame is not None:
                         self._on_frame(frame)
 

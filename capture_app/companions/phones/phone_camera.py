@@ -227,6 +227,7 @@ async def _until_disconnected(phone: Phone) -> None:
 async def _report_state(phone: Phone, node: CameraNode) -> None:
     while True:
         await asyncio.sleep(REPORT_INTERVAL_S)
+        phone.check_frames()
         state, words = node.standing
         # Sent even if unchanged: a page that was just loaded knows no state.
         await phone.report_state(str(state or "joining"), words)

@@ -16,14 +16,26 @@ def missing_abilities(folder: Path) -> list[str]:
         file.touch()
         handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY)
         tries: tuple[tuple[str, str, Callable[[], object]], ...] = (
-            ("fsync", "folders cannot be synced: a power cut may lose the newest files", lambda: os.fsync(handle)),
-            ("flock", "no locks: one machine may use it at a time", lambda: fcntl.flock(handle, fcntl.LOCK_EX)),
+            (
+                "fsync",
+                "folders cannot be synced: a power cut may lose the newest files",
+                lambda: os.fsync(handle),
+            ),
+            (
+                "flock",
+                "no locks: one machine may use it at a time",
+                lambda: fcntl.flock(handle, fcntl.LOCK_EX),
+            ),
             (
                 "link",
                 "no hard links: renaming a session copies its images",
                 lambda: os.link(file, file.with_name("link")),
             ),
-            ("chmod", "no permissions: everybody who reaches it reads the sessions", lambda: file.chmod(0o600)),
+            (
+                "chmod",
+                "no permissions: everybody who reaches it reads the sessions",
+                lambda: file.chmod(0o600),
+            ),
         )
         try:
             return [lack for call, lack, attempt in tries if _is_missing(call, attempt)]

@@ -108,7 +108,12 @@ onmessage = event => {
     if (message.readable) read(message.readable, stream);
   } else if (message.end) stream = 0;
   else if (message.bitmap) {
+    if (trial) {
+      trial.frames += message.missed;
+      trial.skipped += message.missed;
+    }
     if (message.stream === stream) take(message.bitmap, message.bitmap.width, message.bitmap.height, message.times);
     message.bitmap.close();
+    postMessage({type: "taken"});
   }
 };

@@ -5,7 +5,10 @@ const WANTED = document.documentElement.dataset.size.split("x").map(Number), SLO
 const SIZES = [WANTED, WANTED.map(side => Math.round(side / 2))];
 const camera = new Worker("camera.js");
 let stream = null, number = 0, device = null, size = 0, settings = null, audio = null, microphone = null;
-let silence = "";
+let silence = "", copies = 0;
+// Copies of frames that the worker has not taken yet.
+const COPIES = 3;
+camera.addEventListener("message", event => { if (event.data.type === "taken") copies--; });
 
 function constraints() {
   const [width, height] = SIZES[size];
@@ -36,17 +39,27 @@ async function openCamera(trial) {
   return track;
 }
 
-// For browsers without an API for reading frames: copy each frame when it is shown.
+// For browsers without an API for reading frames: copy each frame when it is shown. A worker that is slower than the
+// camera gets fewer of them, as its queue would make each later than the one before.
 function readVideo(own) {
   const video = seen("video");
+  let missed = 0;
   const look = (shown_ms, frame) => {
     if (own !== number) return;
     video.requestVideoFrameCallback(look);
     const arrived_us = performance.now() * 1000, captured = frame.captureTime;
-    const media_us = frame.mediaTime > 0 ? frame.mediaTime * 1e6 : (captured || shown_ms) * 1000;
+    // WebKit's media time counts the frames that it shows: a camera that loses some falls ever further behind.
+    const media_us = captured ? captured * 1000 : frame.mediaTime > 0 ? frame.mediaTime * 1e6 : shown_ms * 1000;
     const times = {media_us, arrived_us, capture_us: captured ? captured * 1000 : null, origin_ms: performance.timeOrigin};
-    createImageBitmap(video).then(
-      bitmap => camera.postMessage({bitmap, stream: own, times}, [bitmap]), () => { /* between two streams */ });
+    if (copies >= COPIES) {
+      missed++;
+      return;
+    }
+    copies++;
+    createImageBitmap(video).then(bitmap => {
+      camera.postMessage({bitmap, stream: own, times, missed}, [bitmap]);
+      missed = 0;
+    }, () => { copies--; /* between two streams */ });
   };
   video.requestVideoFrameCallback(look);
 }

@@ -57,9 +57,6 @@ GAP_SIGMAS = 2.0
 LOOKS_BACK, LOOKS_CLOSER = (1, 2, 4), 0.5
 """Multiples of the time since the gap was large: the newest samples, more of them where messages are slow;
 and fewer after a change, as a slew may have ended since the samples before it were removed."""
-DOUBTED = 2.0
-"""A gap that is smaller by more than this multiple of what chance and paths do is doubted before its cause is
-known: the rest counts as a possible error. WiFi's two floors (a recording: 16 % apart) stay below."""
 CONTRADICTED = 0.05
 """A sample contradicts an estimate if it leaves its minimum round trip this part smaller."""
 Bound = tuple[int, int]
@@ -148,8 +145,6 @@ class ClockFilter:
     def reset(self) -> None:
         """Remove all samples, and what is known of the link: another leader's are next."""
         self._watch = GapWatch()
-        self.hidden_ns = 0.0
-        """Possible error of the newest line in ns while its gap is small and the cause is not known."""
         self.is_back = False
         """Whether a clock that changed lately has the rate of before again."""
         self._skew_before = 0.0
@@ -242,16 +237,14 @@ class ClockFilter:
         chance = hypot(sqrt(line.variance_at(age)), STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
         self.longer_ns = max((gap - self._watch.path_ns) / 2.0 - sqrt(line.excess), 0.0)
-        bound = max(highest - offset_ns, offset_ns - lowest) + self.hidden_ns + unseen + ROUNDING_NS
-        self.chance_ns = SIGMAS_95 * chance + self.longer_ns + self.hidden_ns + unseen
+        bound = max(highest - offset_ns, offset_ns - lowest) + unseen + ROUNDING_NS
+        self.chance_ns = SIGMAS_95 * chance + self.longer_ns + unseen
         skew_bound = MAX_SKEW + abs(line.skew)
         self._newest = TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
-            uncertainty_ns=min(
-                SIGMAS_95 * hypot(chance, asymmetry_ns) + self.longer_ns + self.hidden_ns + unseen, bound
-            ),
+            uncertainty_ns=min(SIGMAS_95 * hypot(chance, asymmetry_ns) + self.longer_ns + unseen, bound),
             hard_bound_ns=bound,
             skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + skew_drift**2), skew_bound),
             skew_bound=skew_bound,
@@ -339,7 +332,7 @@ class ClockFilter:
     def _look_for_change(self) -> LikelyLine:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""
         line = self._line()
-        before, self.hidden_ns = self._watch.before(line.gap), 0.0
+        before = self._watch.before(line.gap)
         self._watch.add(self._gap(line.gap, line.excess), is_of_path=not self.may_change_again)
         if before is None:
             return line
@@ -358,7 +351,6 @@ class ClockFilter:
             if cause is Cause.PATH and not self.may_change_again:
                 self._watch.forget_before(before.local_ns)
                 return line
-        self.hidden_ns = max(0.0, before.gap - line.gap - DOUBTED * (before.gap - before.least))
         return line
 
     def _forget_before(self, local_ns: int) -> LikelyLine:

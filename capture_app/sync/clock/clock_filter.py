@@ -222,7 +222,8 @@ class ClockFilter:
             if abs(change) > CHANGE_SKEW + SIGMAS_95 * sqrt(line.skew_variance):
                 self.rate_changed_ns = self._changed[0]
         gap = abs(line.gap)
-        is_slewed = self.may_change_again and abs(line.skew - self._skew_before) > SKEW
+        skew_error = SIGMAS_95 * sqrt(line.skew_variance)
+        is_slewed = self.may_change_again and abs(line.skew - self._skew_before) + skew_error > CHANGE_SKEW
         unseen = gap - self._gap(gap, line.excess).least if is_slewed else 0.0
         self.is_back = self.may_change_again and not is_slewed
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)

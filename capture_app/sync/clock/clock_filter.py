@@ -16,6 +16,7 @@ from capture_app.sync.clock.likely_line import (
     MAX_SKEW,
     ODD_HOSTS,
     SKEW,
+    SPELL_NS,
     STAMP_NS,
     TIGHTEST,
     LikelyLine,
@@ -161,6 +162,8 @@ class ClockFilter:
         """Remove all samples."""
         self._newest: TimeMap | None = None
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
+        self._first_ns = LONG_AGO_NS
+        """Local time from which on the samples are of one clock."""
         self._highest = self._lowest = (0, -LONG_AGO_NS)
         self._blocks: dict[int, tuple[list[Bound], list[Bound]]] = {}
         """Relevant upper and lower bounds of the blocks before the present one."""
@@ -192,6 +195,7 @@ class ClockFilter:
             return True
         if not self.samples:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
+            self._first_ns = sample.t3_ns
         upper = sample.t0_ns, sample.upper_ns - self._anchor_ns
         lower = sample.t3_ns, self._anchor_ns - sample.lower_ns
         highest, lowest = _tighter(self._highest, upper), _tighter(self._lowest, lower)
@@ -334,7 +338,8 @@ class ClockFilter:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""
         line = self._line()
         before = self._watch.before(line.gap)
-        self._watch.add(self._gap(line.gap, line.excess), is_of_path=not self.may_change_again)
+        if self._newest_ns - self._first_ns >= TIGHTEST * SPELL_NS:
+            self._watch.add(self._gap(line.gap, line.excess), is_of_path=not self.may_change_again)
         if before is None:
             return line
         for multiple in (*LOOKS_BACK, LOOKS_CLOSER) if self.may_change_again else LOOKS_BACK:
@@ -357,6 +362,7 @@ class ClockFilter:
     def _forget_before(self, local_ns: int) -> LikelyLine:
         """Remove the samples until a local time in ns, and return the line of the others."""
         self._note_change(SLEWED_NS)
+        self._first_ns = local_ns
         for side in chain(*self._all_bounds()):
             side[:] = [bound for bound in side if bound[0] > local_ns]
         self._blocks = {i: bounds for i, bounds in self._blocks.items() if any(bounds)}

@@ -229,8 +229,8 @@ FAULTS: dict[str, Fault] = {
     "sync-on-loop": Fault(
         "a node syncs its spool on its event loop",
         "capture_app/node/camera/uploader.py",
-        "await asyncio.to_thread(spooled.sync, images.values())",
-        "spooled.sync(images.values())",
+        "await asyncio.to_thread(spooled.sync)",
+        "spooled.sync()",
     ),
     "journal-sync": Fault(
         "the leader does not sync a session's journal",

@@ -175,10 +175,13 @@ class Intake:
                     # The caller of one that is done no longer waits.
                     if saved.done():
                         continue
-                    if (error := error_of[batch.camera]) is None:
+                    if (error := error_of[batch.camera]) is not None:
+                        saved.set_exception(error)
+                    elif all(self._writer.has(of.record.camera, of.record.instant) for of in batch.images):
                         saved.set_result(batch.sha256)
                     else:
-                        saved.set_exception(error)
+                        # An earlier sync, which failed, took them with it before this one began.
+                        saved.set_exception(TryAgainError(f"images of {batch.camera} could not be saved"))
                 if self._burst.video:
                     await asyncio.sleep(SYNC_EVERY_S)
         finally:

@@ -244,6 +244,10 @@ class SessionWriter:
         """Return the record of a saved image, or None."""
         return self.images.records.get((camera, instant)) or self.videos.frame(camera, instant)
 
+    def has(self, camera: str, instant: int) -> bool:
+        """Return whether an image is saved."""
+        return (camera, instant) in self.images.records or self.videos.has(camera, instant)
+
     def instants_of(self, camera: str) -> InstantSet:
         """Return the instants for which a camera's image is saved."""
         return InstantSet(
@@ -288,11 +292,7 @@ class SessionWriter:
             self.videos.leave_out(reasons.keys())
             # For a video's frame check only whether it exists: its record would be read from disk.
             absent = (
-                gap
-                for gap in missing
-                if gap.camera not in reasons
-                and (gap.camera, gap.instant) not in self.images.records
-                and not self.videos.has(gap.camera, gap.instant)
+                gap for gap in missing if gap.camera not in reasons and not self.has(gap.camera, gap.instant)
             )
             by_name = {camera.name: camera for camera in valid}
             images = (

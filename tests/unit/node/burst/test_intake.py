@@ -2,14 +2,16 @@
 
 import asyncio
 import queue
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import DiskFullError
+from capture_app.common.errors import DiskFullError, TryAgainError
 from capture_app.node.burst.intake import Intake
 from capture_app.protocol.messages import ImageBatch
 from capture_app.session.format.manifest import MissingImage
+from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 from tests.unit.node.bursts import DISK, IMAGE, PERIOD_NS, burst_session, pieces, report, upload
@@ -64,6 +66,24 @@ async def test_images_that_come_during_a_sync_share_the_next(
     with pytest.raises(DiskFullError):
         await last
     assert [writer.image("a", n) is not None for n in range(4)] == [True, True, True, False]
+    writer.abort()
+
+
+class LosingWriter(SessionWriter):
+    """What is appended is gone, as after a sync that failed between an append and its own sync."""
+
+    def append(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
+        pass
+
+
+@pytest.mark.parametrize("is_video", [False, True], ids=["images", "video"])
+async def test_what_a_failed_sync_removed_is_not_acknowledged(tmp_path: Path, is_video: bool) -> None:
+    writer = LosingWriter.create(tmp_path, "burst-001")
+    burst = Burst(1, range(4), PERIOD_NS, 0, ("a",), streamed=is_video, video=is_video)
+    intake = Intake(writer, DISK, burst, asyncio.Event(), ["a"])
+    saved = await intake.receive(ImageBatch(images=(upload("a", 0),)), pieces(IMAGE), (640, 480))
+    with pytest.raises(TryAgainError):
+        await saved
     writer.abort()
 
 

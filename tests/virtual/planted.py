@@ -249,8 +249,16 @@ FAULTS: dict[str, Fault] = {
     "early-ack": Fault(
         "the leader acknowledges an image before it is on the disk",
         "capture_app/node/burst/intake.py",
-        "            self._unsynced[saved] = batch, loop.time()\n",
-        "            self._unsynced[saved] = batch, loop.time()\n            saved.set_result(batch.sha256)\n",
+        "            await on_disk(self._disk, append)\n"
+        "            arriving.pop(first, None)\n"
+        "            self._bytes[camera] += len(data)\n"
+        "            self._images[camera] += len(batch.images)\n"
+        "            loop = asyncio.get_running_loop()\n"
+        "            saved: asyncio.Future[str] = loop.create_future()\n",
+        "            loop = asyncio.get_running_loop()\n"
+        "            saved: asyncio.Future[str] = loop.create_future()\n"
+        "            saved.set_result(batch.sha256)\n"
+        "            saved.writing = loop.create_task(on_disk(self._disk, append))\n",
         _loses_power_while_it_saves,
         seed=34,
     ),

@@ -1,7 +1,7 @@
 """Viewfinder of a node's camera for operators: previews, frame rate, exposure, and details.
 
-It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, and rarely while
-images are taken or sent: a recording may last for hours. All cameras of a rig show the same instants of its grid.
+It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, and rarely
+while images are taken or sent, as a recording is for hours. All cameras of a rig show the same instants.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ MAX_FRAMES, MAX_LINES = 300, 100
 RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
 BUSY_FPS = 1.25
-"""Maximum rate of previews while frames are selected or sent; a preview of 1080p takes some 10 ms of a core."""
+"""Maximum rate of previews while frames are selected or sent; one of 1080p takes some 10 ms of a core."""
 RATE_TOLERANCE = 1.05
 """Maximum rate of previews over the requested one: a frame period is not exactly 1/30 s."""
 MAX_PERIODS = 3 << 12

@@ -448,7 +448,8 @@ class ShootView(ModeView):
         self._show_course()
 
     def _show_course(self) -> None:
-        """Show the current activity in the takes pane and in the line below."""
+        """Show the current activity in the takes pane and in the line below, and of when the previews are."""
+        self.stage.show_ages()
         now_s, of_newest = self._record.clock(), (self._depth_runs, self._newest_sheet)
         depth = list(take_depth.lines(*of_newest))
         self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))

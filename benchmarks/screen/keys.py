@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.report import table
+from benchmarks.report import print_table
 
 PATIENCE_S = 3.0
 PLAN = (b"before", b"after", b"countdown", b"mode")
@@ -161,7 +161,8 @@ def main() -> None:
                 share = (terminal.cpu_s() - cpu) / (time.perf_counter() - begun)
                 lines = measured(terminal, asked.presses, random.Random(1).uniform)
             title = f"{asked.size}, five previews, load {asked.load} (simulated cameras)"
-            print(title, table(["key", "median ms", "90 % ms", "no answer"], lines), sep="\n\n")
+            print(title)
+            print_table(["key", "median ms", "90 % ms", "no answer"], lines)
             print(f"\nthe screen at rest takes {100 * share:.1f} % of a core")
         finally:
             terminal.press(b"q")

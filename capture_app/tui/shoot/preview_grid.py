@@ -190,7 +190,7 @@ class PreviewGrid(Container, can_focus=True):
     def show_previews(self, previews: Iterable[Preview]) -> None:
         """Show previews together, once earlier ones are drawn; none of a camera whose depth is shown."""
         self._waiting.update((each.camera, each) for each in previews)
-        if not self._is_drawing:
+        if self._waiting and not self._is_drawing:
             self._is_drawing = True
             self._draw()
 

@@ -10,7 +10,7 @@ from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
-from capture_app.rig.instant_previews import collect
+from capture_app.rig.instant_previews import Gathering
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.session.reading.take_sheet import TakeSheet
@@ -30,9 +30,7 @@ class Stage(ContentSwitcher):
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
         self._rig, self._record = rig, record
         self._asked: tuple[int, float] = (0, 0.0)
-        self._newest: dict[str, Preview] = {}
-        self._unshown: dict[str, Preview] = {}
-        """Previews of an instant whose last one has not come, by camera."""
+        self._gathering = Gathering()
         self._live = ""
         """What the newest instant's pictures are, in words."""
         self._depths: deque[tuple[float, float | None]] = deque(maxlen=DEPTHS)
@@ -58,13 +56,8 @@ class Stage(ContentSwitcher):
 
     def show_preview(self, preview: Preview) -> None:
         """Show a camera's preview, and how far apart in time the previews of its instant are."""
-        is_overtaken = self._unshown.get(preview.camera) is not None
-        found = collect(self._newest, preview)
-        self._unshown[preview.camera] = preview
-        if found is None and preview.instant_ns is not None and not is_overtaken:
-            return  # those of the other cameras are on their way
-        self.grid.show_previews(self._unshown.values())
-        self._unshown = {}
+        shown, found = self._gathering.add(preview)
+        self.grid.show_previews(shown)
         if found is not None and len(found.previews) > 1:
             status = self._record.status
             what = (status.order if status is not None else "") or "of one instant"

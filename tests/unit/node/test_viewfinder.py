@@ -129,7 +129,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
         running.cancel()
 
 
-async def test_nothing_is_drawn_while_nobody_looks_and_little_while_frames_are_sent(leader: LeaderNode) -> None:
+async def test_few_previews_are_made_while_frames_are_sent(leader: LeaderNode) -> None:
     """A recording takes minutes, in which a picture that stands still would be called live."""
     node, due_at = Node(is_busy=True), 51  # the 96th instant of 20 ms; a busy camera shows each 48th
     running = asyncio.create_task(node.viewfinder.run())

@@ -1,4 +1,4 @@
-"""Previews of Shoot say of which moment they are: one instant, some seconds ago, or before a camera was lost."""
+"""Previews of Shoot say of which moment they are: now, some seconds ago, or before a camera was lost."""
 
 from pathlib import Path
 

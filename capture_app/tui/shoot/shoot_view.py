@@ -463,7 +463,8 @@ class ShootView(ModeView):
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
         if self._record.lost:
-            return Content.styled(printable(f"{NO_LEADER}: {self._record.lost}"), NO_LEADER.style)
+            remedy = " (l restarts it)" if self.app.check_action("start", ()) else ""
+            return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
             words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s)}"
             return Content.styled(words, "bold $primary")

@@ -48,6 +48,8 @@ class Take:
     """Fraction by which the right camera's frames last longer than recorded."""
     wander_ms: float = 0.0
     """Amplitude of a slow swing of the right camera's times."""
+    guess: bool = False
+    """Whether the session has no calibration, so that one is guessed from its images."""
 
     @property
     def name(self) -> str:
@@ -55,7 +57,8 @@ class Take:
         told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
         if self.drops or self.doubles or self.slower or self.wander_ms:
             told += f"-drops{self.drops}{self.doubles}-{self.slower:g}-{self.wander_ms:g}"
-        return re.sub(r"[ ,()]+", "_", f"{told}-{self.start}-{self.frames}{self.fault}").replace(".", "p")
+        told += f"-{self.start}-{self.frames}{self.fault}" + "-guess" * self.guess
+        return re.sub(r"[ ,()]+", "_", told).replace(".", "p")
 
     @property
     def truly_synchronized(self) -> bool:
@@ -108,6 +111,16 @@ STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
     "panning": lambda seed: (painted_scenes.panning(seed), painted_scenes.pair(0.4)),
 }  # fmt: skip
+FLAT_STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
+    "wall": lambda seed: (painted_scenes.room(seed, at_rest=0), painted_scenes.pair(0.3, turned_deg=2)),
+    "wall, one board": lambda seed: (
+        painted_scenes.room(seed, at_rest=1), painted_scenes.pair(0.3, turned_deg=2)
+    ),
+    "distant crowd": lambda seed: (painted_scenes.crowd(seed), painted_scenes.pair(0.5)),
+    "one ahead": lambda seed: (painted_scenes.room(seed), painted_scenes.in_file(0.5)),
+    "one turned": lambda seed: (painted_scenes.room(seed), painted_scenes.pair(0.04, turned_deg=12)),
+}  # fmt: skip
+"""Scenes that determine a calibration poorly: flat, far away, or seen by cameras almost at one place."""
 
 
 def takes(seeds: int) -> Iterator[Take]:
@@ -133,6 +146,21 @@ def takes(seeds: int) -> Iterator[Take]:
                 late_ms = (0.0, 0.0, 12.0, -6.0)[place % 4]
                 size = SIZES_PX[place % len(SIZES_PX)]
                 yield Take(kind, seed, late_ms=late_ms, geometry_px=size, fault=fault)
+
+
+def flat_takes(seeds: int) -> Iterator[Take]:
+    """Yield every kind of `FLAT_STAGES`, on time and late, calibrated and guessed; and guesses of others."""
+    for seed in range(seeds):
+        late_ms = (10.0, -8.0, 14.0)[seed % 3]
+        for kind in FLAT_STAGES:
+            for guess in (False, True):
+                yield Take(kind, seed, guess=guess)
+                yield Take(kind, seed, late_ms=(late_ms, 2 * PERIOD_MS)[guess], guess=guess)
+            yield Take(kind, seed, frames=30, guess=True)
+        for kind in ("boards", "large mover", "thrown ball", "slow boards", "street"):
+            yield Take(kind, seed, guess=True)
+            yield Take(kind, seed, late_ms=late_ms, guess=True)
+        yield Take("boards", seed, drops=(14,), frames=30, guess=True)
 
 
 def unsteady_takes(seeds: int) -> Iterator[Take]:
@@ -166,6 +194,10 @@ def real_takes(every: int) -> Iterator[Take]:
     """Yield the ball in all images, cut at starts `every` frames apart, and with one camera a frame late."""
     yield Take(BALL, 0, frames=35)
     yield Take(BALL, 0, frames=34, late_ms=1e3 / 60)
+    yield Take(BALL, 0, frames=35, guess=True)
+    yield Take(BALL, 0, frames=34, late_ms=1e3 / 60, guess=True)
+    yield Take(BALL, 0, frames=34, drops=(20,), guess=True)
+    yield Take(BALL, 0, frames=24, start=4, guess=True)
     for fault in FAULTS[:-1]:
         for size in SIZES_PX[1::2]:
             yield Take(BALL, 0, frames=35, geometry_px=size, fault=fault)
@@ -183,11 +215,13 @@ def session_of(take: Take, cache: Path, footage: Path | None) -> Path:
             _import_ball(take, cache, footage / "ball_launch")
         else:
             _paint(take, cache)
+        if take.guess:
+            (folder / CALIBRATION).unlink()
     return folder
 
 
 def _paint(take: Take, cache: Path) -> Session:
-    stage, views = STAGES[take.kind](take.seed)
+    stage, views = (STAGES | FLAT_STAGES)[take.kind](take.seed)
     rng = np.random.default_rng([take.seed, 7])
     begin_s = float(rng.uniform(0.05, 0.1))
     writer, delays_ms = SessionWriter.create(cache, take.name), take.delays_ms()

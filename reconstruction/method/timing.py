@@ -21,6 +21,7 @@ from reconstruction.time_offsets.crossings import (
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
+from reconstruction.time_offsets.single_images import SingleImages
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -86,6 +87,8 @@ class Timing(Struct, frozen=True, kw_only=True):
     planned_ms: float = 0.0
     """Planned delay of the other camera; not 0 if the cameras were staggered on purpose."""
     instants: tuple[InstantOffset, ...] = ()
+    images: SingleImages = SingleImages()
+    """Single images of the other camera that are not at this offset, or do not show whether they are."""
     moving_cameras: dict[str, float] = {}
     """Cameras that moved while recording, with their motion in px from frame to frame."""
 
@@ -115,6 +118,7 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
+    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=offsets.repeated(second)))
     timing = without_common_times(timing, dataset.unsynchronized)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
@@ -161,6 +165,12 @@ def judge_timing(
         moving_cameras=moving_cameras or {},
         change=fit.change,
         disagreeing=fit.disagreeing,
+        images=SingleImages(
+            glitches_ms={**fit.glitches_ms},
+            unvoted=fit.unvoted,
+            examined=fit.examined,
+            period_ms=spacing_ms,
+        ),
     )
     if fit.offset_ms is None or fit.sd_ms is None:
         return unknown
@@ -176,12 +186,13 @@ def judge_timing(
         )
     odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
-    jitter_ms, drifts = scatter_ms(instants, spacing_ms)
+    jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
         low, high = (end(one.late_ms for one in instants) for end in (min, max))
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
+    odd_instants = fit.disagreeing or sorted(fit.glitches_ms)
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     doubts = {
@@ -191,9 +202,7 @@ def judge_timing(
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
-        f"some instants disagree with the others: {', '.join(map(str, fit.disagreeing))}": bool(
-            fit.disagreeing
-        ),
+        f"some instants disagree with the others: {', '.join(map(str, odd_instants))}": bool(odd_instants),
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,

@@ -5,8 +5,8 @@ B's images show the point before and after. Its path in B crosses the line at th
 which A's image was taken. Motion along the line carries no information.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Self
 
 import numpy as np
@@ -16,6 +16,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
+    GLITCH_FRAMES,
     MATCH_PX,
     MIN_VOTES,
     UNCHANGED,
@@ -68,6 +69,8 @@ ROUNDS = 20
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
+MIN_GLITCHES = 0.2
+"""Minimum fraction of instants with clear offsets of their own from which images jitter."""
 MIN_JITTER_FRAMES = 0.05
 INDEPENDENT = 1.2
 """Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
@@ -144,7 +147,7 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
     (places, seen_ms), (others, times_ms) = seen, path
     before, now, after = (_errors(views, places[1], at) for at in others)
     early, late = (times_ms[i] - times_ms[1] for i in (0, 2))
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         slope_before, slope_after = (before - now) / early, (after - now) / late
         both = np.isfinite(slope_before) & np.isfinite(slope_after)
         bend = np.where(both, (slope_after - slope_before) / (late - early), 0.0)
@@ -154,8 +157,8 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
         first = np.where(np.isfinite(slope_before), early, -0.2 * late)
         last = np.where(np.isfinite(slope_after), late, -0.2 * early)
         inside = (when >= first) & (when <= last)
-        offset_ms = seen_ms[1] - (times_ms[1] + when)
-    return np.where(inside, offset_ms, np.nan), slope + 2 * bend * when
+        offset_ms, across = seen_ms[1] - (times_ms[1] + when), slope + 2 * bend * when
+    return np.where(inside & np.isfinite(across), offset_ms, np.nan), across
 
 
 def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
@@ -199,6 +202,12 @@ def median_px(errors_px: Array) -> float:
     return float(np.median(np.abs(errors_px))) if len(errors_px) else 0.0
 
 
+OTHER_LENSES = (
+    "the calibration is a guess, and other focal lengths fit the points at rest as well but show another "
+    "offset, or none: calibrate with a board"
+)
+
+
 class InstantOffset(Struct, frozen=True):
     """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
@@ -224,13 +233,27 @@ class OffsetFit:
     misfit_px: float | None = None
     """Median epipolar error of static points (of all if cameras move), if the calibration does not fit them.
 
-    0 if it is a guess from these points, which fit other calibrations as well. If the offset is known, it was
+    0 if it is a guess from points that fit other calibrations as well. If the offset is known, it was
     measured with a geometry corrected by these points.
     """
     change: Change = UNCHANGED
     """How the offset changes over the take; `offset_ms` is then that of the first instant."""
     disagreeing: tuple[int, ...] = ()
     """Instants that have clear offsets of their own, which `change` does not explain."""
+    glitches_ms: Mapping[int, float] = field(default_factory=dict)
+    """Single instants too that have clear offsets of their own, and how much later than `offset_ms`."""
+    unvoted: tuple[int, ...] = ()
+    """Instants that were examined and show no offset of their own."""
+
+    @property
+    def examined(self) -> int:
+        """Number of instants that were examined."""
+        return len({one.instant for one in self.instants} | self.glitches_ms.keys() | {*self.unvoted})
+
+    def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
+        """Return the fit with those of the instants that show no offset as `unvoted`."""
+        voted = {one.instant for one in self.instants} | self.glitches_ms.keys()
+        return replace(self, unvoted=tuple(sorted({*instants} - voted)))
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
@@ -238,9 +261,39 @@ class OffsetFit:
         found = replace(self, instants=moved)
         return found if self.offset_ms is None else replace(found, offset_ms=self.offset_ms + by_ms)
 
+    def under(self, others: Sequence["OffsetFit"]) -> "OffsetFit":
+        """Return the fit with error bars that include these fits, of other calibrations that may be right.
+
+        Unknown if one of them is, or if the offset changes otherwise: then it depends on the calibration.
+        """
+        if self.offset_ms is None or self.sd_ms is None:
+            return self
+        if any(other.offset_ms is None or not other.change.resembles(self.change) for other in others):
+            return OffsetFit(reason=OTHER_LENSES)
+
+        def wider(sd_ms: float, late_ms: float, theirs_ms: Iterable[float]) -> float:
+            return float(np.hypot(sd_ms, max((abs(ms - late_ms) for ms in theirs_ms), default=0.0)))
+
+        theirs = [{one.instant: one.late_ms for one in other.instants} for other in others]
+        instants = tuple(
+            structs.replace(
+                one,
+                sd_ms=wider(one.sd_ms, one.late_ms, (of[one.instant] for of in theirs if one.instant in of)),
+            )
+            for one in self.instants
+        )
+        offsets_ms = [other.offset_ms for other in others if other.offset_ms is not None]
+        return replace(self, sd_ms=wider(self.sd_ms, self.offset_ms, offsets_ms), instants=instants)
+
     def jitter_ms(self, period_ms: float) -> float | None:
         """Return the standard deviation of single images' own offsets, if it is certainly not zero."""
-        return None if self.change else scatter_ms(self.instants, period_ms)[0]
+        if self.change:
+            return None
+        own_ms = {one.instant: one.late_ms - (self.offset_ms or 0.0) for one in self.instants}
+        own_ms |= self.glitches_ms
+        if len(self.glitches_ms) < max(MIN_JITTER_INSTANTS, MIN_GLITCHES * len(own_ms)):
+            return scatter_ms(self.instants, period_ms)[0]
+        return float(np.std([*own_ms.values()]))
 
 
 def misfit(count: int, points: str, off_px: float) -> OffsetFit:
@@ -293,7 +346,7 @@ def fit_offset(
         )
     if change.drift:
         change = _refined(change, instants, period_ms)
-    offset_ms = float(fit.values[0])
+    offset_ms, own = float(fit.values[0]), _votes(found.by(fit.geometry))
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
@@ -301,7 +354,8 @@ def fit_offset(
         votes=best,
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
-        disagreeing=_votes(found.by(fit.geometry)).disagreeing(offset_ms, period_ms),
+        disagreeing=own.disagreeing(offset_ms, period_ms),
+        glitches_ms=own.apart_ms(offset_ms, period_ms, GLITCH_FRAMES),
     )
 
 

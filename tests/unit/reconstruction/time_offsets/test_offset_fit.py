@@ -4,8 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
-from reconstruction.time_offsets.crossings import Crossings, StillErrors, fit_offset
+from reconstruction.method.timing import judge_timing
+from reconstruction.time_offsets.crossings import (
+    Crossings,
+    InstantOffset,
+    OffsetFit,
+    StillErrors,
+    fit_offset,
+)
+from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_geometry import TERMS, geometry_terms
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
@@ -190,3 +199,29 @@ def test_instants_that_are_vague_confirm_nothing() -> None:
     found = fit_offset(Crossings.join([sharp, *vague]), still(0.0), PERIOD_MS)
     assert found.offset_ms is None
     assert "3 are needed" in found.reason
+
+
+def test_other_calibrations_that_fit_widen_the_error() -> None:
+    """A guess whose focal lengths may be off by a tenth and more denies nothing by itself."""
+    own = tuple(InstantOffset(k, 9.0, 0.5, 20) for k in range(4))
+    late = OffsetFit(9.0, 0.6, instants=own)
+    other = replace(late, offset_ms=2.0, instants=tuple(structs.replace(one, late_ms=3.0) for one in own))
+    found = late.under([other, late])
+    assert found.sd_ms == pytest.approx(np.hypot(0.6, 7.0))
+    assert [one.sd_ms for one in found.instants] == [pytest.approx(np.hypot(0.5, 6.0))] * 4
+    assert judge_timing(("L", "R"), late, 0.0, PERIOD_MS).offset
+    judged = judge_timing(("L", "R"), found, 0.0, PERIOD_MS)
+    assert not judged.offset
+    assert not judged.synchronized
+    assert late.under([]) == late
+
+
+def test_an_offset_or_a_change_that_another_calibration_does_not_show_is_unknown() -> None:
+    late = OffsetFit(9.0, 0.6)
+    stepped = replace(late, change=Change(steps=(Step(12, 1, 11, 13),)))
+    beside = replace(late, change=Change(steps=(Step(14, 1, 13, 15),)))
+    assert stepped.under([beside]).change == stepped.change
+    for fit, other in ((late, OffsetFit(reason="nothing")), (stepped, late), (late, stepped)):
+        found = fit.under([other])
+        assert found.offset_ms is None
+        assert "is a guess" in found.reason

@@ -118,7 +118,7 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
-    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=offsets.repeated(second)))
+    timing = with_repeats(timing, {name: offsets.repeated(name) for name in cameras})
     timing = without_common_times(timing, dataset.unsynchronized)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
@@ -166,7 +166,7 @@ def judge_timing(
         change=fit.change,
         disagreeing=fit.disagreeing,
         images=SingleImages(
-            glitches_ms={**fit.glitches_ms},
+            glitches_ms={**fit.glitches_ms[1]},
             unvoted=fit.unvoted,
             examined=fit.examined,
             period_ms=spacing_ms,
@@ -192,7 +192,7 @@ def judge_timing(
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
-    odd_instants = fit.disagreeing or sorted(fit.glitches_ms)
+    odd_instants = fit.disagreeing or sorted(fit.glitches_ms[1])
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     doubts = {
@@ -268,6 +268,14 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
         timing,
         f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
     )
+
+
+def with_repeats(timing: Timing, repeated: Mapping[str, tuple[int, ...]]) -> Timing:
+    """Return the judgement of cameras that repeat images at some instants: never synchronized."""
+    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=repeated[timing.other]))
+    if not (names := [name for name, instants in repeated.items() if instants]) or timing.offset:
+        return timing
+    return _denied(timing, timing.reason or f"{' and '.join(names)} repeats images")
 
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:

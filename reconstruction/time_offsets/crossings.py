@@ -6,7 +6,7 @@ which A's image was taken. Motion along the line carries no information.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
@@ -83,7 +83,8 @@ class Crossings:
     `instant` is that of A's image. `offset_ms` is how much later B's images were taken than their recorded
     times say, relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
     number of points that it counts for. `shared_px` is an error that it shares with the crossings of
-    neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`.
+    neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`. `in_second` is the instant of B's
+    image whose point's line A's path crosses, or -1 if B's path crosses the line of A's point.
     """
 
     instant: Array
@@ -92,12 +93,13 @@ class Crossings:
     counts: Array
     shared_px: Array
     geometry: Array
+    in_second: Array
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """Concatenate sets of crossings."""
         none = np.zeros(0)
-        every = [cls(none, none, none, none, none, np.zeros((0, TERMS))), *parts]
+        every = [cls(none, none, none, none, none, np.zeros((0, TERMS)), none), *parts]
         return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
 
     def later(self, by_ms: float | Array) -> Self:
@@ -120,11 +122,15 @@ Positions (3, n, 2) px, NaN where a point could not be tracked; times (3, n) ms.
 
 
 def find_crossings(
-    views: tuple[View, View], instant: int, paths: tuple[Path, Path], counts: Array, shared_px: Array
+    views: tuple[View, View],
+    instants: tuple[int, int],
+    paths: tuple[Path, Path],
+    counts: Array,
+    shared_px: Array,
 ) -> Crossings:
-    """Find where B's paths cross the epipolar lines of A's points at an instant, and A's paths those of B's.
+    """Find where B's paths cross the epipolar lines of A's points, and A's paths those of B's.
 
-    `counts` and `shared_px` (n,) are as in `Crossings`.
+    `instants` are those of A's image and of B's. `counts` and `shared_px` (n,) are as in `Crossings`.
     """
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
@@ -134,8 +140,9 @@ def find_crossings(
     at_a, at_b, counts, shared_px = (
         np.concatenate([of, of])[good] for of in (a[0][1], b[0][1], counts, shared_px)
     )
-    instants, geometry = np.full(len(counts), instant), geometry_terms(*views, at_a, at_b)
-    return Crossings(instants, offset_ms[good], across[good], counts, shared_px, geometry)
+    of_a, geometry = np.full(len(counts), instants[0]), geometry_terms(*views, at_a, at_b)
+    in_second = np.repeat([-1, instants[1]], len(good) // 2)[good]
+    return Crossings(of_a, offset_ms[good], across[good], counts, shared_px, geometry, in_second)
 
 
 def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, Array]:
@@ -240,20 +247,25 @@ class OffsetFit:
     """How the offset changes over the take; `offset_ms` is then that of the first instant."""
     disagreeing: tuple[int, ...] = ()
     """Instants that have clear offsets of their own, which `change` does not explain."""
-    glitches_ms: Mapping[int, float] = field(default_factory=dict)
-    """Single instants too that have clear offsets of their own, and how much later than `offset_ms`."""
+    glitches_ms: tuple[Mapping[int, float], Mapping[int, float]] = ({}, {})
+    """Single images of the first and of the second camera that are at another time, and how much later."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
 
     @property
     def examined(self) -> int:
         """Number of instants that were examined."""
-        return len({one.instant for one in self.instants} | self.glitches_ms.keys() | {*self.unvoted})
+        return len(self._voted | {*self.unvoted})
+
+    @property
+    def _voted(self) -> set[int]:
+        return (
+            {one.instant for one in self.instants} | self.glitches_ms[0].keys() | self.glitches_ms[1].keys()
+        )
 
     def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
         """Return the fit with those of the instants that show no offset as `unvoted`."""
-        voted = {one.instant for one in self.instants} | self.glitches_ms.keys()
-        return replace(self, unvoted=tuple(sorted({*instants} - voted)))
+        return replace(self, unvoted=tuple(sorted({*instants} - self._voted)))
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
@@ -290,8 +302,9 @@ class OffsetFit:
         if self.change:
             return None
         own_ms = {one.instant: one.late_ms - (self.offset_ms or 0.0) for one in self.instants}
-        own_ms |= self.glitches_ms
-        if len(self.glitches_ms) < max(MIN_JITTER_INSTANTS, MIN_GLITCHES * len(own_ms)):
+        glitches_ms = max(self.glitches_ms, key=len)
+        own_ms |= glitches_ms
+        if len(glitches_ms) < max(MIN_JITTER_INSTANTS, MIN_GLITCHES * len(own_ms)):
             return scatter_ms(self.instants, period_ms)[0]
         return float(np.std([*own_ms.values()]))
 
@@ -355,12 +368,26 @@ def fit_offset(
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
         disagreeing=own.disagreeing(offset_ms, period_ms),
-        glitches_ms=own.apart_ms(offset_ms, period_ms, GLITCH_FRAMES),
+        glitches_ms=_glitches_ms(found.by(fit.geometry), offset_ms, period_ms),
     )
 
 
 def _votes(seen: Crossings) -> Votes:
     return count_votes(seen.instant, seen.offset_ms, seen.across_px_per_ms, seen.counts)
+
+
+def _glitches_ms(
+    seen: Crossings, offset_ms: float, period_ms: float
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Return how much later single images of A and of B are than the offset says.
+
+    An image's own points vote for its time, on the other camera's paths.
+    """
+    of_b = seen.in_second >= 0
+    in_b = seen.only(of_b)
+    votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
+    first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES) for one in votes)
+    return {k: -ms for k, ms in first.items()}, second
 
 
 def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:

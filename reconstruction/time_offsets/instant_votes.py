@@ -184,7 +184,7 @@ class Votes:
 def count_votes(instant: Array, offset_ms: Array, across_px_per_ms: Array, counts: Array) -> Votes:
     """Count the votes of crossings (n,), each a bell of the width of its error; see `Crossings`."""
     instants, of = np.unique(instant, return_inverse=True)
-    max_abs_ms = float(np.abs(offset_ms).max()) + 1
+    max_abs_ms = float(np.abs(offset_ms).max(initial=0.0)) + 1
     grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
     widths = np.maximum(MATCH_PX / np.abs(across_px_per_ms), BIN_MS)
     votes = np.zeros((len(instants), len(grid)))

@@ -176,7 +176,7 @@ class PairOffsets:
 
         def cross(pair: tuple[View, View], instants: Sequence[int] = chosen) -> Crossings:
             found = [
-                find_crossings(pair, images[0], *paths(images))
+                find_crossings(pair, images, *paths(images))
                 for images, ms in apart_ms(instants).items()
                 if abs(ms) <= max_offset_ms
             ]

@@ -136,17 +136,17 @@ def _single(
 ) -> dict[str, Any]:
     """Return a camera's jitter, its `SingleImages`, and the votes of its pair with the most instants.
 
-    An image is off if it is in all pairs. A pair of two cameras blames the one that is not the reference.
+    An image is off if it is in all pairs. A lone pair blames the camera that is not the reference.
     """
     its = {pair: fit for pair, fit in known.items() if name in pair and {*pair} <= {*found}}
     if not its:
         return {}
     sides = {pair: 1 if pair[1] == name else -1 for pair in its}
     jitter_ms = min(fit.jitter_ms(period_ms) or 0.0 for fit in its.values())
-    of_pairs = [{k: sides[pair] * ms for k, ms in fit.glitches_ms.items()} for pair, fit in its.items()]
-    alone = found[name].source == REFERENCE and len(its) == 1
+    if found[name].source == REFERENCE and len(its) == 1:
+        return {}
     images = SingleImages(
-        glitches_ms={} if alone else common_glitches(of_pairs),
+        glitches_ms=common_glitches([fit.glitches_ms[pair[1] == name] for pair, fit in its.items()]),
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
         examined=max(fit.examined for fit in its.values()),
         period_ms=period_ms,
@@ -157,7 +157,7 @@ def _single(
         structs.replace(one, late_ms=round(sides[best] * one.late_ms + (found[other].offset_ms or 0.0), 3))
         for one in its[best].instants
     )
-    return {"jitter_ms": jitter_ms or None, "images": images, "votes": () if alone else votes}
+    return {"jitter_ms": jitter_ms or None, "images": images, "votes": votes}
 
 
 def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]:

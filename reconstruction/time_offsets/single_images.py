@@ -1,6 +1,7 @@
 """What single images of a camera show beside its offset: glitches, repeated images, unknown instants."""
 
 from collections.abc import Collection, Iterator, Mapping
+from itertools import pairwise
 
 from msgspec import Struct
 
@@ -63,14 +64,15 @@ def _named(instants: Collection[int]) -> str:
 def repeated_images(dataset: Dataset, camera: str) -> tuple[int, ...]:
     """Return the instants whose image has the bytes of the camera's image before: a repeated frame.
 
-    A sensor's noise makes two frames differ. None if most images are repeated: then nothing may have moved.
+    A sensor's noise makes two frames differ. Where all cameras' images are equal, nothing moved.
     """
-    instants = dataset.instants(camera)
-    digests = [dataset.record(camera, k).sha256 for k in instants]
-    again = tuple(
-        k for k, digest, before in zip(instants[1:], digests[1:], digests, strict=False) if digest == before
-    )
-    return again if 2 * len(again) <= len(instants) else ()
+    again = {name: _equal_images(dataset, name) for name in dataset.cameras}
+    return tuple(k for k in sorted(again[camera]) if any(k not in others for others in again.values()))
+
+
+def _equal_images(dataset: Dataset, camera: str) -> set[int]:
+    digests = {k: dataset.record(camera, k).sha256 for k in dataset.instants(camera)}
+    return {k for before, k in pairwise(digests) if digests[k] == digests[before]}
 
 
 def common_glitches(of_pairs: Collection[Mapping[int, float]]) -> dict[int, float]:

@@ -46,9 +46,9 @@ def crossings(
     found = offset_ms + (shift_px + rng.normal(0, 0.3, count)) / speed
     found[right:] = rng.uniform(-150, 150, wrong)
     geometry = geometry_terms(A, B, *seen((1.5, 6.0), count, seed=seed)) if count else np.zeros((0, TERMS))
-    return Crossings(
-        rng.integers(0, instants, count), found, speed, np.ones(count), np.zeros(count), geometry
-    )
+    at, none = rng.integers(0, instants, count), np.zeros(count)
+    of_b = np.where(np.arange(count) % 2, at, -1)
+    return Crossings(at, found, speed, np.ones(count), none, geometry, of_b)
 
 
 def test_the_error_bar_holds_the_error() -> None:
@@ -122,7 +122,9 @@ def test_what_an_error_of_the_geometry_can_explain_is_not_claimed(seed: int) -> 
     rng = np.random.default_rng(seed)
     off_px = true.geometry @ (0.5 * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
     found = fit_offset(
-        Crossings(true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry),
+        Crossings(
+            true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry, true.in_second
+        ),
         NOTHING_STILL,
         33.0,
     )

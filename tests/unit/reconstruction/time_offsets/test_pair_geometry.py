@@ -37,7 +37,7 @@ def test_a_calibration_that_is_off_is_told_from_lateness_by_what_stands_still() 
     assert abs(np.median(errors)) > 0.3
     instants = rng.integers(0, 8, 400)
     terms = geometry_terms(A, off, *nearer)
-    moving = Crossings(instants, errors / speed, speed, np.ones(400), np.zeros(400), terms)
+    moving = Crossings(instants, errors / speed, speed, np.ones(400), np.zeros(400), terms, instants)
     found = fit_offset(moving, still_errors((A, off), *seen((2.0, 5.0), 600)), 33.0)
     assert found.offset_ms is not None
     assert found.sd_ms is not None

@@ -164,7 +164,7 @@ def judge_timing(
         instants=fit.instants,
         moving_cameras=moving_cameras or {},
         change=fit.change,
-        disagreeing=fit.disagreeing,
+        disagreeing=tuple(sorted({*fit.disagreeing, *fit.glitches_ms[1]})),
         images=SingleImages(
             glitches_ms={**fit.glitches_ms[1]},
             unvoted=fit.unvoted,
@@ -192,7 +192,6 @@ def judge_timing(
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
-    odd_instants = fit.disagreeing or sorted(fit.glitches_ms[1])
     end_ms = _largest_by_slope_ms(instants, late)
     points = "matched points" if moving_cameras else "points at rest"
     doubts = {
@@ -202,7 +201,9 @@ def judge_timing(
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
-        f"some instants disagree with the others: {', '.join(map(str, odd_instants))}": bool(odd_instants),
+        f"some instants disagree with the others: {', '.join(map(str, unknown.disagreeing))}": bool(
+            unknown.disagreeing
+        ),
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
         and abs(late) > SIGMAS * sd,
@@ -213,7 +214,7 @@ def judge_timing(
         abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not fit.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,

@@ -17,6 +17,7 @@ from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
     GLITCH_FRAMES,
+    GLITCH_VOTES,
     MATCH_PX,
     MIN_VOTES,
     UNCHANGED,
@@ -319,11 +320,17 @@ def misfit(count: int, points: str, off_px: float) -> OffsetFit:
 
 
 def fit_offset(
-    crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float = 0.0
+    crossings: Crossings,
+    still: StillErrors,
+    period_ms: float,
+    recorded_px: float = 0.0,
+    *,
+    steady: bool = False,
 ) -> OffsetFit:
     """Fit the offset that most crossings agree on, together with the errors of the geometry.
 
     `recorded_px` is the median epipolar error of static points before the geometry was corrected by them.
+    `steady`: the offset does not change.
 
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
@@ -339,7 +346,7 @@ def fit_offset(
     prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
     at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
     votes = _votes(found.by(at_rest.geometry))
-    if change := find_change(votes, period_ms):
+    if change := UNCHANGED if steady else find_change(votes, period_ms):
         found = found.later(-change.at_ms(found.instant, period_ms))
         votes = _votes(found.by(at_rest.geometry))
     peak, best, rival = _best_offset(votes, period_ms)
@@ -357,6 +364,8 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
+    if not change.witnessed([one.instant for one in instants]):
+        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     if change.drift:
         change = _refined(change, instants, period_ms)
     offset_ms, own = float(fit.values[0]), _votes(found.by(fit.geometry))
@@ -386,7 +395,7 @@ def _glitches_ms(
     of_b = seen.in_second >= 0
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
-    first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES) for one in votes)
+    first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for one in votes)
     return {k: -ms for k, ms in first.items()}, second
 
 

@@ -5,6 +5,7 @@ votes for offsets by its own crossings. Three explanations of all votes are comp
 that changes by whole frames, and an offset that grows at a rate.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -39,8 +40,10 @@ DISTINCT = 1.6
 """Minimum ratio of agreeing crossings to those at any other offset; wrong matches vote for every offset."""
 ELSEWHERE_FRAMES = 0.55
 """Distance from the common offset, in frames, from which an instant's own peak disagrees."""
-GLITCH_FRAMES = 0.3
-"""The same from which it is reported as a glitch of single images."""
+GLITCH_FRAMES, GLITCH_VOTES = 0.3, 12.0
+"""The same from which a single image is reported as a glitch, and the crossings that must agree on it."""
+WITNESSES = 2
+"""Minimum number of instants with an offset of their own on each side of a step."""
 MAX_LAST_FRAMES = 2.5
 """The same up to which a first or last instant alone may be after dropped frames."""
 
@@ -102,6 +105,15 @@ class Change(Struct, frozen=True, omit_defaults=True):
             pivot=self.pivot or other.pivot,
         )
 
+    def witnessed(self, instants: Sequence[int]) -> bool:
+        """Return whether instants with an offset of their own lie before, between and after the steps.
+
+        Votes of wrong matches may prefer a step where nothing is measured after it.
+        """
+        steps = [step.instant for step in self.steps]
+        at = np.searchsorted(steps, instants, side="right")
+        return all((at == part).sum() >= WITNESSES for part in range(len(steps) + 1)) if steps else True
+
     def resembles(self, other: "Change") -> bool:
         """Return whether both are the same steps, at instants that may be the same, or drifts of one sign."""
         return (
@@ -158,11 +170,13 @@ class Votes:
         """The votes (g,) of all instants."""
         return np.asarray(self.votes.sum(0))
 
-    def apart_ms(self, offset_ms: float, period_ms: float, min_frames: float) -> dict[int, float]:
+    def apart_ms(
+        self, offset_ms: float, period_ms: float, min_frames: float, min_votes: float = MIN_VOTES
+    ) -> dict[int, float]:
         """Return the instants with a clear peak this far from an offset, and how much later it is."""
         apart = np.abs(self.offsets_ms - offset_ms) / period_ms
         best, here = self.votes.max(1), np.where(apart < min_frames, self.votes, 0.0).max(1)
-        odd = np.flatnonzero((best >= MIN_VOTES) & (here * 2 * DISTINCT < best))
+        odd = np.flatnonzero((best >= min_votes) & (here * 2 * DISTINCT < best))
         own_ms = self.offsets_ms[self.votes.argmax(1)] - offset_ms
         return {int(self.instants[k]): float(own_ms[k]) for k in odd}
 

@@ -16,7 +16,7 @@ PAIR = ("L", "R")
 
 def fitted(late_frames: dict[int, float]) -> OffsetFit:
     """A take on time, but for these instants."""
-    found = take(points=30)
+    found = take(points=60)
     late_ms = np.array([PERIOD_MS * late_frames.get(int(k), 0.0) for k in found.instant])
     return fit_offset(found.later(late_ms), NOTHING_STILL, PERIOD_MS).examined_at(range(INSTANTS + 3))
 

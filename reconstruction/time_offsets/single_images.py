@@ -10,6 +10,8 @@ from reconstruction.scene.dataset import Dataset
 
 WHOLE_FRAMES = 0.25
 """Maximum distance from a whole number of frames at which an image is called so many frames later."""
+MAX_UNVOTED = 0.2
+"""Maximum fraction of instants without an offset of their own that is not worth a sentence."""
 MAX_NAMED = 8
 """Maximum number of instants named in a sentence."""
 
@@ -40,7 +42,7 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
         if self.repeated:
             images = count(len(self.repeated), "image")
             yield f"{camera} repeats {images}, at {_named(self.repeated)}: the same bytes as the image before"
-        if self.unvoted:
+        if len(self.unvoted) > MAX_UNVOTED * self.examined:
             yield (
                 f"{len(self.unvoted)} of {self.examined} instants do not show {camera}'s offset: "
                 f"too little moves across the epipolar lines at {_named(self.unvoted)}"

@@ -18,7 +18,7 @@ def fitted(late_frames: dict[int, float]) -> OffsetFit:
     """A take on time, but for these instants."""
     found = take(points=60)
     late_ms = np.array([PERIOD_MS * late_frames.get(int(k), 0.0) for k in found.instant])
-    return fit_offset(found.later(late_ms), NOTHING_STILL, PERIOD_MS).examined_at(range(INSTANTS + 3))
+    return fit_offset(found.later(late_ms), NOTHING_STILL, PERIOD_MS).examined_at(range(INSTANTS + 8))
 
 
 def judged(fit: OffsetFit) -> Timing:
@@ -30,9 +30,9 @@ def test_single_images_a_frame_late_are_named_with_their_instants() -> None:
     assert [*timing.images.glitches_ms] == [6, 14]
     assert not timing.synchronized
     text = timing_sentences(timing)
-    assert "R differs from L at 2 of 27 instants: 1 frame later at 6, 14." in text
-    assert "3 of 27 instants do not show R's offset" in text
-    assert "at 24, 25, 26." in text
+    assert "R differs from L at 2 of 32 instants: 1 frame later at 6, 14." in text
+    assert "8 of 32 instants do not show R's offset" in text
+    assert "at 24, 25, 26, 27, 28, 29, 30, 31." in text
 
 
 @pytest.mark.parametrize("frames", [0.5, 1.0])

@@ -42,8 +42,6 @@ ELSEWHERE_FRAMES = 0.55
 """Distance from the common offset, in frames, from which an instant's own peak disagrees."""
 GLITCH_FRAMES, GLITCH_VOTES = 0.3, 12.0
 """The same from which a single image is reported as a glitch, and the crossings that must agree on it."""
-WITNESSES = 2
-"""Minimum number of instants with an offset of their own on each side of a step."""
 MAX_LAST_FRAMES = 2.5
 """The same up to which a first or last instant alone may be after dropped frames."""
 
@@ -110,9 +108,8 @@ class Change(Struct, frozen=True, omit_defaults=True):
 
         Votes of wrong matches may prefer a step where nothing is measured after it.
         """
-        steps = [step.instant for step in self.steps]
-        at = np.searchsorted(steps, instants, side="right")
-        return all((at == part).sum() >= WITNESSES for part in range(len(steps) + 1)) if steps else True
+        sides = np.searchsorted([step.instant for step in self.steps], instants, side="right")
+        return not self.steps or len(np.unique(sides)) == len(self.steps) + 1
 
     def resembles(self, other: "Change") -> bool:
         """Return whether both are the same steps, at instants that may be the same, or drifts of one sign."""

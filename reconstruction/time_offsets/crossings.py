@@ -19,6 +19,7 @@ from reconstruction.time_offsets.instant_votes import (
     GLITCH_FRAMES,
     GLITCH_VOTES,
     MATCH_PX,
+    MAX_GLITCH_FRAMES,
     MIN_VOTES,
     UNCHANGED,
     Change,
@@ -396,7 +397,11 @@ def _glitches_ms(
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
     first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for one in votes)
-    return {k: -ms for k, ms in first.items()}, second
+    limit_ms = MAX_GLITCH_FRAMES * period_ms
+    return (
+        {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
+        {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
+    )
 
 
 def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:

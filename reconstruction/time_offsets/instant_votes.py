@@ -42,6 +42,8 @@ ELSEWHERE_FRAMES = 0.55
 """Distance from the common offset, in frames, from which an instant's own peak disagrees."""
 GLITCH_FRAMES, GLITCH_VOTES = 0.3, 12.0
 """The same from which a single image is reported as a glitch, and the crossings that must agree on it."""
+MAX_GLITCH_FRAMES = 1.25
+"""Distance up to which it is: far from the offset, wrong matches agree more often."""
 MAX_LAST_FRAMES = 2.5
 """The same up to which a first or last instant alone may be after dropped frames."""
 

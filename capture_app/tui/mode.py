@@ -15,8 +15,8 @@ from capture_app.protocol.status import RigStatus
 from capture_app.rig.rig_link import LinkLost
 from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
+from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, justified
-from capture_app.tui.widgets.whole_screen import KeyFooter
 
 MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 """Titles by mode, in the order of their keys 1 to 4."""

@@ -42,6 +42,9 @@ with 30 s, their frames 147 us apart (the widest pair), and in 100 % with this, 
 CHANGE_SKEW, SHOWN_NS = 2.0 * SKEW, 10_000_000_000
 """Smallest rate change that is reported, two sigma of the skew of two crystals, and the time in which it must
 have shown: a crystal that warms up takes longer."""
+FAST_SKEW = 100e-6
+"""Smallest rate change whose end is trusted when the former rate is back: time daemons slew by 500 ppm.
+A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
 SLEWED_NS, STEPPED_NS = 30_000_000_000, 3_000_000_000
 """Times for which a clock may change again: after its rate changed, as what slews it also ends, and after a
 step, as a clock that is slewed beyond MAX_SKEW contradicts itself again within a second."""
@@ -150,6 +153,8 @@ class ClockFilter:
         """Whether a clock that changed lately has the rate of before again."""
         self._skew_before = 0.0
         """Skew before the first of the changes that may not be over."""
+        self._was_fast = False
+        """Whether the rate has been far from that since, so that its return is known from noise."""
         self._changed: tuple[int, float] | None = None
         """Local time of the last change that may be a rate change, and the skew before it."""
         self._unsure_until_ns = LONG_AGO_NS
@@ -226,10 +231,11 @@ class ClockFilter:
             if abs(change) > CHANGE_SKEW + SIGMAS_95 * sqrt(line.skew_variance):
                 self.rate_changed_ns = self._changed[0]
         gap = abs(line.gap)
-        skew_error = SIGMAS_95 * sqrt(line.skew_variance)
-        is_slewed = self.may_change_again and abs(line.skew - self._skew_before) + skew_error > CHANGE_SKEW
+        away, skew_error = abs(line.skew - self._skew_before), SIGMAS_95 * sqrt(line.skew_variance)
+        self._was_fast = self._was_fast or away - skew_error > FAST_SKEW
+        self.is_back = self.may_change_again and self._was_fast and away + skew_error < CHANGE_SKEW
+        is_slewed = self.may_change_again and not self.is_back
         unseen = gap - self._gap(gap, line.excess).least if is_slewed else 0.0
-        self.is_back = self.may_change_again and not is_slewed
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
         sigma = None if self.asymmetry is None else self.asymmetry.sigma(gap, 2.0 * sqrt(line.excess))
         self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
@@ -326,6 +332,7 @@ class ClockFilter:
             self._changed = self._newest_ns, 0.0 if self._fitted is None else self._fitted.skew
         if not self.may_change_again:
             self._skew_before = 0.0 if self._fitted is None else self._fitted.skew
+            self._was_fast = False
         self._unsure_until_ns = max(self._unsure_until_ns, self._newest_ns + unsure_ns)
 
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:

@@ -5,6 +5,7 @@ import pytest
 from benchmarks.clock.ready_clocks import Slew, run_slew
 from tests.unit.benchmarks.simulated.link_spells import LAWS
 
+
 @pytest.mark.parametrize("name", ["two states as recorded", "the same, 20 times as often"])
 def test_a_node_is_ready_within_5_s_of_the_end_of_a_slew(name: str) -> None:
     figures = run_slew(name, LAWS[name], Slew(500.0, 15.0), range(1, 3), 0.0)

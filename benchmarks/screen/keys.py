@@ -45,7 +45,7 @@ KEYS = (
     Key("an arrow in the plan", b"\x1b[B", PLAN, b"\x1b[A"),
     Key("help", b"?", (b"Escape", b"esc"), b"\x1b"),
     Key("palette", b"\x10", (b"earch for",), b"\x1b"),
-    Key("Sessions", b"3", (b"No session",), b"2", "and back"),
+    Key("Sessions", b"3", (b"No session", b"newest first"), b"2", "and back"),
 )
 
 

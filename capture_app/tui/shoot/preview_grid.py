@@ -105,7 +105,7 @@ class PreviewTile(Vertical):
             (f"{sign.glyph} ", sign.style),
             (printable(node.name), "bold"),
         )
-        rate = "" if node.fps is None or sign is UNKNOWN else f" {node.fps:.1f} fps"
+        rate = "" if node.fps is None or self.picture.is_grey else f" {node.fps:.1f} fps"
         parts = (
             title,
             Content.styled(self._age, "$warning"),

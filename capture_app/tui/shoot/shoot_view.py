@@ -383,6 +383,7 @@ class ShootView(ModeView):
             take.status, take.problem = status, ""
             if status.ended and take.ended_s is None:
                 take.ended_s = self._record.clock()
+            take.note_saved(self._record.clock())
             if status.done:
                 self._judge(take)
 
@@ -466,7 +467,7 @@ class ShootView(ModeView):
             remedy = " (l restarts it)" if self.app.check_action("start", ()) else ""
             return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
-            words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s)}"
+            words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s, self.takes)}"
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")

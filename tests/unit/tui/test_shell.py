@@ -174,3 +174,15 @@ async def test_ctrl_c_names_the_key_that_quits() -> None:
         await pilot.press("ctrl+c")
         await pilot.pause()
         assert any("press q to quit" in words for words in toasts(app))
+
+
+async def test_a_window_without_room_says_so() -> None:
+    app = make_app(FakeRig(3))
+    async with app.run_test(size=(40, 10)) as pilot:
+        await pilot.pause()
+        assert not app.screen.query_one(RigView).display or app.screen.query_one(RigView).size.height == 0
+        assert app.screen.query_one("#too-small").display
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        assert app.screen.query_one(RigView).size.height > 10
+        assert not app.screen.query_one("#too-small").display

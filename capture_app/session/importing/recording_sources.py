@@ -9,6 +9,7 @@ from pathlib import Path
 
 from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
+from capture_app.common.text import count
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import (
@@ -115,7 +116,16 @@ def image_folder(name: str, path: Path) -> Images:
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes(), file.suffix))
     # The number in a single image's name may be its camera's or its time's.
     source.name_numbers = [numbers_in(file.stem) for file in files] if path.is_dir() else ()
+    source.note = _describe_links(files)
     return source
+
+
+def _describe_links(files: Sequence[Path]) -> str:
+    """Return a note about the files that are links out of their folder, whose targets are read; or ''."""
+    away = [file for file in files if file.is_symlink() and file.resolve().parent != file.parent.resolve()]
+    if not away:
+        return ""
+    return f"{count(len(away), 'link')} out of the folder followed, such as {away[0]} to {away[0].resolve()}"
 
 
 def upright(data: bytes, suffix: str) -> bytes:
@@ -151,7 +161,8 @@ class Video(Source):
         self.name_numbers = [(number,) for number in self.numbers]
         self.fps, note = describe_video(path)
         later = ", ".join(one.name for one in chapters[1:])
-        self.note = "; ".join(filter(None, (note, later and f"{path.name} goes on in {later}")))
+        goes_on = later and f"{path.name} goes on in {later}"
+        self.note = "; ".join(filter(None, (note, goes_on, _describe_links(chapters))))
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 

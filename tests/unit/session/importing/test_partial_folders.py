@@ -98,3 +98,18 @@ def test_names_that_clash_are_refused_before_anything_is_read(tmp_path: Path) ->
         (tmp_path / camera / "clip.mp4").write_bytes(b"no video, which is not looked at")
     with pytest.raises(BadInputError, match="two cameras are named clip"):
         open_sources([str(tmp_path / camera / "clip.mp4") for camera in ("a", "b")])
+
+
+def test_a_link_out_of_the_folder_is_followed_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    private = tmp_path / "private" / "photo.jpg"
+    for path in (private, tmp_path / "in" / "a" / "1.jpg", tmp_path / "in" / "b" / "1.jpg"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(jpeg(1))
+    for name in ("a", "b"):
+        (tmp_path / "in" / name / "2.jpg").symlink_to(private if name == "a" else "1.jpg")
+    imported(tmp_path / "in", "--fps", "30")
+    said = capsys.readouterr().err
+    assert f"1 link out of the folder followed, such as {tmp_path / 'in' / 'a' / '2.jpg'} to {private}" in said
+    assert said.count("followed") == 1

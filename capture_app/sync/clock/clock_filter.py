@@ -42,9 +42,9 @@ with 30 s, their frames 147 us apart (the widest pair), and in 100 % with this, 
 CHANGE_SKEW, SHOWN_NS = 2.0 * SKEW, 10_000_000_000
 """Smallest rate change that is reported, two sigma of the skew of two crystals, and the time in which it must
 have shown: a crystal that warms up takes longer."""
-FAST_SKEW = 100e-6
-"""Smallest rate change whose end is trusted when the former rate is back: time daemons slew by 500 ppm.
-A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
+FAST_SKEW, FAST_NS = 200e-6, 1_000_000_000
+"""Smallest rate change whose end is trusted when the former rate is back, and the time for which it must show:
+time daemons slew by 500 ppm. A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
 SLEWED_NS, STEPPED_NS = 30_000_000_000, 3_000_000_000
 """Times for which a clock may change again: after its rate changed, as what slews it also ends, and after a
 step, as a clock that is slewed beyond MAX_SKEW contradicts itself again within a second."""
@@ -155,6 +155,8 @@ class ClockFilter:
         """Skew before the first of the changes that may not be over."""
         self._was_fast = False
         """Whether the rate has been far from that since, so that its return is known from noise."""
+        self._fast_from_ns = LONG_AGO_NS
+        """Local time from which on it has been."""
         self._changed: tuple[int, float] | None = None
         """Local time of the last change that may be a rate change, and the skew before it."""
         self._unsure_until_ns = LONG_AGO_NS
@@ -232,7 +234,9 @@ class ClockFilter:
                 self.rate_changed_ns = self._changed[0]
         gap = abs(line.gap)
         away, skew_error = abs(line.skew - self._skew_before), SIGMAS_95 * sqrt(line.skew_variance)
-        self._was_fast = self._was_fast or away - skew_error > FAST_SKEW
+        if away - skew_error < FAST_SKEW:
+            self._fast_from_ns = self._newest_ns
+        self._was_fast |= self._newest_ns - self._fast_from_ns > FAST_NS
         self.is_back = self.may_change_again and self._was_fast and away + skew_error < CHANGE_SKEW
         is_slewed = self.may_change_again and not self.is_back
         unseen = gap - self._gap(gap, line.excess).least if is_slewed else 0.0
@@ -332,7 +336,7 @@ class ClockFilter:
             self._changed = self._newest_ns, 0.0 if self._fitted is None else self._fitted.skew
         if not self.may_change_again:
             self._skew_before = 0.0 if self._fitted is None else self._fitted.skew
-            self._was_fast = False
+            self._was_fast, self._fast_from_ns = False, self._newest_ns
         self._unsure_until_ns = max(self._unsure_until_ns, self._newest_ns + unsure_ns)
 
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:

@@ -1,9 +1,11 @@
 """A clock that is slewed over WiFi, and comes back: is its node soon ready again, and not before?"""
 
+from pathlib import Path
+
 import pytest
 
 from benchmarks.clock.ready_clocks import Slew, run_slew
-from tests.unit.benchmarks.simulated.link_spells import LAWS
+from tests.unit.benchmarks.simulated.link_spells import LAWS, recorded_laws
 
 
 @pytest.mark.parametrize("name", ["two states as recorded", "the same, 20 times as often"])
@@ -14,3 +16,17 @@ def test_a_node_is_ready_within_5_s_of_the_end_of_a_slew(name: str) -> None:
     assert again_s < 5.0
     assert isinstance(false_s, float)
     assert false_s <= 2.0
+
+
+@pytest.mark.parametrize(
+    ("slew", "false_after_s"), [(Slew(500.0, 15.0), 0.1), (Slew(3_000.0, 3.0), 0.1), (Slew(80.0, 15.0), 12.0)]
+)
+def test_noise_of_a_recorded_link_is_not_taken_for_the_end_of_a_slew(
+    slew: Slew, false_after_s: float, shared: Path
+) -> None:
+    name = "recording, in order"
+    link = recorded_laws(shared / "traces" / "wifi.txt")[name]
+    figures = run_slew(name, link, slew, range(1, 4), 0.0)
+    found_s = figures["false_after_s"]
+    assert isinstance(found_s, float)
+    assert found_s <= false_after_s

@@ -29,6 +29,7 @@ from capture_app.common.address import LOOPBACK_HOSTS, Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.common.plugins import COMMANDS, plugin_names
 from capture_app.common.stagger import Stagger
+from capture_app.common.tasks import first_of, has_come
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.console.usage import examples
 
@@ -99,6 +100,7 @@ if TYPE_CHECKING:
 @open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
+@click.option("--until-unused", is_flag=True, hidden=True, help="Stop when it has no camera and no operator.")
 @click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
 @json_option
 def leader(
@@ -116,6 +118,7 @@ def leader(
     spool: Path,
     or_free_port: bool,
     until_eof: bool,
+    until_unused: bool,
     log: Path | None,
     as_json: bool,
     **of_followers: Any,
@@ -154,7 +157,13 @@ def leader(
             "--camera cannot be used with --leader: run the camera with capture-app node and all --leader"
         )
     run = functools.partial(
-        _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json
+        _run_leader,
+        among=leaders,
+        cameras=cameras,
+        with_phones=with_phones,
+        until_unused=until_unused,
+        log=log,
+        as_json=as_json,
     )
     run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
 
@@ -164,6 +173,7 @@ async def _run_leader(
     among: tuple[Address, ...],
     cameras: tuple[str, ...],
     with_phones: bool,
+    until_unused: bool,
     log: Path | None,
     as_json: bool,
 ) -> None:
@@ -197,8 +207,12 @@ async def _run_leader(
                 if with_phones:
                     ask = functools.partial(ask_leader, node.own_address, InvitePhone(), PhoneInvited)
                     await phones.enter_async_context(inviting_phones(ask, as_json))
-                await node.service.stop_requested.wait()
-            log_line("stopped by an operator")
+                stop = node.service.stop_requested
+                if until_unused:
+                    await first_of(has_come(stop, None), node.wait_until_unused())
+                else:
+                    await stop.wait()
+            log_line("stopped by an operator" if stop.is_set() else "stopped: no camera and no operator came")
 
 
 def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:

@@ -127,15 +127,17 @@ async def start_rig(
     cameras: Sequence[str] = (),
     stagger: Stagger | None = None,
     is_owned: bool = False,
+    until_unused: bool = False,
 ) -> LeaderRecord:
     """Start a rig in the background and return it when it answers.
 
-    It outlives this process unless `is_owned`. Without a `port` it takes the default one, or a free one.
+    It outlives this process unless `is_owned`; with `until_unused` it ends if no camera and no operator comes.
+    Without a `port` it takes the default one, or a free one.
     Raises NetworkError for a port that is in use or a host that is not this machine's, and the error with
     which the rig's process ended.
     """
     log = _new_log()
-    process = _spawn(sessions, host, port, cameras, stagger, log, is_owned)
+    process = _spawn(sessions, host, port, cameras, stagger, log, is_owned, until_unused)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(RIG_START_TIMEOUT_S):
             while process.poll() is None:
@@ -174,7 +176,8 @@ async def attach(
         for camera in cameras:
             await give_order(found.address, AddCamera(spec=reveal_password(camera)))
         return AttachedRig(found.address, Path(found.sessions), is_local=True)
-    rig = await start_rig(sessions=sessions or Path("sessions"), host=host, port=port, cameras=cameras)
+    folder = sessions or Path("sessions")
+    rig = await start_rig(sessions=folder, host=host, port=port, cameras=cameras, until_unused=True)
     return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)
 
 
@@ -196,12 +199,14 @@ def _spawn(
     stagger: Stagger | None,
     log: Path,
     is_owned: bool,
+    until_unused: bool,
 ) -> subprocess.Popen[bytes]:
     arguments = (
         *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
         *Trust.of_user().options,
         *(["--or-free-port"] if port is None else ["--port", str(port)]),
         *(["--until-eof"] if is_owned else []),
+        *(["--until-unused"] if until_unused else []),
         *(f"--camera={camera}" for camera in cameras),
         *([] if stagger is None else ["--stagger", str(stagger)]),
     )

@@ -32,6 +32,8 @@ TICK_S = 0.1
 """Minimum interval between two statuses."""
 PICTURE_TICK = 0.2
 """Maximum interval between two looks for pictures to send, in intervals of the requested rate."""
+UNUSED_NS = 1_800_000_000_000
+"""Time without a camera and without an operator after which a rig is not used."""
 KEEPALIVE_S = 3.0
 """Maximum interval between two statuses, so that an operator notices a leader that was lost silently."""
 
@@ -55,9 +57,16 @@ class LeaderState:
         self._rates_due_ns: int | None = None
         self._free_bytes: int | None = None
         self._looked_ns = 0
+        self._asked_ns = options.clock.now_ns()
+
+    @property
+    def is_unused(self) -> bool:
+        """Whether no camera has ever joined, and for UNUSED_NS nobody asked for the status."""
+        return self._engine.grid is None and self._options.clock.now_ns() - self._asked_ns > UNUSED_NS
 
     def status(self, after: str | None = None) -> RigStatus:
         """Return the current status; with `after`, only a page of the nodes after that name."""
+        self._asked_ns = self._options.clock.now_ns()
         return self._page("", sys.maxsize) if after is None else fitted(lambda n: self._page(after, n))
 
     def _page(self, after: str, max_nodes: int) -> RigStatus:

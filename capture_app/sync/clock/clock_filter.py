@@ -43,8 +43,8 @@ CHANGE_SKEW, SHOWN_NS = 2.0 * SKEW, 10_000_000_000
 """Smallest rate change that is reported, two sigma of the skew of two crystals, and the time in which it must
 have shown: a crystal that warms up takes longer."""
 FAST_SKEW, FAST_NS = 200e-6, 1_000_000_000
-"""Smallest rate change whose end is trusted when the former rate is back, and the time for which it must show:
-time daemons slew by 500 ppm. A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
+"""Smallest rate change whose end is trusted when the former rate is back, and the time for which it must
+show: time daemons slew by 500 ppm. A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
 SLEWED_NS, STEPPED_NS = 30_000_000_000, 3_000_000_000
 """Times for which a clock may change again: after its rate changed, as what slews it also ends, and after a
 step, as a clock that is slewed beyond MAX_SKEW contradicts itself again within a second."""

@@ -13,6 +13,8 @@ from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.methods.trajectory.moving_point import find_moving_point
 from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
+from reconstruction.scene.calibration.consistency import REFUSED_PX
+from reconstruction.scene.pairs import size_above_features
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
@@ -101,9 +103,11 @@ def follow(
     rays = Rays((at_ns - at_ns[0]) / 1e9, np.array(projections)[order], np.array(pixels)[order])
     path, sd_px = choose_path(rays, moments)
     odd = outliers(path, rays, sd_px)
-    if odd.mean() > MAX_OUTLIERS:
+    max_sd_px = REFUSED_PX * max(size_above_features(view.width, view.height) for view in views.values())
+    if odd.mean() > MAX_OUTLIERS or sd_px > max_sd_px:
         raise NotApplicableError(
-            f"{odd.sum()} of {len(odd)} frames do not fit one path: the cameras see different things move",
+            f"{odd.sum()} of {len(odd)} frames do not fit one path, the others by {sd_px:.1f} px:"
+            " the cameras see different things move",
             hint="leave one moving object in view, or choose --instants in which there is one",
         )
     of_moment = [float(rays.times_s[moments == number].mean()) for number in range(int(moments[-1]) + 1)]

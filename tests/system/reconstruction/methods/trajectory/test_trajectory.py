@@ -74,3 +74,17 @@ def test_a_thrown_ball_is_followed_in_two_steps(tmp_path: Path, capsys: pytest.C
     table = (tmp_path / "path" / "trajectory.csv").read_text().splitlines()
     assert table[0] == "time_s,x,y,z,uncertainty"
     assert len(table) == 97
+
+
+def test_cameras_that_see_different_things_move_have_no_path(tmp_path: Path) -> None:
+    thrown, shaken = MOTIONS["thrown in an arc"], MOTIONS["shaken, 2 Hz"]
+
+    def by_turns(times_s: np.ndarray) -> np.ndarray:
+        """Whichever is larger in a view: by turns, as things pass before each other."""
+        is_thrown = (np.floor(times_s * 10) % 2 == 0)[:, None]
+        return np.asarray(np.where(is_thrown, thrown(times_s), shaken(times_s)))
+
+    session = write_session(tmp_path, by_turns, "two steps", error_s=20e-6, seed=1)
+    with pytest.raises(NotApplicableError, match="different things move"):
+        TrajectoryMethod().make([session], tmp_path / "path")
+    assert not (tmp_path / "path").exists()

@@ -111,5 +111,7 @@ def test_a_link_out_of_the_folder_is_followed_and_said(
         (tmp_path / "in" / name / "2.jpg").symlink_to(private if name == "a" else "1.jpg")
     imported(tmp_path / "in", "--fps", "30")
     said = capsys.readouterr().err
-    assert f"1 link out of the folder followed, such as {tmp_path / 'in' / 'a' / '2.jpg'} to {private}" in said
+    assert (
+        f"1 link out of the folder followed, such as {tmp_path / 'in' / 'a' / '2.jpg'} to {private}" in said
+    )
     assert said.count("followed") == 1

@@ -6,6 +6,7 @@ the path's points; `inside` is how many are within their 95 % uncertainty. Simul
 
 import tempfile
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from benchmarks.stagger.ball_path import (
     projections,
 )
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.errors import NotApplicableError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
@@ -135,7 +137,11 @@ def measure(motions: Sequence[str], seeds: int, error_us: float) -> Report:
     rows: list[dict[str, Any]] = []
     for name in motions:
         for order in PHASES:
-            found = [path_errors(MOTIONS[name], order, error_us * 1e-6, seed) for seed in range(seeds)]
+            try:
+                found = [path_errors(MOTIONS[name], order, error_us * 1e-6, seed) for seed in range(seeds)]
+            except NotApplicableError:
+                rows.append({"motion": name, "order": order, **dict.fromkeys(islice(COLUMNS, 2, None))})
+                continue
             errors_mm, bars_mm = (np.concatenate([one[k] for one in found]) for k in (0, 1))
             rows.append(
                 {

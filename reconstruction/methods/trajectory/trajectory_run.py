@@ -106,8 +106,8 @@ def follow(
     max_sd_px = REFUSED_PX * max(size_above_features(view.width, view.height) for view in views.values())
     if odd.mean() > MAX_OUTLIERS or sd_px > max_sd_px:
         raise NotApplicableError(
-            f"{odd.sum()} of {len(odd)} frames do not fit one path, the others by {sd_px:.1f} px:"
-            " the cameras see different things move",
+            f"{odd.sum()} of {len(odd)} frames do not fit one path at all, the others by {sd_px:.1f} px:"
+            " the cameras see different things move, or one too fast for their rate",
             hint="leave one moving object in view, or choose --instants in which there is one",
         )
     of_moment = [float(rays.times_s[moments == number].mean()) for number in range(int(moments[-1]) + 1)]

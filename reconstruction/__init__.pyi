@@ -29,7 +29,6 @@ class _OurMethods(ReconstructedSession):
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
         instant: int = 0,
-        other_instant: int | None = None,
         pair: tuple[str, str] | None = None,
     ) -> MadeStereo: ...
     def multiview(
@@ -46,7 +45,6 @@ class _OurMethods(ReconstructedSession):
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
         instant: int = 0,
-        offset_ms: float | None = None,
         pair: tuple[str, str] | None = None,
         register_at: int | None = None,
     ) -> Made[PanoramaResult]: ...

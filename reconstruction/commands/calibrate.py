@@ -11,7 +11,7 @@ from capture_app.board.boards import CharucoBoard, Checkerboard, board_options
 from capture_app.common.errors import SimulshotError
 from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
-from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
@@ -113,8 +113,6 @@ def _parse_mark(text: str) -> Mark:
     show_default="store if --from is sfm or board, or the scale or ground is set",
     help="Store the calibration for later sessions of the same cameras in the same modes.",
 )
-@memory_option
-@checksums_option
 @json_option
 def calibrate(
     session: Path,

@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError, reading
 from capture_app.session.reading.decoding import picture_size, size_of
 from reconstruction.common.geometry import Array
-from reconstruction.common.memory import gigabytes, memory_budget
+from reconstruction.common.memory import MEMORY, gigabytes, memory_budget
 from reconstruction.common.native_libraries import opencv_calls, silenced_output
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 0)
@@ -44,7 +44,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         raise BadInputError(
             f"{path} is {found[0]}x{found[1]} pixels: decoded it takes {gigabytes(decoded)} of memory, "
             f"and a picture may take {gigabytes(DECODED_FRACTION * memory_budget().limit_bytes)}",
-            hint="make it smaller, or give more with --memory",
+            hint=f"make it smaller, or give it more: {MEMORY}=8GB in the environment",
         )
     # Decoders write warnings about broken files to stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):

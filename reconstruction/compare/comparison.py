@@ -16,7 +16,7 @@ from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
-from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
@@ -32,7 +32,6 @@ from reconstruction.scene.conditions import (
     evenly_spaced,
     nearest_frame_offset,
 )
-from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import fixed_offsets_ms
 from reconstruction.scene.provenance import with_provenance
 from reconstruction.scene.scene import Scene
@@ -141,12 +140,13 @@ class Comparison:
         """Open the session, and check everything that can be refused before it takes long; see `compare`."""
         self._began_s = time.monotonic()
         scene = Scene.open(session, options.time_shifts_ms)
+        self.against = None if options.against is None else Scene.open(options.against)
+        for opened in filter(None, (scene, self.against)):
+            opened.given  # noqa: B018  (refuses one that does not fit the images)
         dataset = scene.dataset
-        scene = scene.staged(output.folder / STAGES)
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         for condition in options.conditions:
             condition.check(dataset)
-        self.against = None if options.against is None else Scene(Dataset.open(options.against))
         self.output, self.options = output, options
         self.context = Context(
             scene=scene,
@@ -348,7 +348,6 @@ def _further_conditions(
         context.progress.step(f"session {other.name}")
         # The other session uses its own calibration if it has one, else this session's.
         known = against.given or (None if context.scene.problem else context.scene.calibration)
-        scene = against.staged(context.scene.stages.folder).calibrated(known)
-        compared = tuple(study.compare_session(scene) for study in made)
+        compared = tuple(study.compare_session(against.calibrated(known)) for study in made)
         found.append(ConditionResult(name=other.name, session=str(other.session.folder), studies=compared))
     return tuple(found)

@@ -1,8 +1,8 @@
 """`reconstruct tolerance`: a pair's depth against offset in both directions, and the tolerated delay."""
 
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,7 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.method.score import Context, Score, study_reports
 from reconstruction.method.study_result import Interval, StudyResult
@@ -149,13 +149,9 @@ def measure_tolerance(
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
     began = time.monotonic()
-    opened = Scene.open(session, time_shifts_ms)
-    steps = whole_frame_offsets(opened.dataset, max_offset_ms)
-    with (
-        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as output
-    ):
-        folder = Path(output) if isinstance(output, str) else output.folder
-        scene = opened.staged(folder / STAGES)
+    scene = Scene.open(session, time_shifts_ms)
+    steps = whole_frame_offsets(scene.dataset, max_offset_ms)
+    with nullcontext() if out is None else comparison_folder(out) as output:
         scene.check_pair(pair)
         progress = Progress(4)
         progress.step("calibration")
@@ -191,9 +187,9 @@ def measure_tolerance(
             report="" if out is None else REPORT,
         )
         result = with_provenance(result, began, time_shifts_ms)
-        if out is not None:
-            write_tolerance_report(result, folder)
-            write_metrics(folder, result)
+        if output is not None:
+            write_tolerance_report(result, output.folder)
+            write_metrics(output.folder, result)
     return result
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import foreign_calls, library_versions
+from reconstruction.common.native_libraries import foreign_calls
 from reconstruction.method.score import Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
@@ -291,14 +291,7 @@ class TriangulationStudy(Score):
         return self.write_pictures(drawn, folder)
 
     def _points(self, shown: Mapping[str, int]) -> SeenPoints:
-        return self.scene.stages.arrays(
-            "triangulation",
-            SeenPoints,
-            lambda: triangulate(self.compared, shown),
-            tuple(shown.items()),
-            [repr(self.scene.views[camera]) for camera in shown],
-            library_versions()["pycolmap"],
-        )
+        return self.scene.once(("points", *shown.items()), lambda: triangulate(self.compared, shown))
 
     def _measure(self, found: SeenPoints, one: ShownInstant, side: str) -> Measurements:
         """Measure points on moving objects (in at least half of their images) and on the still control."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -17,7 +17,6 @@ from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import pretty_json
-from capture_app.console.terminal import Progress
 from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
@@ -26,9 +25,10 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
+from reconstruction.method.interface import SILENT
 from reconstruction.methods.multiview.input_images import InputImages, prepare_images
 from reconstruction.methods.multiview.instant_model import model_instant
-from reconstruction.methods.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.result import FUSED, SequenceInstant, SequenceResult
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import Condition
@@ -46,6 +46,9 @@ _BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
 OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
 OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
 """Includes partial files that a killed run leaves."""
+
+SETTINGS = ("time_shifts_ms", "depth", "quick", "whole", "without", "width")
+"""Options that determine the clouds."""
 
 Form = TypeVar("Form", bound=Struct)
 
@@ -76,20 +79,13 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     pictures: str
     """Fingerprint of the images and the calibration."""
     condition: str
-    time_shifts_ms: dict[str, float]
-    matcher: str
-    mesh: bool = msgspec.field(name="meshes")
-    depth: bool
-    quick: bool = False
-    whole: bool = True
-    without: tuple[str, ...] = ()
-    width: int | None = None
+    options: dict[str, Any]
 
     def difference(self, earlier: "SequencePlan") -> str:
         """Describe the first setting in which an earlier plan differs; empty if they are equal."""
-        for name in self.__struct_fields__:
-            was, now = getattr(earlier, name), getattr(self, name)
-            if was != now:
+        before, after = ({**one.options, **msgspec.structs.asdict(one)} for one in (earlier, self))
+        for name, now in after.items():
+            if (was := before.get(name)) != now:
                 if isinstance(was, bool):
                     return f"made {'with' if was else 'without'} --{name}"
                 return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
@@ -192,23 +188,11 @@ def model_sequence(
     scene: Scene,
     out: Path,
     condition: Condition,
-    matcher: ChosenMatcher,
-    *,
-    instants: Sequence[int] = (),
-    without: Sequence[str] = (),
-    width: int | None = None,
-    mesh: bool = False,
-    depth: bool = False,
-    quick: bool = False,
-    whole: bool = False,
-    rrd: bool = False,
-    time_shifts_ms: dict[str, float],
-    progress: Progress,
+    options: MultiviewOptions,
 ) -> SequenceResult:
-    """Compute a cloud of each of the instants (none = all) in `out`; existing clouds are reused.
+    """Compute a cloud of each of the instants in `out`; existing clouds are reused.
 
-    An instant that cannot be reconstructed is left out, with the reason. `mesh` and `depth` also write meshes
-    and maps; `whole` matches the still scene again at every instant; `rrd` writes a recording for Rerun.
+    An instant that cannot be reconstructed is left out, with the reason.
 
     Raises:
         BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
@@ -216,59 +200,56 @@ def model_sequence(
         TryAgainError: another run is writing to `out`.
     """
     began = time.monotonic()
-    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(instants)
+    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(options.instants)
+    progress, matcher = options.progress, options.chosen_matcher.name
+    settings = {name: getattr(options, name) for name in SETTINGS}
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        time_shifts_ms=time_shifts_ms,
-        matcher=matcher.name,
-        mesh=mesh,
-        depth=depth,
-        quick=quick,
-        whole=whole,
-        without=tuple(without),
-        width=width,
+        options=msgspec.to_builtins(settings | {"matcher": matcher, "mesh": options.makes_mesh}),
+    )
+    # Only saved maps have a confidence, which needs the check.
+    each = msgspec.structs.replace(
+        options, cloud=False, workspace=False, check=options.depth, progress=SILENT
     )
     with SequenceFolder.opened(out, plan) as folder:
         still = StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
-        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + rrd
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
         if missing_masks:
             write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
         scene = _calibrated(scene, folder)
-        inputs = prepare_images(scene, width)
+        inputs = prepare_images(scene, options.width)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
         progress.done += len(earlier)
         every = []
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            if whole:
+            if options.whole:
                 still = StillScene()
-            every.append(
-                earlier.get(instant) or _make(inputs, still, matcher, plan, condition, instant, folder)
-            )
+            every.append(earlier.get(instant) or _make(inputs, still, each, condition, instant, folder))
         if not any(one.cloud for one in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
                 hint="choose other --instants, or calibrate the rig again",
             )
-        if rrd:
+        if options.rrd:
             progress.step("the recording")
             clouds = [one for one in every if one.cloud]
             write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
-            _summary(scene, plan, every),
+            _summary(scene, condition, matcher, every),
             kept=len(earlier),
             masks=masks,
             files=folder.files,
         )
-        result = with_provenance(result, began, time_shifts_ms)
+        result = with_provenance(result, began, options.time_shifts_ms)
         write_atomic(out / RESULT, pretty_json(result))
     return result
 
@@ -291,8 +272,7 @@ def _calibrated(scene: Scene, folder: SequenceFolder) -> Scene:
 def _make(
     inputs: InputImages,
     still: StillScene,
-    matcher: ChosenMatcher,
-    plan: SequencePlan,
+    options: MultiviewOptions,
     condition: Condition,
     instant: int,
     folder: SequenceFolder,
@@ -301,27 +281,14 @@ def _make(
     work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        found = model_instant(
-            inputs,
-            condition,
-            instant,
-            matcher,
-            work,
-            without=plan.without,
-            mesh=plan.mesh,
-            quick=plan.quick,
-            # Only saved maps have a confidence, which needs the check.
-            check=plan.depth,
-            still=still,
-            progress=Progress(0, silent=True),
-        )
+        found = model_instant(inputs, condition, instant, options, work, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
         _place(work / FUSED, out / cloud_file(instant))
-        if plan.mesh and found.mesh_triangles:
+        if found.mesh_triangles:
             _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
-        for view in found.views if plan.depth else ():
+        for view in found.views if options.depth else ():
             _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
         done = SequenceInstant(
             instant=instant,
@@ -345,12 +312,14 @@ def _place(file: Path, target: Path) -> None:
     write_atomic(target, file.read_bytes())
 
 
-def _summary(scene: Scene, plan: SequencePlan, every: list[SequenceInstant]) -> SequenceResult:
+def _summary(
+    scene: Scene, condition: Condition, matcher: str, every: list[SequenceInstant]
+) -> SequenceResult:
     scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
     return SequenceResult(
         session=scene.dataset.name,
-        condition=plan.condition,
-        matcher=plan.matcher,
+        condition=condition.name,
+        matcher=matcher,
         calibration=scene.source,
         unit=scene.unit,
         instants=tuple(every),

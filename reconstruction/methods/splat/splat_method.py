@@ -23,7 +23,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
     made = f"{__package__}.splat_run:MadeSplat"
     help = (
         "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
-        "Needs no GPU. SESSION must be calibrated."
+        "Needs no GPU."
     )
     examples = (
         "splat sessions/burst-001 --instant 3 --out splat",
@@ -105,7 +105,6 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         from reconstruction.method.moments import see_moments
         from reconstruction.methods.splat.splat_run import optimize_moments
 
-        scene.require_calibration()
         chosen = scene.dataset.chosen_instants(self.listed_instants)
         seen = see_moments(
             scene, chosen, condition, without=self.without, quick=self.quick, progress=self.progress

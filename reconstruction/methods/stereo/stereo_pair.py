@@ -227,8 +227,7 @@ def rectify(
     )
 
 
-@dataclass(frozen=True)
-class DepthMap:
+class DepthMap(NamedTuple):
     """Depth of one pair on the reference view's pixels.
 
     `depth` (height x width) is in the calibration's unit, 0 = none or rejected. `difference` is in grey

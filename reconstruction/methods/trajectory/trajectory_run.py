@@ -62,10 +62,9 @@ def follow(
     else the frame's time.
 
     Raises:
-        IncompleteError: the session is not calibrated.
+        BadInputError: no calibration can be found.
         NotApplicableError: nothing moves, too few frames show it, or the cameras see different things.
     """
-    calibration = scene.require_calibration()
     dataset, views, motion = scene.dataset, scene.views, scene.motion
     motion.require_several_images(views)
     chosen = dataset.chosen_instants(instants)
@@ -123,7 +122,7 @@ def follow(
     kept = path.residuals_px(rays.choose(~odd))
     return TrajectoryResult(
         session=dataset.name,
-        unit=calibration.unit,
+        unit=scene.unit,
         cameras=counted,
         frames=len(odd),
         outliers=int(odd.sum()),

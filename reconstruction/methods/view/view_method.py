@@ -29,8 +29,8 @@ class ViewMethod(Method, frozen=True, kw_only=True):
     made = f"{__package__}.view_run:MadeView"
     help = (
         "Show one instant of SESSION from places without a camera, as a film along a path.\n\n"
-        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. SESSION must be calibrated. Of a "
-        "staggered rig, two or more cameras must share each step; each step is a moment of its own."
+        "--out is a film (.mp4, .gif, .webp), or a folder for pictures. Of a staggered rig, two or more "
+        "cameras must share each step; each step is a moment of its own."
     )
     examples = (
         "view sessions/burst-001 --out swing.mp4",
@@ -90,7 +90,7 @@ class ViewMethod(Method, frozen=True, kw_only=True):
 
         return OutputFolder(out, replaces_only(OURS | {self.result_file}))
 
-    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+    def write(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition) -> Any:
         """Write a folder of pictures, or a film if `out` is named like one; see `Method.write`."""
         if out.suffix.lower() not in FILMS:
             return super().write(sources, out, condition)

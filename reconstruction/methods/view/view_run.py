@@ -95,12 +95,11 @@ def render_views(
     two. `fps` None = the usual rate, or as recorded for `still`. `page` also writes a page.
 
     Raises:
-        IncompleteError: the session is not calibrated.
-        BadInputError: a file has no path, or there is no such instant.
+        BadInputError: a file has no path, there is no such instant, or no calibration can be found.
         NotApplicableError: no instant has depth.
     """
     given = _given_path(path)
-    unit, dataset = scene.require_calibration().unit, scene.dataset
+    unit, dataset = scene.calibration.unit, scene.dataset
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})

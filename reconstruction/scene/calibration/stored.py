@@ -34,7 +34,6 @@ from reconstruction.scene.calibration.soundness import (
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.features_at_rest import SceneFeatures
-from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import Features, detect_features
 
 MAX_SESSIONS = 10
@@ -181,8 +180,10 @@ def _read(path: Path) -> StoredCalibration | None:
         return None
 
 
-def choose_calibration(dataset: Dataset) -> Calibration | None:
+def choose_calibration(features: SceneFeatures) -> Calibration | None:
     """Return a session's own calibration, checked against its images, or its rig's stored one, and say so.
+
+    `features` are the session's.
 
     Single cameras whose calibration cannot be right are left out, by name, if two or more others remain.
 
@@ -191,6 +192,7 @@ def choose_calibration(dataset: Dataset) -> Calibration | None:
     Raises:
         BadInputError: its own calibration does not fit its images; the message lists all faults.
     """
+    dataset = features.dataset
     if (own := dataset.session.calibration()) is not None:
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
@@ -207,7 +209,7 @@ def choose_calibration(dataset: Dataset) -> Calibration | None:
         return None
     try:
         views = calibrated_views(dataset, stored.calibration)
-        check = check_rig(views, SceneFeatures(SceneMotion(dataset, 1)).middle)
+        check = check_rig(views, features.middle)
         why = "" if check.holds else f"{check} (calibrate the rig again: reconstruct calibrate)"
     except BadInputError as error:
         why = error.what

@@ -133,6 +133,6 @@ def test_an_offset_of_a_single_instant_is_refused(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     session = write_session(tmp_path / "in", scene, VIEWS, instants=1)
-    done = reconstruct("panorama", session.folder, "--offset-ms", 66, "--out", tmp_path / "out")
+    done = reconstruct("panorama", session.folder, "--condition", 66, "--out", tmp_path / "out")
     assert done.code == 3
-    assert "one instant only" in done.complaint
+    assert "no instant is 66 ms from instant 0" in done.complaint

@@ -15,8 +15,8 @@ from reconstruction.methods.stereo.stereo_run import MadeStereo
 from reconstruction.methods.view.view_method import ViewMethod as ViewMethod
 from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.scene.calibration.calibration_run import CalibrateOptions as CalibrateOptions
-from reconstruction.scene.calibration.calibration_run import CalibrationSource as CalibrationSource
+from reconstruction.scene.calibration_run import CalibrateOptions as CalibrateOptions
+from reconstruction.scene.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.scene.conditions import Condition as Condition
 
 class _OurMethods(ReconstructedSession):

@@ -21,8 +21,8 @@ from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
 from reconstruction.common.memory import limited_memory
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
+from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
-from reconstruction.scene.picture_checksums import checked_pictures
 
 
 class _Application(click.Group):

@@ -24,7 +24,7 @@ from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.depth.live_depth import LiveDepth
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, methods
-from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
+from reconstruction.scene.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times

@@ -16,10 +16,10 @@ from reconstruction.batch.summary import UnitRow, unit_row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common.matchers import Matcher
 from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import find_method
 from reconstruction.scene.conditions import SYNCED, Condition
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.picture_checksums import checked_pictures
 from reconstruction.scene.scene import Scene
 
 DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"

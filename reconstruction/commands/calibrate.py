@@ -15,7 +15,7 @@ from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
-    from reconstruction.scene.calibration.calibration_run import CalibrateResult
+    from reconstruction.scene.calibration_run import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
 
@@ -129,8 +129,8 @@ def calibrate(
     Print a board first (reconstruct board), and show it to all cameras in a burst; `capture-app coverage`
     counts the views.
     """
-    from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrationSource, cover
-    from reconstruction.scene.calibration.calibration_run import calibrate as run
+    from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
+    from reconstruction.scene.calibration_run import calibrate as run
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")

@@ -150,6 +150,7 @@ def measure_tolerance(
     """
     began = time.monotonic()
     scene = Scene.open(session, time_shifts_ms)
+    scene.given  # noqa: B018  (refuses one that does not fit the images)
     steps = whole_frame_offsets(scene.dataset, max_offset_ms)
     with nullcontext() if out is None else comparison_folder(out) as output:
         scene.check_pair(pair)

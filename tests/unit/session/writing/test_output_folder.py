@@ -63,9 +63,9 @@ def test_a_file_is_shown_early_where_no_earlier_result_is(tmp_path: Path) -> Non
         for text, first in (("half", True), ("more", False)):
             assert show(output, text) == (first, ["result"])
             assert (out / "result").read_text() == text
-    assert names(out) == ["result", "pictures"]
+    assert names(out) == ["pictures", "result"]
     with opened(out) as output:
-        assert show(output, "other") == (False, ["result", "pictures"])
+        assert show(output, "other") == (False, ["pictures", "result"])
         assert (out / "result").read_text() == "more"
         output.discard()
     assert (out / "result").read_text() == "more"

@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
+from reconstruction.common.picture_checksums import REQUIRED
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.picture_checksums import REQUIRED
 from tests.unit.reconstruction.conftest import Reconstruct
 
 

@@ -26,8 +26,6 @@ DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
 DEPTH_METHOD = "multiview"
 """The method that computes a unit."""
 SPLAT_METHOD, SPLAT = "splat", "splat.ply"
-TIMES = ("seconds", "seconds_of")
-"""Fields that differ from run to run; they are not part of a unit's result."""
 
 
 @cache
@@ -144,8 +142,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
         write_atomic(folder / RESULT, pretty_json(record))
         return
-    for name in TIMES:
-        del result[name]
+    del result["seconds"]  # it differs from run to run
     # PatchMatch leaves one, which is large.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     (folder / method.result_file).unlink(missing_ok=True)

@@ -1,9 +1,8 @@
 """Depth of all cameras at an instant, in memory: the result that a command writes and a comparison scores."""
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -46,8 +45,6 @@ class InstantMaps:
     """Cameras without depth, with the reasons."""
     usable: Mapping[str, InputImage]
     """All images that could be matched, also those without depth."""
-    seconds_of: Mapping[str, float] = field(default_factory=dict)
-    """Wall-clock seconds of each stage."""
 
     @property
     def reference(self) -> str:
@@ -124,7 +121,6 @@ def match_instant(
     Raises:
         BadInputError: no two cameras can measure depth.
     """
-    begin_s = time.monotonic()
     shown = instants_shown(inputs.dataset, condition, instant)
     usable, left_out = inputs.usable({c: k for c, k in shown.items() if c not in options.without})
     progress.total = len(usable) + later_steps
@@ -140,7 +136,6 @@ def match_instant(
     left_out |= {c: _why_alone(c, calibrated, rough, steps_ns) for c in usable if not sources.get(c)}
     images = {camera: image for camera, image in usable.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
-    range_s = time.monotonic()
     if on_pair is not None:
         reference = choose_reference_view(image_views(images), rough.points)
         on_pair(calibrated[reference], calibrated[sources[reference][0]], rough.depth_ranges[reference])
@@ -156,8 +151,7 @@ def match_instant(
         )
     if workspace is not None and options.chosen_matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), maps)
-    seconds = {"range": range_s - begin_s, "matching": time.monotonic() - range_s}
-    return InstantMaps(instant, images, sources, rough, maps, left_out, usable, seconds)
+    return InstantMaps(instant, images, sources, rough, maps, left_out, usable)
 
 
 def _why_alone(

@@ -1,9 +1,7 @@
 """Depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
 
-import time
 from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -123,13 +121,11 @@ def model_instant(
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = found.images, found.sources, found.rough, found.maps
-    marks = {"begin": time.monotonic()}
     checked, confidence = None, dict[str, Array]()
     if options.check:
         checked = check_images(found.usable)
         confidence = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
-    marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
     fused = found.cloud
@@ -140,19 +136,16 @@ def model_instant(
             "and their calibration must be this rig's",
         )
     write_ply(part / FUSED, PointCloud(fused.points, fused.colours), fused.normals)
-    marks["fusion"] = time.monotonic()
     scored = tuple(
         write_view(dataset, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
     )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     moving_score = None if options.quick else score_moving(dataset, images, scene.unit, instant, fused)
-    marks["judging"] = time.monotonic()
     points, triangles = len(fused.points), 0
     files: tuple[str, ...] = ()
     if options.cleans_cloud:
         progress.step("cloud, mesh and pictures" if options.makes_mesh else "cleaning the cloud")
         points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=options.makes_mesh)
-        marks["mesh"] = time.monotonic()
     reference = found.reference
     image, depth = images[reference], maps[reference].depth
     ranges = [rough.depth_ranges[camera] for camera in images]
@@ -185,7 +178,6 @@ def model_instant(
             *((WORKSPACE,) if options.workspace else ()),
             RESULT,
         ),
-        seconds_of={name: round(s, 3) for name, s in found.seconds_of.items()} | _stage_seconds(marks),
     )
     if early is not None:
         write_moment(result, image, depth, fused, part)
@@ -209,11 +201,6 @@ def _figures(view: ViewResult) -> dict[str, Any]:
     """Return those results of the reference view that represent its instant."""
     names = "coverage", "expected_within_2pct", *DepthShares.__struct_fields__
     return {name: getattr(view, name) for name in names}
-
-
-def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
-    """Return the duration of each stage, from the times (s) at which the stages ended."""
-    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
 
 
 def measure_confidence(

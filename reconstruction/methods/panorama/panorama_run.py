@@ -15,7 +15,7 @@ from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.native_libraries import opencv_calls
 from reconstruction.common.options import Pair
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
-from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
+from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher, register_images
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.provenance import Provenance
@@ -115,7 +115,7 @@ def register_at(scene: Scene, cameras: tuple[str, ...], instant: int) -> Panoram
     def register() -> PanoramaStitcher:
         images, moving = _pictures(scene, dict.fromkeys(cameras, instant))
         known = {name: view for name, view in scene.given_views.items() if name in cameras}
-        return PanoramaStitcher(images, moving, known)
+        return register_images(images, moving, known)
 
     return scene.once(("panorama", cameras, instant), register)
 
@@ -128,7 +128,7 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
     """
     with opencv_calls("stitching"):
         try:
-            stitcher = PanoramaStitcher(*given.register, given.views)
+            stitcher = register_images(*given.register, given.views)
         except ValueError as error:
             raise BadInputError(
                 f"the pictures cannot be stitched: {error}",
@@ -143,13 +143,6 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
     left_out = given.facts["left_out"] | stitcher.left_out
     facts = given.facts | {"left_out": left_out}
     return PanoramaResult(used=stitcher.used, synced=made["synced"], offset=made.get("offset"), **facts)
-
-
-def read_registration(file: Path) -> PanoramaStitcher:
-    """Return what stitches images as those of an earlier panorama, by its `registration.json`."""
-    cameras = msgspec.json.decode(file.read_bytes(), type=Calibration).cameras
-    views = {name: View.from_calibration(one, one.width, one.height) for name, one in cameras.items()}
-    return PanoramaStitcher.registered(views)
 
 
 def _save_panorama(

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.image_files import write_image
+from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
 from reconstruction.scene.calibration.consistency import fit_one_plane
@@ -35,8 +35,6 @@ GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
-MAX_INSTANTS = 3
-"""Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
 FEATURE_BYTES_PER_PIXEL = 220
 """Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
 FEATURE_FRACTION = 0.6
@@ -103,8 +101,9 @@ def guess_calibration(motion: SceneMotion) -> Calibration:
 def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
     """Calibrate the rig with COLMAP from the static content of a burst; the unit of length is arbitrary.
 
-    The cameras form one rig and each instant is one frame of it. Moving pixels are masked out. The horizontal
-    field of view gives the lenses' initial values; None = from EXIF, if any.
+    Each camera has one picture, its background: the median over time has no moving objects and little noise,
+    and further instants would show the same static points again. The horizontal field of view gives the
+    lenses' initial values; None = from EXIF, if any.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
@@ -114,8 +113,7 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
         "finding the cameras' positions from the images", hint="give it a calibration.json"
     )
     dataset = motion.dataset
-    chosen = _choose_instants(dataset)
-    cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
+    cameras = [name for name in dataset.cameras if dataset.instants(name)]
     if len(cameras) < 2:
         raise NotApplicableError(
             "no calibration in the session, and fewer than two cameras with an image to find it from",
@@ -124,7 +122,9 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
     focal_px = likely_focal_lengths(dataset, field_of_view_deg)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
-        _write_images(motion, chosen, cameras, root)
+        for name in cameras:
+            (root / "images" / name).mkdir(parents=True)
+            write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
         found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
         try:
             refuse_odd_lenses(found.cameras, focal_px)
@@ -235,33 +235,6 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     ]
 
 
-def _choose_instants(dataset: Dataset) -> list[int]:
-    """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
-    instants = range(len(dataset.instants_ns))
-    present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
-    max_cameras = max(map(len, present.values()))
-    most_complete = [k for k in instants if len(present[k]) == max_cameras]
-    places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
-    chosen = {most_complete[int(i)] for i in places}
-    for name in dataset.cameras:
-        there = [k for k in instants if name in present[k]]
-        if there and not chosen & set(there):
-            chosen.add(max(there, key=lambda k: len(present[k])))
-    return sorted(chosen)
-
-
-def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequence[str], root: Path) -> None:
-    dataset = motion.dataset
-    for folder, camera in product(("images", "masks"), cameras):
-        (root / folder / camera).mkdir(parents=True)
-    for camera, k in product(cameras, instants):
-        if dataset.has_image(camera, k):
-            name = f"{camera}/{k:06d}.png"
-            write_image(root / "images" / name, dataset.image(camera, k))
-            still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
-            write_image(root / "masks" / f"{name}.png", still)
-
-
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
     """Return COLMAP's options for feature extraction: the image size within the memory budget, one thread."""
     options = pycolmap.FeatureExtractionOptions()
@@ -290,7 +263,7 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL")
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
         database,
@@ -359,32 +332,15 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
-    """Return the calibration of each camera with a pose, from the instant with the most such cameras.
-
-    Cameras of other instants are added if the instant shares a camera with those already placed.
-    """
-    placed: dict[str, dict[str, Any]] = {}
-    for image in rec.images.values():
-        if image.has_pose:
-            name, instant = image.name.split("/")
-            placed.setdefault(instant, {})[name] = image
-    found: dict[str, CameraCalibration] = {}
-    poses: dict[str, Any] = {}
-    for instant in sorted(placed, key=lambda instant: (-len(placed[instant]), instant)):
-        images = placed[instant]
-        link = next((name for name in images if name in poses), None)
-        if poses and link is None:
-            continue
-        for name in images.keys() - poses.keys():
-            poses[name] = images[name].cam_from_world()
-            if link is not None:
-                poses[name] = poses[name] * images[link].cam_from_world().inverse() * poses[link]
-            found[name] = _calibration(images[name], poses[name], dataset.size(name))
-    return {name: found[name] for name in dataset.cameras if name in found}
+    """Return the calibration of each camera with a pose."""
+    placed = {image.name.split("/")[0]: image for image in rec.images.values() if image.has_pose}
+    return {
+        name: _calibration(placed[name], dataset.size(name)) for name in dataset.cameras if name in placed
+    }
 
 
-def _calibration(image: Any, pose: Any, size: tuple[int, int]) -> CameraCalibration:
-    matrix = np.asarray(pose.matrix())
+def _calibration(image: Any, size: tuple[int, int]) -> CameraCalibration:
+    matrix = np.asarray(image.cam_from_world().matrix())
     focal, cx, cy, radial = (float(value) for value in image.camera.params)
     # COLMAP's first pixel has its centre at (0.5, 0.5).
     intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])

@@ -80,11 +80,6 @@ class CompareOptions:
         return cls(**own, of_studies=options)
 
 
-def installed_studies() -> list[type[Score]]:
-    """Return the classes of the studies that a comparison makes, in order."""
-    return list(study_reports().values())
-
-
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """Compare a session with itself, one camera offset; write metrics, pictures and the report to `out`.
 
@@ -159,7 +154,7 @@ class Comparison:
             folder=output.folder,
             progress=Progress(CORE_STEPS),
         )
-        self.studies = {kind.text.name: kind(self.context) for kind in installed_studies()}
+        self.studies = {name: kind(self.context) for name, kind in study_reports().items()}
         self.chosen = _chosen(self.studies, options.studies)
         for study in self.chosen.values():
             study.check()

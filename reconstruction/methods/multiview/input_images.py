@@ -58,13 +58,9 @@ def undistort_nearest(view: View, image: Array) -> Array:
     """Undistort an image of a view's pixels by nearest neighbour."""
     if not view.distortion.any():
         return image
-    return np.asarray(cv2.remap(image, *_distorted_pixels(view), cv2.INTER_NEAREST))
-
-
-def _distorted_pixels(view: View) -> tuple[Array, Array]:
-    """Return x and y (float32) in a view's distorted image of each undistorted pixel."""
-    size = view.width, view.height
-    return cv2.initUndistortRectifyMap(view.matrix, view.distortion, None, view.matrix, size, cv2.CV_32FC1)
+    lens = view.matrix, view.distortion, None, view.matrix
+    maps = cv2.initUndistortRectifyMap(*lens, (view.width, view.height), cv2.CV_32FC1)
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST))
 
 
 def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:

@@ -52,6 +52,8 @@ from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 
+FIGURES = ("coverage", "expected_within_2pct", *DepthShares.__struct_fields__)
+"""Results of the reference view that represent its instant."""
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
 
@@ -148,6 +150,7 @@ def model_instant(
         points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=options.makes_mesh)
     reference = found.reference
     image, depth = images[reference], maps[reference].depth
+    own = next(view for view in scored if view.camera == reference)
     ranges = [rough.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
@@ -158,7 +161,7 @@ def model_instant(
         calibration=scene.source,
         unit=scene.unit,
         reference=reference,
-        **_figures(next(view for view in scored if view.camera == reference)),
+        **{name: getattr(own, name) for name in FIGURES},
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if checked is None else checked.points,
         scale_error=round(scene.scale_error, 4),
@@ -195,12 +198,6 @@ def _show_pair(
     write_image(drawn, colour_depth(depth, *display_range(depth)))
     early.show_early(PAIR_DEPTH)
     drawn.unlink()
-
-
-def _figures(view: ViewResult) -> dict[str, Any]:
-    """Return those results of the reference view that represent its instant."""
-    names = "coverage", "expected_within_2pct", *DepthShares.__struct_fields__
-    return {name: getattr(view, name) for name in names}
 
 
 def measure_confidence(

@@ -1,7 +1,6 @@
 """Calibration of a rig by COLMAP's structure from motion, from the static part of a burst."""
 
 import math
-import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -147,7 +146,7 @@ def _found(
 ) -> Calibration:
     with tempfile.TemporaryDirectory(dir=root) as work:
         extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
-        rec = _solve(pycolmap, cameras, Path(work), focal_px, extraction, held=held)
+        rec = _solve(pycolmap, Path(work), focal_px, extraction, held=held)
     advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
     if rec is None:
         raise NotApplicableError(
@@ -197,35 +196,23 @@ def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
 
-    From the covariance of a bundle adjustment with one image of each camera: further images would repeat the
-    same errors of static points. Principal points count as known, and lenses as having one distortion term.
+    From the covariance of a bundle adjustment, which refines the model. Principal points count as known, and
+    lenses as having one distortion term.
     """
-    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    shown = [image for image in rec.images.values() if image.has_pose]
     if len(shown) < MIN_TO_SEPARATE_LENSES:
         return []
-    plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
-    for image in shown.values():
-        plain.add_camera_with_trivial_rig(image.camera)
-        at = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-        alone = pycolmap.Image(
-            name=image.name, keypoints=at, camera_id=image.camera_id, image_id=image.image_id
-        )
-        plain.add_image_with_trivial_frame(alone, image.cam_from_world())
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in shown:
         config.add_image(image.image_id)
-    for point in rec.points3D.values():
-        track = pycolmap.Track()
-        for seen in (one for one in point.track.elements if config.has_image(one.image_id)):
-            track.add_element(seen.image_id, seen.point2D_idx)
-        if track.length() > 1:
-            plain.add_point3D(point.xyz, track, point.color)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(
-        pycolmap.BundleAdjustmentOptions(print_summary=False), config, plain
+        pycolmap.BundleAdjustmentOptions(print_summary=False), config, rec
     )
     solved = adjuster.solve().ceres_summary
-    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
+    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), rec, adjuster)
     spare = solved.num_residuals - solved.num_effective_parameters
-    lenses = [plain.cameras[number].params for number in shown]
+    lenses = [image.camera.params for image in shown]
     covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
@@ -254,7 +241,6 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
 
 def _solve(
     pycolmap: Any,
-    cameras: Sequence[str],
     work: Path,
     focal_px: Mapping[str, float],
     extraction: Any,
@@ -277,15 +263,17 @@ def _solve(
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
     pycolmap.match_exhaustive(database, verification_options=verification, device=pycolmap.Device.cpu)
-    plain = work / "plain.db"
-    shutil.copy(database, plain)
+    (work / "global").mkdir()
+    (work / "incremental").mkdir()
     found = None
-    # If the rig as a whole has no solution, incremental mapping may find one.
     with suppress(ForeignError):
-        found = _map_rig(pycolmap, cameras, database, held=held)
+        if not held:
+            pycolmap.calibrate_view_graph(database)
+        mapping = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
+        mapping.mapper.bundle_adjustment.refine_focal_length = not held
+        found = _largest(pycolmap.global_mapping(database, root / "images", work / "global", mapping))
     if found is None or found.num_reg_images() < 2:
         # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
-        (work / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(
             random_seed=0,
             num_threads=1,
@@ -294,7 +282,9 @@ def _solve(
             ba_refine_focal_length=not held,
         )
         with suppress(ForeignError):
-            found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
+            found = _largest(
+                pycolmap.incremental_mapping(database, root / "images", work / "incremental", options)
+            )
     return found
 
 
@@ -308,23 +298,6 @@ def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, flo
             lens.has_prior_focal_length = True
             opened.update_camera(lens)
     opened.close()
-
-
-def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: bool) -> Any | None:
-    """Solve for the cameras as one rig of unknown geometry, which only global mapping supports."""
-    sensors = [
-        pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
-    ]
-    opened = pycolmap.Database.open(database)
-    pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=sensors)], opened)
-    opened.close()
-    if not held:
-        pycolmap.calibrate_view_graph(database)
-    work = database.parent
-    (work / "rig").mkdir()
-    options = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
-    options.mapper.bundle_adjustment.refine_focal_length = not held
-    return _largest(pycolmap.global_mapping(database, work.parent / "images", work / "rig", options))
 
 
 def _largest(models: dict[int, Any]) -> Any | None:

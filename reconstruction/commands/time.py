@@ -70,7 +70,7 @@ def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterato
 
 
 def _advice(result: "TimeResult") -> str:
-    dropped = any(one.change and one.change.steps for one in result.cameras.values())
+    dropped = any(camera.change and camera.change.steps for camera in result.cameras.values())
     return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 

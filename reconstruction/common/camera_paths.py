@@ -137,7 +137,7 @@ def read_path(path: Path) -> list[View]:
         if b'"camera_path"' in data:
             return _nerfstudio_views(json.loads(data))
         cameras = msgspec.json.decode(data, type=Calibration).cameras.values()
-        views = [View.from_calibration(one, one.width, one.height).undistorted for one in cameras]
+        views = [View.from_calibration(camera, camera.width, camera.height).undistorted for camera in cameras]
         if not views:
             raise ValueError("no cameras")
     except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:

@@ -66,7 +66,9 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
         widest,
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
         measures=tuple(
-            structs.replace(one, offset=one.synced, difference=None) for one in widest.measures if one.synced
+            structs.replace(measure, offset=measure.synced, difference=None)
+            for measure in widest.measures
+            if measure.synced
         ),
         per_instant=(),
         facts={"offset_frames": 0},

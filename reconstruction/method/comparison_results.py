@@ -149,4 +149,4 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
 
     def study(self, name: str) -> StudyResult[Any] | None:
         """Return the result of a study; None if it was skipped."""
-        return next((one for one in self.studies if one.name == name and not one.skipped), None)
+        return next((study for study in self.studies if study.name == name and not study.skipped), None)

@@ -336,15 +336,15 @@ class Score:
         The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
         `words` replace names in braces in the captions.
         """
-        texts = [one for one in self.text.pictures if one.key in drawn[CONDITIONS[0]]]
-        suffixes = {one.key: "png" if one.key == flat else "jpg" for one in texts}
+        texts = [picture for picture in self.text.pictures if picture.key in drawn[CONDITIONS[0]]]
+        suffixes = {text.key: "png" if text.key == flat else "jpg" for text in texts}
         paths = {
             key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
             for key, suffix in suffixes.items()
         }
-        captions = {one.key: one.caption.format(**words) for one in texts}
+        captions = {text.key: text.caption.format(**words) for text in texts}
         return tuple(
-            msgspec.structs.replace(one, caption=captions[one.key], **paths[one.key]) for one in texts
+            msgspec.structs.replace(text, caption=captions[text.key], **paths[text.key]) for text in texts
         )
 
     def late_condition(self, condition: Condition, offsets_ms: Mapping[str, float]) -> Condition:
@@ -399,4 +399,4 @@ def study_reports() -> Mapping[str, type[Score]]:
 
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
     """Return the studies that were made, each with its result."""
-    return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]
+    return [(study_reports()[study.name], study) for study in result.studies if not study.skipped]

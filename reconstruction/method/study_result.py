@@ -104,7 +104,7 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
 
     def interval(self, name: str, side: str = "synced") -> Interval | None:
         """Return a measure's interval in one condition; None if it was not measured."""
-        return next((one.side(side) for one in self.measures if one.name == name), None)
+        return next((measure.side(side) for measure in self.measures if measure.name == name), None)
 
     def value(self, name: str, side: str = "synced") -> float | None:
         """Return a measure's median in one condition; None if it was not measured."""

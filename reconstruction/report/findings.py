@@ -79,7 +79,9 @@ def _offset_sentences(timing: Timing, by: str) -> str:
 
 def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
-    if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
+    paired = () if pair is None else pair.cameras
+    late = [camera for camera in rig.cameras if camera.offset and camera.other not in paired]
+    if not late:
         return ""
     shown = [one.reason if one.change else f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
     more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
@@ -215,9 +217,9 @@ def _misfit_sentence(result: CompareResult) -> str:
 def _skipped_sentence(result: CompareResult) -> str:
     """Return a sentence on requested studies that could not be made, with reasons; empty if all were made."""
     skipped = [
-        f"{study_reports()[one.name].text.subject} ({one.skipped})"
-        for one in result.studies
-        if one.skipped and not one.unasked
+        f"{study_reports()[study.name].text.subject} ({study.skipped})"
+        for study in result.studies
+        if study.skipped and not study.unasked
     ]
     return f"Not made: {'; '.join(skipped)}." if skipped else ""
 
@@ -295,7 +297,11 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
 
 def _is_vague(found: StudyResult[Any], claim: Claim) -> bool:
     """Return whether a claimed fraction's interval is too wide for a headline."""
-    known = (one.synced for one in found.measures if one.synced and one.synced.value == claim.values[0])
+    known = (
+        measure.synced
+        for measure in found.measures
+        if measure.synced and measure.synced.value == claim.values[0]
+    )
     return claim.unit == wording.PERCENT and any(one.ends[1] - one.ends[0] > VAGUE_FRACTION for one in known)
 
 
@@ -332,7 +338,7 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 
 def _largest_offset_ms(timing: Timing) -> float:
     """Return the size of the offset; if it changes, the largest, of its instants or between two steps."""
-    late_ms = [one.late_ms for one in timing.instants] if timing.change.drift else []
+    late_ms = [instant.late_ms for instant in timing.instants] if timing.change.drift else []
     for step in timing.change.steps:
         later = [one.late_ms for one in timing.instants if one.instant >= step.instant]
         late_ms += [median(later)] if later else []

@@ -160,7 +160,7 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
 def _rig_points(model: Any, found: Mapping[str, Features]) -> SeenPoints:
     positions = [features.positions for features in found.values()]
     points = [point for _, point in sorted(model.points3D.items())]
-    seen = [(index, one) for index, point in enumerate(points) for one in point.track.elements]
+    seen = [(index, element) for index, point in enumerate(points) for element in point.track.elements]
     pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
     return SeenPoints(
         points=np.array([point.xyz for point in points], float).reshape(-1, 3),

@@ -275,7 +275,7 @@ def _patches(
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
     """Return the sources' matching cost along a surface, and where enough of them see it (bool)."""
-    warped = [CPU.warp(one, level) for one in source_views]
+    warped = [CPU.warp(source_view, level) for source_view in source_views]
     seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
     # Areas outside an image are neutral rather than a mismatch: wide windows often reach there.
     shown = [

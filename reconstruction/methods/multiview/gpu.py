@@ -109,7 +109,9 @@ class GpuEngine(SweepEngine):
         band = -(-used // ALIGNED) * ALIGNED
         tops = range(0, height, rows)
         begin = 4 * height * width
-        pictures = self._buffer(PICTURES, 4 * (begin + sum(one.source.grey.size for one in source_views)))
+        pictures = self._buffer(
+            PICTURES, 4 * (begin + sum(source_view.source.grey.size for source_view in source_views))
+        )
         surface = np.zeros((height, width)) if base is None else base
         self.device.queue.write_buffer(pictures, 3 * begin, np.ascontiguousarray(surface, np.float32))
         encoder = self.device.create_command_encoder()
@@ -226,7 +228,7 @@ def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
     Raises NotAvailableError if there is none or it computes wrongly; other errors are wgpu's.
     """
     kinds = (*HARDWARE, "CPU") if named else HARDWARE
-    fitting = [one for one in adapters if one.info["adapter_type"] in kinds]
+    fitting = [adapter for adapter in adapters if adapter.info["adapter_type"] in kinds]
     fitting = [one for one in fitting if named.lower() in one.info["device"].lower()]
     if not fitting:
         raise NotAvailableError(f"no GPU named {named}" if named else "no GPU with Vulkan, Metal or DX12")

@@ -247,7 +247,7 @@ class MultiviewStudy(Score):
         )
         tally = Tally()
         with worker_pool(AT_A_TIME) as pool:
-            scores = pool.map(scorer.measure, nows, [one.shown for one in instants], found)
+            scores = pool.map(scorer.measure, nows, [instant.shown for instant in instants], found)
             for one, measured in zip(instants, scores, strict=True):
                 pixels = measured["synced"].shares["mover_coverage"][1]
                 delays = one.delays_ms(self.dataset)

@@ -244,7 +244,7 @@ def register_pictures(
         for a, b in combinations(points, 2)
     }
     if len(used := _largest_group(list(points), overlaps)) < 2:
-        most_shared = max((len(one.fits) for one in overlaps.values()), default=0)
+        most_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
         few = f"no two pictures share more than {most_shared} points"
         unfit = "the points that the pictures share do not fit a camera that only rotates"
         raise ValueError(few if most_shared < MIN_MATCHES else unfit)

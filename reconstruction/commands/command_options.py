@@ -59,7 +59,7 @@ def parse_all_or_some(text: str) -> tuple[int, ...]:
 
 def click_options(options: type[msgspec.Struct], *, own: bool = False) -> Iterator[click.Option]:
     """Yield the options of a method's `Options` for `reconstruct compare`, or for its `own` command."""
-    defaults = {one.name: one.default for one in msgspec.structs.fields(options)}
+    defaults = {field.name: field.default for field in msgspec.structs.fields(options)}
     for one in described(options):
         if one.own == own:
             default = defaults[one.field]

@@ -77,7 +77,7 @@ def frame_of(views: Mapping[str, View], subject: Array) -> Frame:
     ranges = np.linalg.norm(rays, axis=1)
     across = np.arctan2(rays @ right, -(rays @ ahead))
     below = np.arcsin(np.clip(rays @ down / ranges, -1, 1))
-    half = [MARGIN * float(np.ptp(one)) / 2 for one in (across, below)]
+    half = [MARGIN * float(np.ptp(axis)) / 2 for axis in (across, below)]
     scales, spots = [], []
     for view, distance in zip(views.values(), ranges, strict=True):
         at = view.rotation @ subject + view.translation
@@ -151,9 +151,9 @@ def read_path(path: Path) -> list[View]:
 def _nerfstudio_views(content: Mapping[str, object]) -> list[View]:
     width, height = int(content["render_width"]), int(content["render_height"])  # type: ignore[call-overload]
     views = []
-    for one in content["camera_path"]:  # type: ignore[attr-defined]
-        pose = np.array(one["camera_to_world"], np.float64).reshape(4, 4)
-        focal = height / 2 / np.tan(np.radians(float(one["fov"])) / 2)
+    for camera in content["camera_path"]:  # type: ignore[attr-defined]
+        pose = np.array(camera["camera_to_world"], np.float64).reshape(4, 4)
+        focal = height / 2 / np.tan(np.radians(float(camera["fov"])) / 2)
         rotation = (pose[:3, :3] * [1.0, -1.0, -1.0]).T
         matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
         views.append(View(width, height, matrix, np.zeros(5), rotation, -rotation @ pose[:3, 3]))

@@ -261,7 +261,7 @@ def measure_curve(
     ]
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
-    of_instants = {one.instant: one.peak_ms for one in instants if one.peak_ms is not None}
+    of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))

@@ -145,7 +145,9 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
         """Return whether any of these cameras was found to show a different instant from another of them."""
         asked = frozenset(cameras)
         measured = (self.timing, *(self.rig_timing.cameras if self.rig_timing is not None else ()))
-        return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)
+        return any(
+            timing is not None and timing.offset and asked.issuperset(timing.cameras) for timing in measured
+        )
 
     def study(self, name: str) -> StudyResult[Any] | None:
         """Return the result of a study; None if it was skipped."""

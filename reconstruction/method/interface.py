@@ -75,7 +75,7 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
     def command_line(self, session: Path, condition: Condition, out: str) -> str:
         """Return the command line that writes the results of `run`, in a loop if it takes one instant."""
-        flags = {one.field: one for one in described(type(self)) if one.own}
+        flags = {option.field: option for option in described(type(self)) if option.own}
         loop = "instants" not in flags and getattr(self, "instants", None)
         words = ["reconstruct", self.name, str(session)]
         for name, one in flags.items():
@@ -202,7 +202,7 @@ def scored() -> Sequence[type[Check]]:
 
 def study_names() -> list[str]:
     """Return the names of all scores that a comparison can make, without loading them."""
-    return sorted(one.name for one in scored())
+    return sorted(kind.name for kind in scored())
 
 
 def find_method(name: str, **options: Any) -> Method:

@@ -245,11 +245,12 @@ class Score:
         """
         first, late, tally = self.cameras[0], condition.kept_at(self.cameras[0]), Tally()
         complete = {
-            one.instant: one for one in complete_instants(self.dataset, condition, first, self.cameras)
+            moment.instant: moment
+            for moment in complete_instants(self.dataset, condition, first, self.cameras)
         }
         nows = choose_moving_instants(self.motion, (first,), list(complete), self.context.max_instants)
         method = msgspec.structs.replace(self.options, instants=tuple(nows))
-        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
         for now, *results in zip(nows, *both, strict=True):
             measured = {
                 side: self.measure_instant(result, complete[now], side)
@@ -309,7 +310,7 @@ class Score:
         found = twin.run(self.known)
         if found.skipped:
             return found
-        names = dict.fromkeys(one.name for one in (*self.found.measures, *found.measures))
+        names = dict.fromkeys(measure.name for measure in (*self.found.measures, *found.measures))
         measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
         return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())
 
@@ -392,9 +393,9 @@ class Score:
 @cache
 def study_reports() -> Mapping[str, type[Score]]:
     """Return all installed scores by name, in their order."""
-    found: list[type[Score]] = [resolve_name(one.study) for one in scored()]
+    found: list[type[Score]] = [resolve_name(kind.study) for kind in scored()]
     found.sort(key=lambda one: (one.text.place, one.text.name))
-    return {one.text.name: one for one in found}
+    return {score.text.name: score for score in found}
 
 
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:

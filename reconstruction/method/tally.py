@@ -108,7 +108,9 @@ class Tally:
     @property
     def measures(self) -> tuple[Measure, ...]:
         """Medians over the instants with intervals; measures without a value are left out."""
-        return tuple(one for one in map(self._measure, self.names) if one.synced or one.offset)
+        return tuple(
+            measure for measure in map(self._measure, self.names) if measure.synced or measure.offset
+        )
 
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:

@@ -91,7 +91,7 @@ class StudyText:
 
     def unit(self, measure: str) -> str:
         """Return the unit of a measure by its full name."""
-        return next(one.unit for one in self.measures if measure.endswith(one.key))
+        return next(text.unit for text in self.measures if measure.endswith(text.key))
 
 
 def read_words(package: str) -> StudyText:

@@ -107,9 +107,9 @@ def complete_instants(
                 found.append(ShownInstant(instant, with_images))
     if not found:
         raise ValueError(problem)
-    max_cameras = max(len(one.shown) for one in found)
-    complete = [one for one in found if len(one.shown) == max_cameras]
-    refuse_synchronized(condition, [(one.instant, one.shown) for one in complete])
+    max_cameras = max(len(moment.shown) for moment in found)
+    complete = [moment for moment in found if len(moment.shown) == max_cameras]
+    refuse_synchronized(condition, [(moment.instant, moment.shown) for moment in complete])
     return complete
 
 

@@ -362,7 +362,7 @@ def _stabilized_views(
         triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
         for middle in (_largest_centroid, _centroid)
     )
-    if not (placed := [one for one in subjects if one is not None]):
+    if not (placed := [place for place in subjects if place is not None]):
         return {}
     point, _ = min(placed, key=itemgetter(1))
     return stabilize_views(ours, point, *canvas) or {}

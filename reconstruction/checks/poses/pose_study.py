@@ -263,9 +263,9 @@ class PoseStudy(Score):
         )
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.scene.views, Path(scratch))
-            for one in evenly_spaced(instants, MAX_INSTANTS):
-                measured = {side: self._measure(finder, shown) for side, shown in one.by_condition.items()}
-                tally.add(measured, {"instant": one.instant})
+            for moment in evenly_spaced(instants, MAX_INSTANTS):
+                measured = {side: self._measure(finder, shown) for side, shown in moment.by_condition.items()}
+                tally.add(measured, {"instant": moment.instant})
         found = StudyResult(
             name=self.text.name,
             cameras=self.cameras,

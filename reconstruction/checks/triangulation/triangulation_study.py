@@ -224,15 +224,15 @@ class TriangulationStudy(Score):
         """
         tally = Tally()
         found, most, pictures = 0, -1.0, tuple[Picture, ...]()
-        for one in self._instants(condition):
-            self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
-            points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
+        for moment in self._instants(condition):
+            self.progress.step(f"points by COLMAP from {len(moment.shown)} cameras, instant {moment.instant}")
+            points = {side: self._points(pictures) for side, pictures in moment.by_condition.items()}
             found += len(points["synced"].points)
-            measured = {side: self._measure(points[side], one, side) for side in points}
-            tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
+            measured = {side: self._measure(points[side], moment, side) for side in points}
+            tally.add(measured, {"instant": moment.instant, **moment.delays_ms(self.dataset)})
             moving = float(np.sum(measured["synced"].means["mover_points"]))
             if folder and moving > most:
-                most, pictures = moving, self._draw(one, points, folder)
+                most, pictures = moving, self._draw(moment, points, folder)
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
         return StudyResult(
@@ -270,7 +270,7 @@ class TriangulationStudy(Score):
         limit = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
         limit = min(limit, self.context.max_instants)
         first = list(complete[0].shown)[:2]
-        by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
+        by_instant = {moment.instant: moment for moment in complete if moment.shown.keys() >= set(first)}
         return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
 
     def _draw(self, one: ShownInstant, points: Mapping[str, SeenPoints], folder: Path) -> tuple[Picture, ...]:

@@ -140,7 +140,7 @@ def find_denied(
     maps = [(views[name], floats(found.depth)) for name, found in depth_views.items()]
     call_kernel(
         "deny",
-        *(len(maps), (_Map * len(maps))(*(_Map.of(*one) for one in maps))),
+        *(len(maps), (_Map * len(maps))(*(_Map.of(*view_and_depth) for view_and_depth in maps))),
         *(ctypes.c_int64(len(points)), points, normals),
         *(ctypes.c_float(SLACK), ctypes.c_float(BEHIND), denied),
     )

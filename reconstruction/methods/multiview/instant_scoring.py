@@ -188,7 +188,7 @@ class InstantScorer:
         self.unit = unit
         self.tolerance_m: float | None = None
         moving = [undistorted.moving(reference, instant) for instant in instants]
-        self._still = median_still_depth([one.maps[reference].depth for one in synced], moving)
+        self._still = median_still_depth([maps.maps[reference].depth for maps in synced], moving)
 
     def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]

@@ -116,9 +116,9 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         if self.instants is None:
             yield from super().notes(result)
             return
-        for one in result.instants:
-            if one.reason:
-                yield f"instant {one.instant} has no cloud: {one.reason}"
+        for moment in result.instants:
+            if moment.reason:
+                yield f"instant {moment.instant} has no cloud: {moment.reason}"
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""

@@ -238,9 +238,11 @@ class MultiviewStudy(Score):
         with worker_pool(AT_A_TIME) as pool:
             both = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
             synced, offset = both
-        if not (instants := [one for one in instants if one.instant in synced.keys() & offset.keys()]):
+        if not (
+            instants := [moment for moment in instants if moment.instant in synced.keys() & offset.keys()]
+        ):
             raise ValueError("no instant has depth in both conditions")
-        nows = [one.instant for one in instants]
+        nows = [moment.instant for moment in instants]
         found = [{"synced": synced[now], "offset": offset[now]} for now in nows]
         scorer = InstantScorer(
             self.shots, self.reference, self.scene.unit, nows, [maps["synced"] for maps in found]
@@ -277,7 +279,7 @@ class MultiviewStudy(Score):
         """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.reference, self.shots.problem
         complete = complete_instants(self.dataset, condition, reference, self.cameras)
-        by_instant = {one.instant: one.shown for one in complete}
+        by_instant = {moment.instant: moment.shown for moment in complete}
         limit = self.options.max_multiview_instants
         chosen = choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
         usable = {
@@ -300,7 +302,7 @@ class MultiviewStudy(Score):
         options: Multiview = self.options
         return msgspec.structs.replace(
             options,
-            instants=tuple(one.instant for one in instants),
+            instants=tuple(moment.instant for moment in instants),
             without=tuple(c for c in self.dataset.cameras if c not in instants[0].shown),
             width=self.options.multiview_width,
             quick=True,
@@ -335,7 +337,7 @@ class MultiviewStudy(Score):
     ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
         """Write pictures and clouds of the instant with the most moving pixels found."""
         reference = self.reference
-        moving = [self.shots.moving(reference, one.instant) for one in instants]
+        moving = [self.shots.moving(reference, moment.instant) for moment in instants]
         depth = [{side: one.maps[reference].depth for side, one in maps.items()} for maps in found]
         best = max(range(len(found)), key=lambda k: (moving[k] & (depth[k]["synced"] > 0)).sum())
         one, mask, maps = instants[best], moving[best], found[best]

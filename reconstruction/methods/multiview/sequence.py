@@ -61,13 +61,13 @@ def write_recording(
     Only one instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
     """
     with rerun_recording(dataset.name, file, calibration.cameras) as (rerun, stream):
-        for one in instants:
-            set_times(stream, one.leader_ns, one.instant)
-            cloud = read_ply(out / one.cloud)
+        for made in instants:
+            set_times(stream, made.leader_ns, made.instant)
+            cloud = read_ply(out / made.cloud)
             stream.log("cloud", rerun.Points3D(cloud.points, colors=cloud.colours))
             for camera in dataset.cameras:
-                if camera in calibration.cameras and dataset.has_image(camera, one.instant):
-                    picture = dataset.image_bytes(camera, one.instant)
+                if camera in calibration.cameras and dataset.has_image(camera, made.instant):
+                    picture = dataset.image_bytes(camera, made.instant)
                     kind = "image/jpeg" if picture.startswith(JPEG_BEGIN) else "image/png"
                     stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
 
@@ -233,14 +233,14 @@ def model_sequence(
             if options.whole:
                 still = StillScene()
             every.append(earlier.get(instant) or _make(inputs, still, each, condition, instant, folder))
-        if not any(one.cloud for one in every):
+        if not any(made.cloud for made in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
                 hint="choose other --instants, or calibrate the rig again",
             )
         if options.rrd:
             progress.step("the recording")
-            clouds = [one for one in every if one.cloud]
+            clouds = [made for made in every if made.cloud]
             write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
@@ -315,7 +315,7 @@ def _place(file: Path, target: Path) -> None:
 def _summary(
     scene: Scene, condition: Condition, matcher: str, every: list[SequenceInstant]
 ) -> SequenceResult:
-    scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
+    scores = [made.movers_1cm.f_score for made in every if made.movers_1cm is not None]
     return SequenceResult(
         session=scene.dataset.name,
         condition=condition.name,
@@ -323,10 +323,10 @@ def _summary(
         calibration=scene.source,
         unit=scene.unit,
         instants=tuple(every),
-        clouds=sum(bool(one.cloud) for one in every),
+        clouds=sum(bool(made.cloud) for made in every),
         mover_f_score_1cm=_median(scores),
-        mover_within_2pct=_median([one.mover_within_2pct for one in every]),
-        within_2pct=_median([one.within_2pct for one in every]),
+        mover_within_2pct=_median([made.mover_within_2pct for made in every]),
+        within_2pct=_median([made.within_2pct for made in every]),
         files=(),
     )
 

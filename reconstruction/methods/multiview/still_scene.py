@@ -50,7 +50,7 @@ class StillScene:
             moved, grey = known == OUTSIDE, images[name].grey
             off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
             self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
-        if not self._new or np.mean([one.mean() for one in self._new.values()]) > MAX_NEW:
+        if not self._new or np.mean([new.mean() for new in self._new.values()]) > MAX_NEW:
             self.scene, self.planes, self._new, self._pictures = None, None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:

@@ -75,8 +75,10 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     if both.sum() < MIN_OVERLAP_PX:
         return None
     first, second = (
-        np.asarray(cv2.cvtColor(np.ascontiguousarray(empty.crop(one.picture, one.box)), cv2.COLOR_BGR2GRAY))
-        for one in (a, b)
+        np.asarray(
+            cv2.cvtColor(np.ascontiguousarray(empty.crop(image.picture, image.box)), cv2.COLOR_BGR2GRAY)
+        )
+        for image in (a, b)
     )
     return replace(empty, first=first, second=second, both=np.asarray(both) > 0)
 

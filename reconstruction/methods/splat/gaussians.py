@@ -90,7 +90,7 @@ def make_gaussians(moment: Moment) -> Gaussians:
         made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
         earlier.append(seen)
         first += seen.depth.size
-    return Gaussians(**{name: np.concatenate([vars(one)[name] for one in made]) for name in vars(made[0])})
+    return Gaussians(**{name: np.concatenate([vars(part)[name] for part in made]) for name in vars(made[0])})
 
 
 def _blocks(seen: SeenView, new: Array) -> Iterator[tuple[Array, Array, float]]:

@@ -63,7 +63,7 @@ class MadeSplat(Made[SplatResult]):
 
     def gaussians(self, instant: int | None = None) -> Gaussians:
         """Return the Gaussians of an instant; None = the first. Raises BadInputError if it has no splat."""
-        found = {one.instant: one.file for one in self.result.instants}
+        found = {moment.instant: moment.file for moment in self.result.instants}
         wanted = self.result.instants[0].instant if instant is None else instant
         if wanted not in found:
             raise BadInputError(f"instant {wanted} has no splat", hint=f"there are {sorted(found)}")
@@ -154,7 +154,7 @@ def make_splats(
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     dataset = scene.dataset
     if page:
-        files = {one.instant: folder / one.file for one in made}
+        files = {moment.instant: folder / moment.file for moment in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
         session=dataset.name,

@@ -155,7 +155,7 @@ def write_film(out: Path, folder: Path, result: ViewResult) -> None:
 
 def _given_path(path: str | Sequence[CameraCalibration]) -> Sequence[View]:
     if not isinstance(path, str):
-        return [View.from_calibration(one, one.width, one.height).undistorted for one in path]
+        return [View.from_calibration(camera, camera.width, camera.height).undistorted for camera in path]
     return [] if path in PATHS else read_path(Path(path))
 
 

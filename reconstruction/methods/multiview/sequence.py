@@ -207,7 +207,10 @@ def model_sequence(
         session=dataset.name,
         pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        options=msgspec.to_builtins(settings | {"matcher": matcher, "mesh": options.makes_mesh}),
+        # As in the file of an earlier run, whose tuples are lists.
+        options=msgspec.json.decode(
+            msgspec.json.encode(settings | {"matcher": matcher, "mesh": options.makes_mesh})
+        ),
     )
     # Only saved maps have a confidence, which needs the check.
     each = msgspec.structs.replace(

@@ -36,6 +36,8 @@ GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSI
 """Hint where no lens was known."""
 FEATURE_BYTES_PER_PIXEL = 220
 """Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
+PEAK_THRESHOLD = 0.004
+"""Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
 FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
@@ -119,20 +121,27 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
             hint="add a calibration.json",
         )
     focal_px = likely_focal_lengths(dataset, field_of_view_deg)
+    if len(focal_px) < len(cameras) < MIN_TO_SEPARATE_LENSES:
+        raise NotApplicableError(
+            "no calibration in the session, and two cameras' images do not determine their lenses",
+            hint=f"add a calibration.json, {GIVE_LENSES}",
+        )
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
         for name in cameras:
             (root / "images" / name).mkdir(parents=True)
             write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
-        found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
-        try:
-            refuse_odd_lenses(found.cameras, focal_px)
-        except NotApplicableError:
-            if len(focal_px) < len(cameras):
-                raise
-            # The static scene does not determine the lenses: fix them at their likely values.
-            found = _found(pycolmap, dataset, cameras, root, focal_px, held=True)
-    return found
+        if len(cameras) >= MIN_TO_SEPARATE_LENSES:
+            found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+            try:
+                refuse_odd_lenses(found.cameras, focal_px)
+            except NotApplicableError:
+                if len(focal_px) < len(cameras):
+                    raise
+            else:
+                return found
+        # The static scene does not determine the lenses: fix them at their likely values.
+        return _found(pycolmap, dataset, cameras, root, focal_px, held=True)
 
 
 def _found(
@@ -236,6 +245,7 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
     # With several threads, the images' order in the database, and so the result, changes from run to run.
     options.num_threads = 1
+    options.sift.peak_threshold = PEAK_THRESHOLD
     return options
 
 
@@ -280,6 +290,7 @@ def _solve(
             multiple_models=False,
             min_model_size=2,
             ba_refine_focal_length=not held,
+            triangulation={"ignore_two_view_tracks": False},
         )
         with suppress(ForeignError):
             found = _largest(

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -47,7 +47,7 @@ OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RE
 OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
 """Includes partial files that a killed run leaves."""
 
-SETTINGS = ("time_shifts_ms", "depth", "quick", "whole", "without", "width")
+SETTINGS = "depth", "quick", "whole", "without", "width"
 """Options that determine the clouds."""
 
 Form = TypeVar("Form", bound=Struct)
@@ -79,13 +79,20 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     pictures: str
     """Fingerprint of the images and the calibration."""
     condition: str
-    options: dict[str, Any]
+    matcher: str
+    mesh: bool = msgspec.field(name="meshes")
+    time_shifts_ms: dict[str, float]
+    depth: bool
+    quick: bool = False
+    whole: bool = True
+    without: tuple[str, ...] = ()
+    width: int | None = None
 
     def difference(self, earlier: "SequencePlan") -> str:
         """Describe the first setting in which an earlier plan differs; empty if they are equal."""
-        before, after = ({**one.options, **msgspec.structs.asdict(one)} for one in (earlier, self))
-        for name, now in after.items():
-            if (was := before.get(name)) != now:
+        for name in self.__struct_fields__:
+            was, now = getattr(earlier, name), getattr(self, name)
+            if was != now:
                 if isinstance(was, bool):
                     return f"made {'with' if was else 'without'} --{name}"
                 return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
@@ -202,15 +209,14 @@ def model_sequence(
     began = time.monotonic()
     dataset, chosen = scene.dataset, scene.dataset.chosen_instants(options.instants)
     progress, matcher = options.progress, options.chosen_matcher.name
-    settings = {name: getattr(options, name) for name in SETTINGS}
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        # As in the file of an earlier run, whose tuples are lists.
-        options=msgspec.json.decode(
-            msgspec.json.encode(settings | {"matcher": matcher, "mesh": options.makes_mesh})
-        ),
+        matcher=matcher,
+        mesh=options.makes_mesh,
+        time_shifts_ms=dict(options.time_shifts_ms),
+        **{name: getattr(options, name) for name in SETTINGS},
     )
     # Only saved maps have a confidence, which needs the check.
     each = msgspec.structs.replace(

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError
@@ -18,9 +19,17 @@ from reconstruction.methods.multiview.sequence import (
 )
 
 
-def plan_of(condition: str = "synced", **changed: Any) -> SequencePlan:
-    options = {"matcher": "sweep", "depth": False, "quick": False} | changed
-    return SequencePlan(session="s", pictures="f", condition=condition, options=options)
+def plan_of(**changed: Any) -> SequencePlan:
+    plan = SequencePlan(
+        session="s",
+        pictures="f",
+        condition="synced",
+        time_shifts_ms={},
+        matcher="sweep",
+        mesh=False,
+        depth=False,
+    )
+    return msgspec.structs.replace(plan, **changed)
 
 
 def test_a_folder_keeps_its_clouds_for_the_same_plan_alone(tmp_path: Path) -> None:

@@ -25,8 +25,19 @@ from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
 
 
+SENTENCE = 200
+"""Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
+
+
 class _Application(click.Group):
     """Group of the commands, which keep to a memory budget, and in which no error ends in a traceback."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each command with its whole sentence."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, self.commands[name].get_short_help_str(SENTENCE)) for name in self.list_commands(ctx)]
+            )
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command, and say what the memory budget and damaged images changed.

@@ -24,7 +24,6 @@ from reconstruction.common.native_libraries import TRACEBACK, claim_output, unex
 from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
 
-
 SENTENCE = 200
 """Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
 

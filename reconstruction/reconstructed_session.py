@@ -35,8 +35,8 @@ class MadeComparison(Made[CompareResult]):
 
     def per_instant(self, study: str) -> dict[str, Array]:
         """Return a study's measurements at each instant, float64 by name, NaN = not measured."""
-        found = self.result.study(study)
-        rows = found.per_instant if found is not None else ()
+        result = self.result.study(study)
+        rows = result.per_instant if result is not None else ()
         return {
             name: np.array([row.get(name) for row in rows], np.float64)
             for name in dict.fromkeys(name for row in rows for name in row)
@@ -88,9 +88,9 @@ class ReconstructedSession(OpenSession):
 
         Raises as `frame` and `Frame.bgr` do, and NotApplicableError if the camera has one frame only.
         """
-        found = self.frame(camera, instant).record
+        record = self.frame(camera, instant).record
         self._scene.motion.require_several_images([camera])
-        return self._scene.motion.detected_moving(found.camera, found.instant)
+        return self._scene.motion.detected_moving(record.camera, record.instant)
 
     def live_depth(self, width_px: int = 320) -> LiveDepth:
         """Return what computes depth of this rig's previews, by this session's calibration.

@@ -87,13 +87,13 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
         BadInputError: it is not an image, its format is not supported, or its shape is unusable.
     """
     with reading(path):
-        found = picture_size(path) if data is None else size_of(data)
-    if found is None:
+        size = picture_size(path) if data is None else size_of(data)
+    if size is None:
         raise BadInputError(
             f"{path} is not an image, or its format is not supported", hint="convert it to JPEG or PNG"
         )
-    refuse_odd_shape(str(path), *found)
-    return found
+    refuse_odd_shape(str(path), *size)
+    return size
 
 
 def refuse_odd_shape(what: str, width: int, height: int) -> None:

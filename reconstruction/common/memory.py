@@ -47,8 +47,8 @@ def free_memory() -> int:
 
 def _machine_memory() -> int:
     with suppress(OSError):
-        if found := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
-            return int(found[1]) << 10
+        if matched := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
+            return int(matched[1]) << 10
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
 
 
@@ -79,8 +79,8 @@ def _group_folders(root: Path) -> list[Path]:
 
 
 def _cached_files(stat: Path) -> int:
-    found = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
-    return int(found[1]) if found else 0
+    matched = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
+    return int(matched[1]) if matched else 0
 
 
 def _process_memory() -> int:
@@ -189,9 +189,9 @@ def parse_size(text: str) -> int:
     Raises:
         BadInputError: it is not a size.
     """
-    if (found := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)) is None:
+    if (matched := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)) is None:
         raise BadInputError(f"{text!r} is not a size of memory", hint=f"{MEMORY}=800MB, or 4GB")
-    return int(float(found[1]) * _UNITS[found[2]])
+    return int(float(matched[1]) * _UNITS[matched[2]])
 
 
 def gigabytes(size: float) -> str:

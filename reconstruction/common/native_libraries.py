@@ -171,13 +171,13 @@ def load_open3d() -> ModuleType:
 
 def library_versions() -> dict[str, str]:
     """Return the versions of the libraries that determine the results, for the record."""
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for name in ("simulshot", "numpy", "opencv-python-headless", "pycolmap"):
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions[name] = "not installed"
+    return versions
 
 
 def load_guarded(name: str, purpose: str, hint: str = "") -> ModuleType:

@@ -293,7 +293,7 @@ def _speed_px_per_ms(motion: SceneMotion, camera: str, nows: list[int]) -> float
         moving = motion.moving(camera, now)
         near = next((k for k in (now + 1, now - 1) if dataset.has_image(camera, k)), None)
         if near is not None and moving.any():
-            found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
-            lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))
+            flows = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
+            lengths.append(np.linalg.norm(flows, axis=1) / (abs(times[near] - times[now]) / 1e6))
     every = np.concatenate(lengths)
     return float(np.median(every)) if len(every) else None

@@ -307,12 +307,12 @@ class Score:
         twin = type(self)(replace(context, middle=len(scene.dataset.instants_ns) // 2))
         twin.condition = SYNCHRONIZED
         twin.adopt(self)
-        found = twin.run(self.known)
-        if found.skipped:
-            return found
-        names = dict.fromkeys(measure.name for measure in (*self.found.measures, *found.measures))
-        measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
-        return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())
+        results = twin.run(self.known)
+        if results.skipped:
+            return results
+        names = dict.fromkeys(measure.name for measure in (*self.found.measures, *results.measures))
+        measures = (Measure(name=n, synced=self.found.interval(n), offset=results.interval(n)) for n in names)
+        return msgspec.structs.replace(results, measures=tuple(measures), per_instant=())
 
     def compare_instants(
         self,
@@ -393,9 +393,9 @@ class Score:
 @cache
 def study_reports() -> Mapping[str, type[Score]]:
     """Return all installed scores by name, in their order."""
-    found: list[type[Score]] = [resolve_name(kind.study) for kind in scored()]
-    found.sort(key=lambda one: (one.text.place, one.text.name))
-    return {score.text.name: score for score in found}
+    kinds: list[type[Score]] = [resolve_name(kind.study) for kind in scored()]
+    kinds.sort(key=lambda one: (one.text.place, one.text.name))
+    return {score.text.name: score for score in kinds}
 
 
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:

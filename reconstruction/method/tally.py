@@ -70,7 +70,7 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     Unknown depth is 0; unknown grey-level differences and unknown true depth (same unit) are NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
-    found = Measurements(
+    measured = Measurements(
         shares={"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))},
         medians={"photometric_error": seen[:: max(1, len(seen) // MAX_DIFFERENCES)]},
     )
@@ -78,8 +78,8 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
             right = right_depth(depth[known], truth[known], tolerance)
-            found.shares[name] = int(right.sum()), right.size
-    return found
+            measured.shares[name] = int(right.sum()), right.size
+    return measured
 
 
 @dataclass

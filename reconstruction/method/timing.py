@@ -125,8 +125,8 @@ def measure_pair_timing(
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
-    found = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
-    first = next(name for name, one in found.items() if one.sd_ms == 0)
+    rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
+    first = next(name for name, one in rig_offsets.items() if one.sd_ms == 0)
     judged = (
         measure_pair_timing(
             offsets,
@@ -135,7 +135,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px, change=one.change or UNCHANGED
             ),
         )
-        for name, one in found.items()
+        for name, one in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))

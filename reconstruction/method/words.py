@@ -97,8 +97,8 @@ class StudyText:
 def read_words(package: str) -> StudyText:
     """Read the words of a method from the files in its package: `WORDS`, and `SECTION` and `WHY` if there."""
     folder = files(package)
-    found = tomllib.loads((folder / WORDS).read_text("utf-8"))
+    words = tomllib.loads((folder / WORDS).read_text("utf-8"))
     for name, file in (("section", SECTION), ("why", WHY)):
         if (template := folder / file).is_file():
-            found[name] = template.read_text("utf-8")
-    return msgspec.convert(found, StudyText)
+            words[name] = template.read_text("utf-8")
+    return msgspec.convert(words, StudyText)

@@ -66,8 +66,10 @@ class Table:
     @property
     def groups(self) -> list[tuple[str, int]]:
         """Groups of neighbouring columns with their column counts; empty if no column has a group."""
-        found = [(group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)]
-        return found if any(group for group, _ in found) else []
+        groups = [
+            (group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)
+        ]
+        return groups if any(group for group, _ in groups) else []
 
 
 def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -> Cell:
@@ -151,10 +153,10 @@ def conditions_table(result: CompareResult) -> Table:
 def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str, str], Interval]:
     """Return the value and interval of every measure in one condition (`side`), by study and measure."""
     return {
-        (study.name, measure.name): found
+        (study.name, measure.name): interval
         for study in studies
         for measure in study.measures
-        if (found := measure.side(side)) is not None
+        if (interval := measure.side(side)) is not None
     }
 
 

@@ -118,8 +118,8 @@ class Scene:
     @property
     def problem(self) -> str:
         """Why no calibration can be found; empty if one is."""
-        found = self._calibrated
-        return str(found) if isinstance(found, Exception) else ""
+        calibrated = self._calibrated
+        return str(calibrated) if isinstance(calibrated, Exception) else ""
 
     @property
     def source(self) -> str:
@@ -136,16 +136,16 @@ class Scene:
         return self.once("calibrated", self._calibrate)
 
     def _require(self) -> tuple[Calibration, dict[str, View]]:
-        found = self._calibrated
-        if isinstance(found, Exception):
-            raise found
-        return found
+        calibrated = self._calibrated
+        if isinstance(calibrated, Exception):
+            raise calibrated
+        return calibrated
 
     def _calibrate(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
         try:
             # Every command calibrates a session by the same points at rest, whatever images it compares.
-            found = self.given or guess_calibration(self._features.motion)
-            return found, calibrated_views(self.dataset, found)
+            calibration = self.given or guess_calibration(self._features.motion)
+            return calibration, calibrated_views(self.dataset, calibration)
         except (BadInputError, NotAvailableError) as error:
             return error
 

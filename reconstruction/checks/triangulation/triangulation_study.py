@@ -74,16 +74,16 @@ def triangulate(scene: Scene, shown: Mapping[str, int]) -> SeenPoints:
         ForeignError: COLMAP failed.
     """
     colmap = load_pycolmap(PURPOSE)
-    found = {camera: scene.features.of_image(camera, instant) for camera, instant in shown.items()}
+    features = {camera: scene.features.of_image(camera, instant) for camera, instant in shown.items()}
     limit = MAX_ERROR_PX * max(size_above_features(*scene.dataset.size(camera)) for camera in shown)
     with (
         tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
         foreign_calls("COLMAP", PURPOSE),
     ):
         database = Path(scratch) / "database.db"
-        model = _write_database(colmap, database, scene.views, found)
+        model = _write_database(colmap, database, scene.views, features)
         _match(colmap, database, model, limit)
-        return _rig_points(_place_points(colmap, database, model, limit), found)
+        return _rig_points(_place_points(colmap, database, model, limit), features)
 
 
 def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: Mapping[str, Features]) -> Any:

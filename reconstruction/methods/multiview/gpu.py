@@ -64,8 +64,10 @@ class GpuEngine(SweepEngine):
 
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Find the cheapest depths as on the CPU; `grey` is that of the volume's reference."""
-        found = self._try(lambda: self.cheapest(volume, small, large))
-        return CPU.find_cheapest(CPU.cost_volume(*volume), grey, small, large) if found is None else found
+        cheapest = self._try(lambda: self.cheapest(volume, small, large))
+        return (
+            CPU.find_cheapest(CPU.cost_volume(*volume), grey, small, large) if cheapest is None else cheapest
+        )
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Compute costs along a surface as on the CPU, except for rounding."""
@@ -88,13 +90,13 @@ class GpuEngine(SweepEngine):
 
     def costs(self, volume: GpuVolume) -> Array:
         """Return the costs (height x depths x width, uint8); errors are wgpu's."""
-        found = self._run(volume, 0, 0, scan=False).reshape(*volume[0][0].reference.grey.shape, -1)
-        return np.ascontiguousarray(found[..., : len(volume[2])].transpose(0, 2, 1))
+        costs = self._run(volume, 0, 0, scan=False).reshape(*volume[0][0].reference.grey.shape, -1)
+        return np.ascontiguousarray(costs[..., : len(volume[2])].transpose(0, 2, 1))
 
     def cheapest(self, volume: GpuVolume, small: int, large: int) -> tuple[Array, Array]:
         """Return place and cost of the cheapest depths; errors are wgpu's."""
-        found = self._run(volume, small, large).view(np.float32)
-        place, own = found.reshape(2, *volume[0][0].reference.grey.shape)
+        cheapest = self._run(volume, small, large).view(np.float32)
+        place, own = cheapest.reshape(2, *volume[0][0].reference.grey.shape)
         return place, own
 
     def _run(self, volume: GpuVolume, small: int, large: int, *, scan: bool = True) -> Array:

@@ -171,14 +171,14 @@ class InputImages:
 
     def problem(self, camera: str, instant: int) -> str:
         """Return why there is no image to match; empty if there is one."""
-        found = self._image(camera, instant)
-        return found if isinstance(found, str) else ""
+        image = self._image(camera, instant)
+        return image if isinstance(image, str) else ""
 
     def image(self, camera: str, instant: int) -> InputImage:
         """Return the image; it must be usable."""
-        found = self._image(camera, instant)
-        assert isinstance(found, InputImage)
-        return found
+        image = self._image(camera, instant)
+        assert isinstance(image, InputImage)
+        return image
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return the mask (bool) of moving pixels of an undistorted image, for scores."""
@@ -213,7 +213,7 @@ class InputImages:
         if image.shape[1] != view.width:
             image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA)
         try:
-            found = undistort_image(camera, instant, image, view)
+            undistorted = undistort_image(camera, instant, image, view)
         except BadInputError as error:
             return error.what
         moving = None
@@ -221,4 +221,6 @@ class InputImages:
         if len(self.dataset.instants(camera)) > 1:
             moving = self.undistort_mask(camera, self.scene.motion.widened_moving(camera, instant))
         step_ns = self.dataset.steps_ns[camera]
-        return replace(found, calibrated=replace(found.calibrated, moving=moving), step_ns=step_ns)
+        return replace(
+            undistorted, calibrated=replace(undistorted.calibrated, moving=moving), step_ns=step_ns
+        )

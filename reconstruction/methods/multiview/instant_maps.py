@@ -91,13 +91,13 @@ def match_instants(
         if many:
             progress.step(f"instant {instant}")
         try:
-            found = match_instant(inputs, instant, condition, options, still, SILENT if many else progress)
+            maps = match_instant(inputs, instant, condition, options, still, SILENT if many else progress)
         except BadInputError:
             if seen or instant != instants[-1]:
                 continue
             raise
         seen = True
-        yield found
+        yield maps
 
 
 def match_instant(

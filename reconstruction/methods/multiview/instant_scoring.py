@@ -34,10 +34,10 @@ def count_near(points: Array, asked: Array) -> tuple[int, int]:
     The second number is that of the points asked, a sample of `MAX_SAMPLED` if there are more.
     """
     asked = floats(_sample(asked))
-    found = np.empty(len(asked), bool)
+    near = np.empty(len(asked), bool)
     sizes = ctypes.c_int64(len(points)), ctypes.c_int64(len(asked))
-    call_kernel("near", sizes[0], floats(points), sizes[1], asked, ctypes.c_float(TOLERANCE_M), found)
-    return int(found.sum()), len(asked)
+    call_kernel("near", sizes[0], floats(points), sizes[1], asked, ctypes.c_float(TOLERANCE_M), near)
+    return int(near.sum()), len(asked)
 
 
 TrueSurface = tuple[Array, Array]

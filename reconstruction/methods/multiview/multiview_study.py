@@ -368,10 +368,10 @@ class MultiviewStudy(Score):
             return ()
         clouds = {}
         for side, shown in one.by_condition.items():
-            found = maps[side].maps
-            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items() if camera in found}
+            depths = maps[side].maps
+            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items() if camera in depths}
             views, colours = image_views(shots), image_colours(shots)
-            clouds[side] = fuse_by_colmap(views, colours, found, min(MIN_CAMERAS, len(views)))
+            clouds[side] = fuse_by_colmap(views, colours, depths, min(MIN_CAMERAS, len(views)))
         if len(clouds["synced"][0]) < MIN_POINTS:
             return ()
         drawn = {side: {"multiview_colmap": picture} for side, picture in draw_clouds(clouds, places).items()}

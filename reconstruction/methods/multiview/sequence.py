@@ -290,26 +290,26 @@ def _make(
     work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        found = model_instant(inputs, condition, instant, options, work, still=still)
+        model = model_instant(inputs, condition, instant, options, work, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
         _place(work / FUSED, out / cloud_file(instant))
-        if found.mesh_triangles:
+        if model.mesh_triangles:
             _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
-        for view in found.views if options.depth else ():
+        for view in model.views if options.depth else ():
             _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
         done = SequenceInstant(
             instant=instant,
             leader_ns=leader_ns,
             cloud=cloud_file(instant),
-            points=found.fused_points,
-            reference=found.reference,
-            coverage=found.coverage,
-            within_2pct=found.within_2pct,
-            mover_within_2pct=found.mover_within_2pct,
-            movers_1cm=found.movers_1cm,
-            left_out=found.left_out,
+            points=model.fused_points,
+            reference=model.reference,
+            coverage=model.coverage,
+            within_2pct=model.within_2pct,
+            mover_within_2pct=model.mover_within_2pct,
+            movers_1cm=model.movers_1cm,
+            left_out=model.left_out,
             seconds=round(time.monotonic() - began_s, 3),
         )
         folder.finish(done)

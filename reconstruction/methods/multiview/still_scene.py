@@ -102,7 +102,7 @@ def boxes_around(new: Array) -> list[tuple[Box, Array]]:
 
 def renewed(surface: Surface, swept: Surface, box: Box, new: Array) -> Surface:
     """Return the surface with a box's sweep copied in where `new` (bool, of the whole image) is set."""
-    found = Surface(*(part.copy() for part in surface))
-    for part, now in zip(found, swept, strict=True):
+    copied = Surface(*(part.copy() for part in surface))
+    for part, now in zip(copied, swept, strict=True):
         np.copyto(part[box], now, where=new[box])
-    return found
+    return copied

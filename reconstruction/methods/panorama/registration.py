@@ -60,8 +60,8 @@ class PictureOverlap:
     def confidence(self) -> float:
         """Confidence of the overlap; above 1 both images show the same place."""
         min_matches, fraction = EXPECTED_MATCHES
-        found = int(self.fits.sum())
-        return found / (min_matches + fraction * len(self.fits)) if found >= MIN_MATCHES else 0.0
+        inliers = int(self.fits.sum())
+        return inliers / (min_matches + fraction * len(self.fits)) if inliers >= MIN_MATCHES else 0.0
 
 
 def estimate_cameras(

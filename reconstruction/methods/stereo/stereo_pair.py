@@ -304,8 +304,8 @@ class StereoPair:
 
     def compute_both(self, reference: Array, other: Array) -> tuple[DepthMap, FilledDepthMap]:
         """Return what `compute_depth` does, and depth that is filled from the background, by one match."""
-        found = self._match_both_ways(reference, other)
-        return self._checked_depth(found), self._filled_depth(found)
+        both_ways = self._match_both_ways(reference, other)
+        return self._checked_depth(both_ways), self._filled_depth(both_ways)
 
     def _checked_depth(self, found: _Match) -> DepthMap:
         checked = found.checked()

@@ -109,8 +109,8 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     A camera fits if it has the mode in which it was calibrated. Of equals, the newest calibration is
     returned. Files that cannot be read are ignored.
     """
-    found = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
-    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in found]
+    shelved = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
+    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in shelved]
     best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
@@ -124,15 +124,15 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
     By a new session in `folder` that has a calibration of two of these cameras, else by the stored one.
     """
     sessions = [] if folder is None else sorted(folder.glob(f"*/{MANIFEST}"), key=lambda p: p.stat().st_mtime)
-    found: list[Calibration] = []
+    calibrations: list[Calibration] = []
     for path in reversed(sessions[-MAX_SESSIONS:]):
         with suppress(SimulshotError):
             dataset = Dataset(Session.open(path.parent))
             if (own := dataset.session.calibration()) is not None:
-                found.append(_in_same_mode(own, camera_modes(dataset), modes))
+                calibrations.append(_in_same_mode(own, camera_modes(dataset), modes))
     if (stored := find_calibration(modes)) is not None:
-        found.append(stored.calibration)
-    cameras = next((one.cameras for one in found if len(one.cameras) > 1), {})
+        calibrations.append(stored.calibration)
+    cameras = next((one.cameras for one in calibrations if len(one.cameras) > 1), {})
     return {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
         for name, camera in cameras.items()

@@ -132,14 +132,14 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
             (root / "images" / name).mkdir(parents=True)
             write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
         if len(cameras) >= MIN_TO_SEPARATE_LENSES:
-            found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+            calibration = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
             try:
-                refuse_odd_lenses(found.cameras, focal_px)
+                refuse_odd_lenses(calibration.cameras, focal_px)
             except NotApplicableError:
                 if len(focal_px) < len(cameras):
                     raise
             else:
-                return found
+                return calibration
         # The static scene does not determine the lenses: fix them at their likely values.
         return _found(pycolmap, dataset, cameras, root, focal_px, held=True)
 
@@ -219,10 +219,10 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
         pycolmap.BundleAdjustmentOptions(print_summary=False), config, rec
     )
     solved = adjuster.solve().ceres_summary
-    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), rec, adjuster)
+    covariance = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), rec, adjuster)
     spare = solved.num_residuals - solved.num_effective_parameters
     lenses = [image.camera.params for image in shown]
-    covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
+    covariances = [] if covariance is None else [covariance.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
     return [

@@ -15,6 +15,7 @@ from msgspec import structs
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
@@ -80,6 +81,20 @@ class ClientConfig:
         return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
 
 
+@dataclass(slots=True)
+class _EarlierBursts(Generic[F]):
+    """Bursts of a lost leader that go on to their ordered end, in that leader's time in holdover."""
+
+    bursts: FrameSelection[F]
+    grid: CameraGrid
+    time_map: TimeMap
+
+    def is_in_time_of(self, other: TimeMap, now_ns: int) -> bool:
+        """Return whether another root's time is the same, within the errors of both; times of the node."""
+        apart_ns = self.time_map.leader_from_local(now_ns) - other.leader_from_local(now_ns)
+        return abs(apart_ns) <= self.time_map.hard_bound_at(now_ns) + other.hard_bound_at(now_ns)
+
+
 class Client(TimeClient, Generic[F]):
     """Camera side of the protocol; `F` is the node's type of a frame.
 
@@ -123,6 +138,8 @@ class Client(TimeClient, Generic[F]):
         self._root: int | None = None
         self._foreign_leader: int | None = None
         self._bursts: FrameSelection[F] = FrameSelection()
+        self._earlier: list[_EarlierBursts[F]] = []
+        """Bursts that go on though the leader that ordered them was lost."""
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
 
@@ -181,7 +198,7 @@ class Client(TimeClient, Generic[F]):
     @property
     def has_burst_pending(self) -> bool:
         """Whether frames of a burst are still to be selected."""
-        return bool(self._bursts)
+        return bool(self._bursts) or bool(self._earlier)
 
     def report(self, now_ns: int) -> Report:
         """Return the report of this client for its leader."""
@@ -225,14 +242,14 @@ class Client(TimeClient, Generic[F]):
     @property
     def can_change_leader(self) -> bool:
         """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self._bursts
+        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self.has_burst_pending
 
     # In
 
     def receive_message(self, message: Message, now_ns: int) -> None:
         """Process a message of the leader that arrived at `now_ns`."""
         super().receive_message(message, now_ns)
-        if self.followed is not None and self.followed.delays_ns is not None and not self._bursts:
+        if self.followed is not None and self.followed.delays_ns is not None and not self.has_burst_pending:
             self.delay_ns = self.followed.delays_ns.get(camera_key(self.name), 0)
         match message:
             case HeartbeatAck() if self.is_addressed(message) and self._reported and not self._answered:
@@ -269,13 +286,16 @@ class Client(TimeClient, Generic[F]):
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this welcome; return False if it cannot be followed."""
+        grid, time_map = self._grid, self.time_map
         if is_followed := super().follow(welcome, now_ns):
             # Another leader does not know the phase yet.
             self._reported = self._answered = False
             if welcome.config.path[0] != self._root:
-                # Bursts belong to the root and use its time: another relay of the root does not end them.
-                self._events.extend(self._bursts.clear())
-                self._root = welcome.config.path[0]
+                # Bursts belong to the root and use its time: another relay of the root changes nothing.
+                self._events.extend(self._bursts.keep_ordered())
+                if self._bursts and grid is not None and time_map is not None:
+                    self._earlier.append(_EarlierBursts(self._bursts, grid, time_map))
+                self._bursts, self._root = FrameSelection(), welcome.config.path[0]
         return is_followed
 
     def change_leader(self, reason: str, now_ns: int) -> None:
@@ -285,7 +305,8 @@ class Client(TimeClient, Generic[F]):
 
     def forget_burst(self, leader: int, burst: int) -> None:
         """Stop selecting frames of a burst: its leader has what it needs, or has cancelled it."""
-        self._bursts.forget(leader, burst)
+        for bursts in (self._bursts, *(earlier.bursts for earlier in self._earlier)):
+            bursts.forget(leader, burst)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
@@ -349,7 +370,7 @@ class Client(TimeClient, Generic[F]):
             time_map,
             grid.grid_of_stamps,
             now_ns,
-            hold=self._waits_for_others(grid),
+            hold=bool(self._earlier) or self._waits_for_others(grid),
             burst_leader_ns=self._bursts.first_before(
                 time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
             ),
@@ -388,8 +409,17 @@ class Client(TimeClient, Generic[F]):
 
     def _finish_bursts(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
-        if grid is None or time_map is None:
-            return
+        for earlier in self._earlier:
+            if time_map is not None and earlier.is_in_time_of(time_map, now_ns):
+                # The leader was restarted on the same machine, or another one continues its time.
+                self._bursts.take_over(earlier.bursts)
+                earlier.bursts = FrameSelection()
+            self._select(earlier.bursts, earlier.grid, earlier.time_map, now_ns)
+        self._earlier = [earlier for earlier in self._earlier if earlier.bursts]
+        if grid is not None and time_map is not None:
+            self._select(self._bursts, grid, time_map, now_ns)
+
+    def _select(self, bursts: FrameSelection[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> None:
         self._events.extend(
-            self._bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
+            bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
         )

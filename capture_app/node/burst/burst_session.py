@@ -631,7 +631,7 @@ class BurstSession:
 
     @property
     def _ends_ns(self) -> int:
-        """Leader time of the last instant; a resumed burst lasts at most as long again, as its times may differ.
+        """Leader time of the last instant; a resumed burst lasts no longer again, as its times may differ.
 
         Cameras end one without an ordered end themselves when another run of the leader comes.
         """

@@ -35,9 +35,11 @@
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (40 min; BENCH="--fast --part 2")
+# make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
+# make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
 # make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
+# make bench NAME=keys   seconds from a key to its answer on the screen, beside five live previews (a minute; BENCH="--load 8")
 # make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
 # make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
 # make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
@@ -154,9 +156,11 @@ BENCH_confidence := benchmarks.reconstruction.depth_confidence
 BENCH_pose-errors := benchmarks.reconstruction.pose_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
+BENCH_time-words := benchmarks.reconstruction.time_words
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
   --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/scene/calibration --tests tests/unit/reconstruction)
+BENCH_keys := benchmarks.screen.keys
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md

@@ -182,12 +182,42 @@ def street(seed: int, *, speed_m_s: float = 10.0) -> Stage:
     return Stage(boards, rig_path=path, texels_per_m=30.0)
 
 
-def room(seed: int, movers: int = 3, size_m: float = 0.7, speed_m_s: float = 1.5) -> Stage:
+def in_file(apart_m: float) -> dict[str, View]:
+    """Return two cameras of which the right one stands ahead of the left one, on its axis."""
+    views = pair(0.0)
+    ahead = replace(views["right"], translation=np.array([0.0, 0.0, -apart_m]))
+    return views | {"right": ahead}
+
+
+def crowd(seed: int, movers: int = 12, away_m: float = 40.0) -> Stage:
+    """Return a far backdrop, and people running close in front of it."""
+    rng = np.random.default_rng(seed)
+    number = 500000 * (seed + 1)
+    boards = [Board((-away_m, -0.8 * away_m, away_m), (2 * away_m, 0, 0), (0, 1.6 * away_m, 0), number)]
+    for k in range(movers):
+        x, y, z = (
+            rng.uniform(-0.45, 0.35) * away_m,
+            rng.uniform(-0.35, 0.25) * away_m,
+            rng.uniform(0.94, 0.99),
+        )
+        rate, phase, reach = float(rng.uniform(1.5, 3)), float(rng.uniform(0, 6)), 0.05 * away_m
+
+        def path(
+            t: float, rate: float = rate, phase: float = phase, reach: float = reach
+        ) -> tuple[float, float, float]:
+            return reach * float(np.cos(0.8 * rate * t)), reach * float(np.sin(rate * t + phase)), 0.0
+
+        corner = float(x), float(y), float(z)
+        boards.append(Board(corner, (4.0, 0, 0), (0, 4.0, 0), number + k + 1, path))
+    return Stage(boards, texels_per_m=12.0)
+
+
+def room(seed: int, movers: int = 3, size_m: float = 0.7, speed_m_s: float = 1.5, at_rest: int = 6) -> Stage:
     """Return boards that hang in front of a wall, and some that swing at different depths."""
     rng = np.random.default_rng(seed)
     number = 100000 * (seed + 1)
     boards = [Board((-6, -4, 6), (12, 0, 0), (0, 8, 0), number)]
-    for _ in range(6):
+    for _ in range(at_rest):
         number += 1
         x, y, z = rng.uniform(-2.2, 2.0), rng.uniform(-1.6, 1.2), rng.uniform(3.6, 5.5)
         boards.append(Board((float(x), float(y), float(z)), (0.9, 0, 0), (0, 0.7, 0), number))

@@ -48,6 +48,14 @@ class Take:
     """Fraction by which the right camera's frames last longer than recorded."""
     wander_ms: float = 0.0
     """Amplitude of a slow swing of the right camera's times."""
+    glitches: tuple[int, ...] = ()
+    """The single instants at which the right camera is a frame late."""
+    repeats: tuple[int, ...] = ()
+    """The single instants at which the right camera delivers its image before again."""
+    late_or_not_ms: float = 0.0
+    """Delay of the right camera at half of its instants, drawn; the others have none."""
+    guess: bool = False
+    """Whether the session has no calibration, so that one is guessed from its images."""
 
     @property
     def name(self) -> str:
@@ -55,7 +63,9 @@ class Take:
         told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
         if self.drops or self.doubles or self.slower or self.wander_ms:
             told += f"-drops{self.drops}{self.doubles}-{self.slower:g}-{self.wander_ms:g}"
-        return re.sub(r"[ ,()]+", "_", f"{told}-{self.start}-{self.frames}{self.fault}").replace(".", "p")
+        told += f"-single{self.glitches}{self.repeats}{self.late_or_not_ms:g}" * self.singly_late
+        told += f"-{self.start}-{self.frames}{self.fault}" + "-guess" * self.guess
+        return re.sub(r"[ ,()]+", "_", told).replace(".", "p")
 
     @property
     def truly_synchronized(self) -> bool:
@@ -63,9 +73,14 @@ class Take:
         return not self.late_ms and not self.jitter_ms and not self.unsteady
 
     @property
+    def singly_late(self) -> bool:
+        """Whether single images are off."""
+        return bool(self.glitches or self.repeats or self.late_or_not_ms)
+
+    @property
     def unsteady(self) -> bool:
         """Whether the right camera's delay changes over the take."""
-        return bool(self.drops or self.doubles or self.slower or self.wander_ms)
+        return bool(self.drops or self.doubles or self.slower or self.wander_ms or self.singly_late)
 
     def delays_ms(self) -> Array:
         """Return the right camera's delay at each instant (frames,) ms, without jitter."""
@@ -73,7 +88,9 @@ class Take:
         lost = sum((k >= drop for drop in self.drops), np.zeros(self.frames))
         lost = lost - sum((k >= double for double in self.doubles), np.zeros(self.frames))
         swing = self.wander_ms * np.sin(2 * np.pi * (k / 22 + 0.1 * self.seed))
-        return np.asarray(self.late_ms + (lost + self.slower * k) * self.period_ms + swing)
+        single = self.period_ms * np.isin(k, self.glitches)
+        single += self.late_or_not_ms * np.random.default_rng(self.seed).integers(0, 2, self.frames)
+        return np.asarray(self.late_ms + (lost + self.slower * k) * self.period_ms + swing + single)
 
     @property
     def period_ms(self) -> float:
@@ -108,6 +125,16 @@ STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
     "panning": lambda seed: (painted_scenes.panning(seed), painted_scenes.pair(0.4)),
 }  # fmt: skip
+FLAT_STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
+    "wall": lambda seed: (painted_scenes.room(seed, at_rest=0), painted_scenes.pair(0.3, turned_deg=2)),
+    "wall, one board": lambda seed: (
+        painted_scenes.room(seed, at_rest=1), painted_scenes.pair(0.3, turned_deg=2)
+    ),
+    "distant crowd": lambda seed: (painted_scenes.crowd(seed), painted_scenes.pair(0.5)),
+    "one ahead": lambda seed: (painted_scenes.room(seed), painted_scenes.in_file(0.5)),
+    "one turned": lambda seed: (painted_scenes.room(seed), painted_scenes.pair(0.04, turned_deg=12)),
+}  # fmt: skip
+"""Scenes that determine a calibration poorly: flat, far away, or seen by cameras almost at one place."""
 
 
 def takes(seeds: int) -> Iterator[Take]:
@@ -135,6 +162,21 @@ def takes(seeds: int) -> Iterator[Take]:
                 yield Take(kind, seed, late_ms=late_ms, geometry_px=size, fault=fault)
 
 
+def flat_takes(seeds: int) -> Iterator[Take]:
+    """Yield every kind of `FLAT_STAGES`, on time and late, calibrated and guessed; and guesses of others."""
+    for seed in range(seeds):
+        late_ms = (10.0, -8.0, 14.0)[seed % 3]
+        for kind in FLAT_STAGES:
+            for guess in (False, True):
+                yield Take(kind, seed, guess=guess)
+                yield Take(kind, seed, late_ms=(late_ms, 2 * PERIOD_MS)[guess], guess=guess)
+            yield Take(kind, seed, frames=30, guess=True)
+        for kind in ("boards", "large mover", "thrown ball", "slow boards", "street"):
+            yield Take(kind, seed, guess=True)
+            yield Take(kind, seed, late_ms=late_ms, guess=True)
+        yield Take("boards", seed, drops=(14,), frames=30, guess=True)
+
+
 def unsteady_takes(seeds: int) -> Iterator[Take]:
     """Yield takes whose right camera drops or repeats frames, has another rate, or wanders; and controls."""
     for seed in range(seeds):
@@ -154,6 +196,22 @@ def unsteady_takes(seeds: int) -> Iterator[Take]:
         yield Take("boards", seed, slower=30 / 25 - 1, frames=30)
 
 
+def single_image_takes() -> Iterator[Take]:
+    """Yield takes of which single images are off, of every kind in four scenes; and steady ones."""
+    for kind in ("boards", "large mover", "slow boards", "street"):
+        long = Take(kind, 0, frames=30)
+        yield long
+        yield replace(long, glitches=(11,))
+        yield replace(long, glitches=(5, 13, 14, 22))
+        yield replace(long, glitches=(2, 5, 8, 10, 13, 15, 17, 20, 23, 26, 28))
+        yield replace(long, repeats=(9, 17))
+        yield replace(long, repeats=tuple(range(4, 30, 4)))
+        yield replace(long, late_or_not_ms=PERIOD_MS / 2)
+        yield replace(long, jitter_ms=6.0)
+        yield replace(long, drops=(14,))
+        yield replace(long, slower=1 / 12)
+
+
 def real_unsteady_takes() -> Iterator[Take]:
     """Yield the ball with dropped frames: in the middle, at the border, two of them, and a repeated one."""
     for drops in ((20,), (12,), (26,), (10, 22), (3,), (31,), (15, 16)):
@@ -166,6 +224,10 @@ def real_takes(every: int) -> Iterator[Take]:
     """Yield the ball in all images, cut at starts `every` frames apart, and with one camera a frame late."""
     yield Take(BALL, 0, frames=35)
     yield Take(BALL, 0, frames=34, late_ms=1e3 / 60)
+    yield Take(BALL, 0, frames=35, guess=True)
+    yield Take(BALL, 0, frames=34, late_ms=1e3 / 60, guess=True)
+    yield Take(BALL, 0, frames=34, drops=(20,), guess=True)
+    yield Take(BALL, 0, frames=24, start=4, guess=True)
     for fault in FAULTS[:-1]:
         for size in SIZES_PX[1::2]:
             yield Take(BALL, 0, frames=35, geometry_px=size, fault=fault)
@@ -183,14 +245,17 @@ def session_of(take: Take, cache: Path, footage: Path | None) -> Path:
             _import_ball(take, cache, footage / "ball_launch")
         else:
             _paint(take, cache)
+        if take.guess:
+            (folder / CALIBRATION).unlink()
     return folder
 
 
 def _paint(take: Take, cache: Path) -> Session:
-    stage, views = STAGES[take.kind](take.seed)
+    stage, views = (STAGES | FLAT_STAGES)[take.kind](take.seed)
     rng = np.random.default_rng([take.seed, 7])
     begin_s = float(rng.uniform(0.05, 0.1))
     writer, delays_ms = SessionWriter.create(cache, take.name), take.delays_ms()
+    images: dict[str, Array] = {}
     for k in range(take.frames):
         for name, view in views.items():
             off_ms = 0.0 if name == "left" else delays_ms[k] + take.jitter_ms * rng.uniform(-2, 2)
@@ -201,8 +266,9 @@ def _paint(take: Take, cache: Path) -> Session:
                 row_ms = ((part + 0.5) / strips - 0.5) * READOUT_MS_PER_PX * take.geometry_px
                 seen = stage.look(view, begin_s + (k * PERIOD_MS + off_ms + row_ms * rolling) / 1e3, rng)
                 parts.append(seen[part * HEIGHT // strips : (part + 1) * HEIGHT // strips])
-            image = np.concatenate(parts)
-            _add(writer, name, k, image)
+            if name == "left" or k not in take.repeats:
+                images[name] = np.concatenate(parts)
+            _add(writer, name, k, images[name])
     near, far = (3.0, 30.0) if stage.rig_path else (2.5, 6.0)
     wrong = views | {"right": _wrong((views["left"], views["right"]), (near, far), take, rng)}
     calibration = {name: view.to_calibration() for name, view in wrong.items()}

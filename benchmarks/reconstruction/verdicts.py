@@ -2,9 +2,9 @@
 
     python -m benchmarks.reconstruction.verdicts --seeds 3 --footage FOLDER --cache FOLDER
 
-Painted pairs (a car in a street, boards, small and large movers, a thrown ball), on time, late by parts of a
-frame, with jitter, with a calibration that is off, with dropped or repeated frames, at another rate; and,
-with --footage, a real ball. Simulated and real.
+Painted pairs (a car in a street, boards, small and large movers, a thrown ball, a wall, a distant crowd),
+on time, late by parts of a frame, with jitter, with a calibration that is off or guessed, with dropped or
+repeated frames, at another rate; and, with --footage, a real ball. Simulated and real.
 """
 
 import json
@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.reconstruction.verdict_takes import (
     Take,
+    flat_takes,
     real_takes,
     real_unsteady_takes,
     session_of,
@@ -26,7 +27,6 @@ from benchmarks.reconstruction.verdict_takes import (
 )
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
-from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.compare.tolerance_study import measure_tolerance
 from reconstruction.method.timing import Timing, measure_pair_timing
 from reconstruction.scene.dataset import Dataset
@@ -102,26 +102,22 @@ def judge(take: Take, timing: Timing) -> dict[str, Any]:
 
 
 def _group(take: Take) -> str:
+    guessed = ", guessed" * take.guess
     if take.drops or take.doubles:
-        return f"{take.kind}, drops"
+        return f"{take.kind}{guessed}, drops"
     if take.slower:
-        return f"{take.kind}, rate"
+        return f"{take.kind}{guessed}, rate"
     if take.jitter_ms or take.wander_ms:
-        return f"{take.kind}, jitter"
+        return f"{take.kind}{guessed}, jitter"
     if take.late_ms:
-        return f"{take.kind}, late"
+        return f"{take.kind}{guessed}, late"
     if take.geometry_px:
-        return f"{take.kind}, geometry off"
-    return take.kind
+        return f"{take.kind}{guessed}, geometry off"
+    return take.kind + guessed
 
 
-def measure(session: Path, take: Take, *, by_depth: bool, guess: bool = False) -> Timing:
-    """Measure a session's timing by motion, and `by_depth` too; unknown if its calibration is refused.
-
-    `guess`: without its calibration, which is then found from its images.
-    """
-    if guess:
-        (session / CALIBRATION).unlink(missing_ok=True)
+def measure(session: Path, take: Take, *, by_depth: bool) -> Timing:
+    """Measure a session's timing by motion, and `by_depth` too; unknown if its calibration is refused."""
     try:
         if by_depth:
             timing = measure_tolerance(session, max_instants=4, max_offset_ms=2.2 * take.period_ms).timing
@@ -135,14 +131,14 @@ def measure(session: Path, take: Take, *, by_depth: bool, guess: bool = False) -
 
 
 def run(
-    chosen: Iterable[Take], cache: Path, footage: Path | None, *, by_depth: bool = True, guess: bool = False
+    chosen: Iterable[Take], cache: Path, footage: Path | None, *, by_depth: bool = True
 ) -> list[dict[str, Any]]:
     """Judge the sessions one after the other."""
     rows = []
     for take in chosen:
         session = session_of(take, cache, footage)
         begun = time.process_time()
-        timing = measure(session, take, by_depth=by_depth, guess=guess)
+        timing = measure(session, take, by_depth=by_depth)
         row = judge(take, timing) | {"seconds": time.process_time() - begun}
         rows.append(row)
         said = [key for key in ("certified", "same_frame", "denied", "untold") if row[key]]
@@ -181,19 +177,18 @@ def main() -> None:
         "--unsteady", action="store_true", help="only takes with drops, other rates or wandering times"
     )
     parser.add_argument("--fast", action="store_true", help="by motion alone, in a third of the time")
-    parser.add_argument("--guess", action="store_true", help="without calibrations: they are guessed")
+    parser.add_argument("--guess", action="store_true", help="only takes whose calibration is guessed")
     parser.add_argument("--cache", type=Path, help="keeps what was painted")
     chosen = parser.parse_args()
-    wanted = [] if chosen.unsteady else [*takes(chosen.seeds)]
+    wanted = [] if chosen.unsteady else [*takes(chosen.seeds), *flat_takes(chosen.seeds)]
     wanted += unsteady_takes(chosen.seeds)
     if chosen.footage is not None:
         wanted += [] if chosen.unsteady else real_takes(chosen.every)
         wanted += real_unsteady_takes()
     with tempfile.TemporaryDirectory() as scratch:
         cache = chosen.cache or Path(scratch)
-        rows = run(
-            wanted[:: chosen.part], cache, chosen.footage, by_depth=not chosen.fast, guess=chosen.guess
-        )
+        wanted = [take for take in wanted if take.guess or not chosen.guess]
+        rows = run(wanted[:: chosen.part], cache, chosen.footage, by_depth=not chosen.fast)
     if not chosen.json:
         print_rows(table(rows), COLUMNS)
     print(json.dumps({"verdicts": table(rows), "takes": rows} if chosen.json else {"verdicts": len(rows)}))

@@ -19,6 +19,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.text import printable
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
+from capture_app.tui.widgets.key_footer import KeyFooter
 
 Result = TypeVar("Result")
 
@@ -65,7 +66,8 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
     def __init__(self, title: str, *children: Widget, subtitle: str = "") -> None:
         box = Vertical(*children)
         box.border_title, box.border_subtitle = Content(printable(title)), Content(subtitle)
-        super().__init__(box)
+        # Over that of the mode below, whose keys do nothing meanwhile.
+        super().__init__(box, KeyFooter())
 
 
 @dataclass(frozen=True, slots=True)

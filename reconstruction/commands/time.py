@@ -62,13 +62,14 @@ def time_command(
 
 
 def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
-    """Yield what changes over the take: dropped frames, other rates, and images that wander."""
+    """Yield what changes over the take: dropped frames, other rates, and single images."""
     for name, found in cameras.items():
         others = "the others" if name == reference else reference
         if found.change:
             yield found.change.describe(name, others)
         if found.jitter_ms is not None:
             yield f"{name}'s frames wander by ± {2 * found.jitter_ms:.1f} ms (95 %) about this offset"
+        yield from found.images.describe(name, others)
 
 
 def _advice(result: "TimeResult") -> str:
@@ -90,4 +91,6 @@ def _lines(result: "TimeResult") -> Iterator[str]:
                 more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
                 more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
+            if found.planned_ms:
+                more += f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
             yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"

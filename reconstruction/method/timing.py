@@ -21,6 +21,7 @@ from reconstruction.time_offsets.crossings import (
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
+from reconstruction.time_offsets.single_images import SingleImages
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -86,6 +87,8 @@ class Timing(Struct, frozen=True, kw_only=True):
     planned_ms: float = 0.0
     """Planned delay of the other camera; not 0 if the cameras were staggered on purpose."""
     instants: tuple[InstantOffset, ...] = ()
+    images: SingleImages = SingleImages()
+    """Single images of the other camera that are not at this offset, or do not show whether they are."""
     moving_cameras: dict[str, float] = {}
     """Cameras that moved while recording, with their motion in px from frame to frame."""
 
@@ -115,6 +118,7 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
+    timing = with_repeats(timing, {name: offsets.repeated(name) for name in cameras})
     timing = without_common_times(timing, dataset.unsynchronized)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
@@ -160,7 +164,13 @@ def judge_timing(
         instants=fit.instants,
         moving_cameras=moving_cameras or {},
         change=fit.change,
-        disagreeing=fit.disagreeing,
+        disagreeing=tuple(sorted({*fit.disagreeing, *fit.glitches_ms[1]})),
+        images=SingleImages(
+            glitches_ms={**fit.glitches_ms[1]},
+            unvoted=fit.unvoted,
+            examined=fit.examined,
+            period_ms=spacing_ms,
+        ),
     )
     if fit.offset_ms is None or fit.sd_ms is None:
         return unknown
@@ -176,7 +186,7 @@ def judge_timing(
         )
     odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
-    jitter_ms, drifts = scatter_ms(instants, spacing_ms)
+    jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
         low, high = (end(one.late_ms for one in instants) for end in (min, max))
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
@@ -191,8 +201,8 @@ def judge_timing(
         f"the offset changes over the take, to {end_ms:+.1f} ms": abs(end_ms) > limit_ms,
         "the error of the measured offset is more than a tenth of a frame": SIGMAS * sd > limit_ms,
         f"{odd} of {len(instants)} instants disagree with the others": odd > 0,
-        f"some instants disagree with the others: {', '.join(map(str, fit.disagreeing))}": bool(
-            fit.disagreeing
+        f"some instants disagree with the others: {', '.join(map(str, unknown.disagreeing))}": bool(
+            unknown.disagreeing
         ),
         f"single images may be off by up to {possible_ms:.1f} ms": possible_ms > limit_ms,
         "the measured offset is neither clearly zero nor clearly different from zero": not offset
@@ -204,7 +214,7 @@ def judge_timing(
         abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
     )
     # If measured images disagree, others may be farther off.
-    same &= not fit.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
+    same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
     denied = offset or jitter_ms is not None
     return structs.replace(
         unknown,
@@ -259,6 +269,14 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
         timing,
         f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it",
     )
+
+
+def with_repeats(timing: Timing, repeated: Mapping[str, tuple[int, ...]]) -> Timing:
+    """Return the judgement of cameras that repeat images at some instants: never synchronized."""
+    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=repeated[timing.other]))
+    if not (names := [name for name, instants in repeated.items() if instants]) or timing.offset:
+        return timing
+    return _denied(timing, timing.reason or f"{' and '.join(names)} repeats images")
 
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:

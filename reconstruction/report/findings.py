@@ -24,7 +24,12 @@ MAX_NAMED = 4
 
 
 def timing_sentences(timing: Timing) -> str:
-    """Return the second camera's time offset and what to do about it, or why it is unknown."""
+    """Return the second camera's time offset and what to do about it, and what single images show."""
+    single = timing.images.describe(timing.other, timing.reference)
+    return " ".join([_offset_found(timing), *(f"{text}." for text in single)])
+
+
+def _offset_found(timing: Timing) -> str:
     by = f"by what moves at {count(len(timing.instants), 'instant')}"
     if timing.offset:
         return _offset_sentences(timing, by)

@@ -5,7 +5,7 @@ B's images show the point before and after. Its path in B crosses the line at th
 which A's image was taken. Motion along the line carries no information.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -16,7 +16,10 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.time_offsets.instant_votes import (
     DISTINCT,
+    GLITCH_FRAMES,
+    GLITCH_VOTES,
     MATCH_PX,
+    MAX_GLITCH_FRAMES,
     MIN_VOTES,
     UNCHANGED,
     Change,
@@ -68,6 +71,8 @@ ROUNDS = 20
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
+MIN_GLITCHES = 0.2
+"""Minimum fraction of instants with clear offsets of their own from which images jitter."""
 MIN_JITTER_FRAMES = 0.05
 INDEPENDENT = 1.2
 """Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
@@ -80,7 +85,8 @@ class Crossings:
     `instant` is that of A's image. `offset_ms` is how much later B's images were taken than their recorded
     times say, relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
     number of points that it counts for. `shared_px` is an error that it shares with the crossings of
-    neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`.
+    neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`. `in_second` is the instant of B's
+    image whose point's line A's path crosses, or -1 if B's path crosses the line of A's point.
     """
 
     instant: Array
@@ -89,12 +95,13 @@ class Crossings:
     counts: Array
     shared_px: Array
     geometry: Array
+    in_second: Array
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """Concatenate sets of crossings."""
         none = np.zeros(0)
-        every = [cls(none, none, none, none, none, np.zeros((0, TERMS))), *parts]
+        every = [cls(none, none, none, none, none, np.zeros((0, TERMS)), none), *parts]
         return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
 
     def later(self, by_ms: float | Array) -> Self:
@@ -117,11 +124,15 @@ Positions (3, n, 2) px, NaN where a point could not be tracked; times (3, n) ms.
 
 
 def find_crossings(
-    views: tuple[View, View], instant: int, paths: tuple[Path, Path], counts: Array, shared_px: Array
+    views: tuple[View, View],
+    instants: tuple[int, int],
+    paths: tuple[Path, Path],
+    counts: Array,
+    shared_px: Array,
 ) -> Crossings:
-    """Find where B's paths cross the epipolar lines of A's points at an instant, and A's paths those of B's.
+    """Find where B's paths cross the epipolar lines of A's points, and A's paths those of B's.
 
-    `counts` and `shared_px` (n,) are as in `Crossings`.
+    `instants` are those of A's image and of B's. `counts` and `shared_px` (n,) are as in `Crossings`.
     """
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
@@ -131,8 +142,9 @@ def find_crossings(
     at_a, at_b, counts, shared_px = (
         np.concatenate([of, of])[good] for of in (a[0][1], b[0][1], counts, shared_px)
     )
-    instants, geometry = np.full(len(counts), instant), geometry_terms(*views, at_a, at_b)
-    return Crossings(instants, offset_ms[good], across[good], counts, shared_px, geometry)
+    of_a, geometry = np.full(len(counts), instants[0]), geometry_terms(*views, at_a, at_b)
+    in_second = np.repeat([-1, instants[1]], len(good) // 2)[good]
+    return Crossings(of_a, offset_ms[good], across[good], counts, shared_px, geometry, in_second)
 
 
 def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, Array]:
@@ -144,7 +156,7 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
     (places, seen_ms), (others, times_ms) = seen, path
     before, now, after = (_errors(views, places[1], at) for at in others)
     early, late = (times_ms[i] - times_ms[1] for i in (0, 2))
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         slope_before, slope_after = (before - now) / early, (after - now) / late
         both = np.isfinite(slope_before) & np.isfinite(slope_after)
         bend = np.where(both, (slope_after - slope_before) / (late - early), 0.0)
@@ -154,8 +166,8 @@ def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, A
         first = np.where(np.isfinite(slope_before), early, -0.2 * late)
         last = np.where(np.isfinite(slope_after), late, -0.2 * early)
         inside = (when >= first) & (when <= last)
-        offset_ms = seen_ms[1] - (times_ms[1] + when)
-    return np.where(inside, offset_ms, np.nan), slope + 2 * bend * when
+        offset_ms, across = seen_ms[1] - (times_ms[1] + when), slope + 2 * bend * when
+    return np.where(inside & np.isfinite(across), offset_ms, np.nan), across
 
 
 def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
@@ -199,6 +211,12 @@ def median_px(errors_px: Array) -> float:
     return float(np.median(np.abs(errors_px))) if len(errors_px) else 0.0
 
 
+OTHER_LENSES = (
+    "the calibration is a guess, and other focal lengths fit the points at rest as well but show another "
+    "offset, or none: calibrate with a board"
+)
+
+
 class InstantOffset(Struct, frozen=True):
     """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
@@ -224,13 +242,32 @@ class OffsetFit:
     misfit_px: float | None = None
     """Median epipolar error of static points (of all if cameras move), if the calibration does not fit them.
 
-    0 if it is a guess from these points, which fit other calibrations as well. If the offset is known, it was
+    0 if it is a guess from points that fit other calibrations as well. If the offset is known, it was
     measured with a geometry corrected by these points.
     """
     change: Change = UNCHANGED
     """How the offset changes over the take; `offset_ms` is then that of the first instant."""
     disagreeing: tuple[int, ...] = ()
     """Instants that have clear offsets of their own, which `change` does not explain."""
+    glitches_ms: tuple[Mapping[int, float], Mapping[int, float]] = ({}, {})
+    """Single images of the first and of the second camera that are at another time, and how much later."""
+    unvoted: tuple[int, ...] = ()
+    """Instants that were examined and show no offset of their own."""
+
+    @property
+    def examined(self) -> int:
+        """Number of instants that were examined."""
+        return len(self._voted | {*self.unvoted})
+
+    @property
+    def _voted(self) -> set[int]:
+        return (
+            {one.instant for one in self.instants} | self.glitches_ms[0].keys() | self.glitches_ms[1].keys()
+        )
+
+    def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
+        """Return the fit with those of the instants that show no offset as `unvoted`."""
+        return replace(self, unvoted=tuple(sorted({*instants} - self._voted)))
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
@@ -238,9 +275,40 @@ class OffsetFit:
         found = replace(self, instants=moved)
         return found if self.offset_ms is None else replace(found, offset_ms=self.offset_ms + by_ms)
 
+    def under(self, others: Sequence["OffsetFit"]) -> "OffsetFit":
+        """Return the fit with error bars that include these fits, of other calibrations that may be right.
+
+        Unknown if one of them is, or if the offset changes otherwise: then it depends on the calibration.
+        """
+        if self.offset_ms is None or self.sd_ms is None:
+            return self
+        if any(other.offset_ms is None or not other.change.resembles(self.change) for other in others):
+            return OffsetFit(reason=OTHER_LENSES)
+
+        def wider(sd_ms: float, late_ms: float, theirs_ms: Iterable[float]) -> float:
+            return float(np.hypot(sd_ms, max((abs(ms - late_ms) for ms in theirs_ms), default=0.0)))
+
+        theirs = [{one.instant: one.late_ms for one in other.instants} for other in others]
+        instants = tuple(
+            structs.replace(
+                one,
+                sd_ms=wider(one.sd_ms, one.late_ms, (of[one.instant] for of in theirs if one.instant in of)),
+            )
+            for one in self.instants
+        )
+        offsets_ms = [other.offset_ms for other in others if other.offset_ms is not None]
+        return replace(self, sd_ms=wider(self.sd_ms, self.offset_ms, offsets_ms), instants=instants)
+
     def jitter_ms(self, period_ms: float) -> float | None:
         """Return the standard deviation of single images' own offsets, if it is certainly not zero."""
-        return None if self.change else scatter_ms(self.instants, period_ms)[0]
+        if self.change:
+            return None
+        own_ms = {one.instant: one.late_ms - (self.offset_ms or 0.0) for one in self.instants}
+        glitches_ms = max(self.glitches_ms, key=len)
+        own_ms |= glitches_ms
+        if len(glitches_ms) < max(MIN_JITTER_INSTANTS, MIN_GLITCHES * len(own_ms)):
+            return scatter_ms(self.instants, period_ms)[0]
+        return float(np.std([*own_ms.values()]))
 
 
 def misfit(count: int, points: str, off_px: float) -> OffsetFit:
@@ -253,11 +321,17 @@ def misfit(count: int, points: str, off_px: float) -> OffsetFit:
 
 
 def fit_offset(
-    crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float = 0.0
+    crossings: Crossings,
+    still: StillErrors,
+    period_ms: float,
+    recorded_px: float = 0.0,
+    *,
+    steady: bool = False,
 ) -> OffsetFit:
     """Fit the offset that most crossings agree on, together with the errors of the geometry.
 
     `recorded_px` is the median epipolar error of static points before the geometry was corrected by them.
+    `steady`: the offset does not change.
 
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
@@ -273,7 +347,7 @@ def fit_offset(
     prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
     at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
     votes = _votes(found.by(at_rest.geometry))
-    if change := find_change(votes, period_ms):
+    if change := UNCHANGED if steady else find_change(votes, period_ms):
         found = found.later(-change.at_ms(found.instant, period_ms))
         votes = _votes(found.by(at_rest.geometry))
     peak, best, rival = _best_offset(votes, period_ms)
@@ -291,9 +365,11 @@ def fit_offset(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
+    if not change.witnessed([one.instant for one in instants]):
+        return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     if change.drift:
         change = _refined(change, instants, period_ms)
-    offset_ms = float(fit.values[0])
+    offset_ms, own = float(fit.values[0]), _votes(found.by(fit.geometry))
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
@@ -301,12 +377,31 @@ def fit_offset(
         votes=best,
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
-        disagreeing=_votes(found.by(fit.geometry)).disagreeing(offset_ms, period_ms),
+        disagreeing=own.disagreeing(offset_ms, period_ms),
+        glitches_ms=_glitches_ms(found.by(fit.geometry), offset_ms, period_ms),
     )
 
 
 def _votes(seen: Crossings) -> Votes:
     return count_votes(seen.instant, seen.offset_ms, seen.across_px_per_ms, seen.counts)
+
+
+def _glitches_ms(
+    seen: Crossings, offset_ms: float, period_ms: float
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Return how much later single images of A and of B are than the offset says.
+
+    An image's own points vote for its time, on the other camera's paths.
+    """
+    of_b = seen.in_second >= 0
+    in_b = seen.only(of_b)
+    votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
+    first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for one in votes)
+    limit_ms = MAX_GLITCH_FRAMES * period_ms
+    return (
+        {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
+        {k: ms for k, ms in second.items() if abs(ms) < limit_ms},
+    )
 
 
 def _refined(change: Change, instants: tuple[InstantOffset, ...], period_ms: float) -> Change:

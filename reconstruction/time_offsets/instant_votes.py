@@ -5,6 +5,7 @@ votes for offsets by its own crossings. Three explanations of all votes are comp
 that changes by whole frames, and an offset that grows at a rate.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -39,6 +40,10 @@ DISTINCT = 1.6
 """Minimum ratio of agreeing crossings to those at any other offset; wrong matches vote for every offset."""
 ELSEWHERE_FRAMES = 0.55
 """Distance from the common offset, in frames, from which an instant's own peak disagrees."""
+GLITCH_FRAMES, GLITCH_VOTES = 0.3, 12.0
+"""The same from which a single image is reported as a glitch, and the crossings that must agree on it."""
+MAX_GLITCH_FRAMES = 1.25
+"""Distance up to which it is: far from the offset, wrong matches agree more often."""
 MAX_LAST_FRAMES = 2.5
 """The same up to which a first or last instant alone may be after dropped frames."""
 
@@ -100,6 +105,25 @@ class Change(Struct, frozen=True, omit_defaults=True):
             pivot=self.pivot or other.pivot,
         )
 
+    def witnessed(self, instants: Sequence[int]) -> bool:
+        """Return whether instants with an offset of their own lie before, between and after the steps.
+
+        Votes of wrong matches may prefer a step where nothing is measured after it.
+        """
+        sides = np.searchsorted([step.instant for step in self.steps], instants, side="right")
+        return not self.steps or len(np.unique(sides)) == len(self.steps) + 1
+
+    def resembles(self, other: "Change") -> bool:
+        """Return whether both are the same steps, at instants that may be the same, or drifts of one sign."""
+        return (
+            len(self.steps) == len(other.steps)
+            and np.sign(self.drift) == np.sign(other.drift)
+            and all(
+                a.frames == b.frames and a.earliest <= b.latest and b.earliest <= a.latest
+                for a, b in zip(self.steps, other.steps, strict=True)
+            )
+        )
+
     def __bool__(self) -> bool:
         """Whether the delay changes."""
         return bool(self.steps) or self.drift != 0.0
@@ -145,29 +169,35 @@ class Votes:
         """The votes (g,) of all instants."""
         return np.asarray(self.votes.sum(0))
 
+    def apart_ms(
+        self, offset_ms: float, period_ms: float, min_frames: float, min_votes: float = MIN_VOTES
+    ) -> dict[int, float]:
+        """Return the instants with a clear peak this far from an offset, and how much later it is."""
+        apart = np.abs(self.offsets_ms - offset_ms) / period_ms
+        best, here = self.votes.max(1), np.where(apart < min_frames, self.votes, 0.0).max(1)
+        odd = np.flatnonzero((best >= min_votes) & (here * 2 * DISTINCT < best))
+        own_ms = self.offsets_ms[self.votes.argmax(1)] - offset_ms
+        return {int(self.instants[k]): float(own_ms[k]) for k in odd}
+
     def disagreeing(self, offset_ms: float, period_ms: float) -> tuple[int, ...]:
         """Return the instants of runs that have a clear peak of their own elsewhere.
 
         A run has two instants of about the same peak; one is enough if it is the first or the last of all
         that have a clear peak. A single one between others may be a wrong match.
         """
-        apart = np.abs(self.offsets_ms - offset_ms) / period_ms
-        best, here = self.votes.max(1), np.where(apart < ELSEWHERE_FRAMES, self.votes, 0.0).max(1)
-        clear = np.flatnonzero(best >= MIN_VOTES)
-        at = self.votes.argmax(1)
-        odd = [k for k in clear if here[k] * 2 * DISTINCT < best[k]]
-        found = {k for k in odd if k in clear[[0, -1]] and apart[at[k]] < MAX_LAST_FRAMES}
-        for k, other in pairwise(odd):
-            neighbours = np.searchsorted(clear, other) - np.searchsorted(clear, k) == 1
-            if neighbours and abs(self.offsets_ms[at[other]] - self.offsets_ms[at[k]]) < period_ms / 2:
+        odd = self.apart_ms(offset_ms, period_ms, ELSEWHERE_FRAMES)
+        clear = [int(k) for k in self.instants[self.votes.max(1) >= MIN_VOTES]]
+        found = {k for k in odd if k in (clear[0], clear[-1]) and abs(odd[k]) < MAX_LAST_FRAMES * period_ms}
+        for k, other in pairwise(clear):
+            if k in odd and other in odd and abs(odd[other] - odd[k]) < period_ms / 2:
                 found |= {k, other}
-        return tuple(int(self.instants[k]) for k in sorted(found))
+        return tuple(sorted(found))
 
 
 def count_votes(instant: Array, offset_ms: Array, across_px_per_ms: Array, counts: Array) -> Votes:
     """Count the votes of crossings (n,), each a bell of the width of its error; see `Crossings`."""
     instants, of = np.unique(instant, return_inverse=True)
-    max_abs_ms = float(np.abs(offset_ms).max()) + 1
+    max_abs_ms = float(np.abs(offset_ms).max(initial=0.0)) + 1
     grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
     widths = np.maximum(MATCH_PX / np.abs(across_px_per_ms), BIN_MS)
     votes = np.zeros((len(instants), len(grid)))

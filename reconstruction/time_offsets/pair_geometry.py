@@ -17,6 +17,11 @@ TERMS = 12
 CORRECTIONS = np.array([0.02] * 3 + [0.05] * 2 + [0.02, 0.01, 0.01, 0.05] * 2)
 """Standard deviations of a wrong calibration's errors: three angles and two directions of the baseline (rad);
 for each camera the logarithm of the focal length, the principal point (image widths), and k1 of the lens."""
+POSE_CORRECTIONS = np.array([0.05] * 3 + [0.1] * 2 + [1e-9] * 8)
+"""The same of cameras with known lenses, and poses that are found with other ones."""
+OTHER_FOCALS = ((0.7, 0.7), (1.4, 1.4), (0.87, 1.15), (1.15, 0.87))
+"""Factors of both focal lengths by which a guess from still pictures may be off: COLMAP's first guess of 1.2
+image widths was 37 % off, within which the points of two cameras hold none."""
 DIRECTION_IN_MOTION = 0.3
 """The same of the baseline's directions for moving cameras, rad: at constant velocity they act as a delay."""
 MAX_CORRECTION = 10.0
@@ -77,16 +82,17 @@ def correct_views(
     at_b: Array,
     speeds: Array | None = None,
     period_ms: float = 1.0,
+    errors_of: Array = CORRECTIONS,
 ) -> Correction | None:
     """Correct a calibration so that matches (n, 2) px fit it; None if no correction of plausible size does.
 
     The matches are static, or move at `speeds` (n, 2) px/ms in the second view: its delay is then fitted
     together with the calibration.
 
-    Gauss-Newton with Cauchy weights and a zero-mean prior of `CORRECTIONS` and one frame period: errors that
+    Gauss-Newton with Cauchy weights and a zero-mean prior of `errors_of` and one frame period: errors that
     the matches do not determine stay uncorrected.
     """
-    sds, steps_px = np.append(CORRECTIONS, 1.0), np.zeros_like(at_b)
+    sds, steps_px = np.append(errors_of, 1.0), np.zeros_like(at_b)
     if speeds is not None:
         sds[3:5], steps_px = DIRECTION_IN_MOTION, speeds * period_ms
     found, changes = np.zeros(len(sds)), 1e-3 * np.eye(len(sds))
@@ -118,6 +124,19 @@ def correct_views(
         float(found[-1]) * period_ms,
         float(np.sqrt(np.linalg.inv(normal)[-1, -1])) * period_ms,
     )
+
+
+def other_calibrations(views: tuple[View, View], at_a: Array, at_b: Array) -> list[tuple[View, View]]:
+    """Return calibrations of `OTHER_FOCALS` that fit static matches (n, 2) px, each with its own pose."""
+    scaled = (
+        tuple(
+            replace(view, matrix=view.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]]))
+            for view, factor in zip(views, factors, strict=True)
+        )
+        for factors in OTHER_FOCALS
+    )
+    found = (correct_views((a, b), at_a, at_b, errors_of=POSE_CORRECTIONS) for a, b in scaled)
+    return [correction[0] for correction in found if correction is not None]
 
 
 def _corrected(views: tuple[View, View], errors: Array) -> tuple[View, View]:

@@ -38,7 +38,13 @@ from reconstruction.time_offsets.crossings import (
 from reconstruction.time_offsets.frame_jumps import BESIDE, image_change, place_step
 from reconstruction.time_offsets.instant_votes import Step
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
-from reconstruction.time_offsets.pair_geometry import Correction, correct_views, epipolar_errors_px
+from reconstruction.time_offsets.pair_geometry import (
+    Correction,
+    correct_views,
+    epipolar_errors_px,
+    other_calibrations,
+)
+from reconstruction.time_offsets.single_images import repeated_images
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -73,6 +79,10 @@ PLACINGS, BESIDE_STEP = 3, 6
 UNDETERMINED = (
     "the calibration is a guess from points that lie in one plane, or far away, and that fit other poses as "
     "well: calibrate with a board"
+)
+GUESSED_IN_MOTION = (
+    "the calibration is a guess from pictures of moving cameras, in which a delay looks like another place: "
+    "calibrate with a board"
 )
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
@@ -110,6 +120,7 @@ class PairOffsets:
         self._outlines = computed_once(self._find_outlines)
         self._stays = computed_once(self._find_staying)
         self._motion = computed_once(partial(measure_camera_motion, scene.dataset))
+        self.repeated = computed_once(partial(repeated_images, scene.dataset))
         # A comparison's pair is also one of its rig's.
         self.measure = computed_once(self._measure)
 
@@ -131,13 +142,18 @@ class PairOffsets:
         """
         views = self.scene.views
         if reason := self._why_unmeasurable(first, second):
-            return OffsetFit(reason=reason, misfit_px=0.0 if reason == UNDETERMINED else None)
+            guessed = reason in (UNDETERMINED, GUESSED_IN_MOTION)
+            return OffsetFit(reason=reason, misfit_px=0.0 if guessed else None)
         times = ImageTimes(self.dataset, (first, second))
         near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
-        others = {other: times.at_ms(second, other) + near_ms for other in self.dataset.instants(second)}
+        others = {
+            other: times.at_ms(second, other) + near_ms
+            for other in self.dataset.instants(second)
+            if not self._is_repeated(second, other)
+        }
         all_moves = bool(self.moving((first, second)))
         cameras = (first, second) if rough is None else (first,)
-        asked = self.dataset.instants(*cameras)
+        asked = tuple(k for k in self.dataset.instants(*cameras) if not self._is_repeated(first, k))
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             asked = tuple(k for k in asked if low <= times.at_ms(first, k) <= high)
@@ -160,7 +176,7 @@ class PairOffsets:
 
         def cross(pair: tuple[View, View], instants: Sequence[int] = chosen) -> Crossings:
             found = [
-                find_crossings(pair, images[0], *paths(images))
+                find_crossings(pair, images, *paths(images))
                 for images, ms in apart_ms(instants).items()
                 if abs(ms) <= max_offset_ms
             ]
@@ -174,8 +190,9 @@ class PairOffsets:
 
         pair = views[first], views[second]
         if all_moves:
-            return fit_in_motion(pair, period_ms, cross, in_motion).later(near_ms)
-        pair, still, recorded_px = _correct_at_rest(pair, *self._still_matches(first, second))
+            return fit_in_motion(pair, period_ms, cross, in_motion).later(near_ms).examined_at(chosen)
+        at_rest = self._still_matches(first, second)
+        pair, still, recorded_px = _correct_at_rest(pair, *at_rest)
         crossings = cross(pair)
         fit = fit_offset(crossings, still, period_ms, recorded_px)
         # A long take is measured at some instants only: those around a step place it.
@@ -186,7 +203,17 @@ class PairOffsets:
             chosen = [*chosen, *more]
             crossings = Crossings.join((crossings, cross(pair, more)))
             fit = fit_offset(crossings, still, period_ms, recorded_px)
-        return self._placed(fit.later(near_ms), (first, second))
+        if fit.offset_ms is not None and GUESS in self.scene.source:
+            fit = fit.under(
+                [
+                    fit_offset(cross(lenses, chosen), still_errors(lenses, *at_rest), period_ms)
+                    for lenses in other_calibrations(pair, *at_rest)
+                ]
+            )
+        return self._placed(fit.later(near_ms).examined_at(chosen), (first, second))
+
+    def _is_repeated(self, camera: str, instant: int) -> bool:
+        return instant in self.repeated(camera)
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
@@ -195,8 +222,11 @@ class PairOffsets:
             return f"{missing[0]} has no calibration"
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return "both cameras are at the same place"
-        is_guess = GUESS in self.scene.source and not self.moving((first, second))
-        return UNDETERMINED if is_guess and fit_one_plane(*self._still_matches(first, second)) else ""
+        if GUESS not in self.scene.source:
+            return ""
+        if self.moving((first, second)):
+            return GUESSED_IN_MOTION
+        return UNDETERMINED if fit_one_plane(*self._still_matches(first, second)) else ""
 
     def _placed(self, fit: OffsetFit, cameras: tuple[str, str]) -> OffsetFit:
         """Return a fit with its steps placed by what moves in each camera's own images."""
@@ -256,7 +286,7 @@ class PairOffsets:
 
         def near(k: int) -> bool:
             """Return whether there is an image, near enough in time for tracking."""
-            if not data.has_image(camera, k):
+            if not data.has_image(camera, k) or self._is_repeated(camera, k):
                 return False
             apart_ns = data.record(camera, k).leader_ns - data.record(camera, instant).leader_ns
             return abs(apart_ns) <= MAX_TRACK_PERIODS * data.period_ns

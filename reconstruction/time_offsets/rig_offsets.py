@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -15,6 +16,7 @@ from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.instant_votes import UNCHANGED
 from reconstruction.time_offsets.pair_offset import PairOffsets
+from reconstruction.time_offsets.single_images import SingleImages, common_glitches
 
 PARTNERS = 3
 """Number of cameras that each camera is measured against: the nearest in viewing direction."""
@@ -111,7 +113,7 @@ def adjust_offsets(
 def with_changes(
     found: Mapping[str, CameraTime], measured: Mapping[Pair, OffsetFit], period_ms: float
 ) -> dict[str, CameraTime]:
-    """Return the offsets with their changes over the take, and with the jitter of single images.
+    """Return the offsets with their changes over the take, and with what single images show.
 
     A camera's images wander if they do against every other camera.
     """
@@ -123,17 +125,39 @@ def with_changes(
             changes[second] = changes[first].followed_by(known[first, second].change)
         else:
             changes[first] = changes[second].followed_by(known[first, second].change.reversed())
-    jitters = {
-        name: [fit.jitter_ms(period_ms) for pair, fit in known.items() if name in pair] for name in found
-    }
     return {
-        name: structs.replace(
-            one,
-            change=changes.get(name) or None,
-            jitter_ms=min((ms or 0.0 for ms in jitters[name]), default=0.0) or None,
-        )
+        name: structs.replace(one, change=changes.get(name) or None, **_single(name, found, known, period_ms))
         for name, one in found.items()
     }
+
+
+def _single(
+    name: str, found: Mapping[str, CameraTime], known: Mapping[Pair, OffsetFit], period_ms: float
+) -> dict[str, Any]:
+    """Return a camera's jitter, its `SingleImages`, and the votes of its pair with the most instants.
+
+    An image is off if it is in all pairs. A lone pair blames the camera that is not the reference.
+    """
+    its = {pair: fit for pair, fit in known.items() if name in pair and {*pair} <= {*found}}
+    if not its:
+        return {}
+    sides = {pair: 1 if pair[1] == name else -1 for pair in its}
+    jitter_ms = min(fit.jitter_ms(period_ms) or 0.0 for fit in its.values())
+    if found[name].source == REFERENCE and len(its) == 1:
+        return {}
+    images = SingleImages(
+        glitches_ms=common_glitches([fit.glitches_ms[pair[1] == name] for pair, fit in its.items()]),
+        unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
+        examined=max(fit.examined for fit in its.values()),
+        period_ms=period_ms,
+    )
+    best = max(its, key=lambda pair: len(its[pair].instants))
+    (other,) = (one for one in best if one != name)
+    votes = tuple(
+        structs.replace(one, late_ms=round(sides[best] * one.late_ms + (found[other].offset_ms or 0.0), 3))
+        for one in its[best].instants
+    )
+    return {"jitter_ms": jitter_ms or None, "images": images, "votes": votes}
 
 
 def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]:

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
@@ -15,6 +15,7 @@ from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
 from reconstruction.time_offsets.motion_alignment import align_cameras
 from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets, with_own_changes
+from reconstruction.time_offsets.single_images import repeated_images
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -85,10 +86,11 @@ def measure_times(
             dataset.session,
             {name: [(one.instant, one.frames) for one in of] for name, of in steps.items()},
         )
+    reference = next(name for name, one in cameras.items() if one.source == REFERENCE)
     return TimeResult(
         session=str(session),
-        reference=next(name for name, one in cameras.items() if one.source == REFERENCE),
-        cameras={name: one.rounded() for name, one in cameras.items()},
+        reference=reference,
+        cameras={name: _whole(scene, reference, name, one).rounded() for name, one in cameras.items()},
         calibration=calibration,
         seconds=time.monotonic() - began,
         applied=apply,
@@ -113,6 +115,12 @@ def _common_times(
         both = why and by_light not in (NO_LAMP, why)
         lit[name] = CameraTime(reason=f"{why}; {by_light}") if both else moved[name]
     return lit, scene.source
+
+
+def _whole(scene: Scene, reference: str, name: str, found: CameraTime) -> CameraTime:
+    """Return a camera's time with what its session says: its planned delay, and its repeated images."""
+    images = structs.replace(found.images, repeated=repeated_images(scene.dataset, name))
+    return structs.replace(found, images=images, planned_ms=scene.dataset.planned_delay_ms(reference, name))
 
 
 def _calibrate(scene: Scene, progress: Progress) -> None:

@@ -101,6 +101,15 @@ def test_two_instants_at_the_end_are_no_step_of_three_frames() -> None:
     assert judged(take((INSTANTS - 2, 1), points=60)).change.steps
 
 
+def test_a_step_wants_instants_of_their_own_on_both_sides() -> None:
+    """Of the real ball's 16 instants six showed nothing: "one frame later from instant 16 on" was false."""
+    change = Change(steps=(Step(10, 1, 10, 12), Step(20, -1, 20, 20)))
+    assert change.witnessed([0, 4, 10, 14, 20, 23])
+    for seen in ([0, 4, 10, 14, 19], [0, 4, 20, 23], [10, 14, 20, 23]):
+        assert not change.witnessed(seen)
+    assert Change().witnessed([])
+
+
 def test_changes_of_pairs_add_up() -> None:
     one, other = (
         Change(steps=(Step(10, 1, 9, 11),)),

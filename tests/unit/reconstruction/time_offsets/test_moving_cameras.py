@@ -44,7 +44,7 @@ def measure(calibrated: View, late_ms: float) -> OffsetFit:
 
     def cross(pair: tuple[View, View]) -> Crossings:
         ones, zeros = np.ones(70), np.zeros(70)
-        return Crossings.join(find_crossings(pair, k, paths, ones, zeros) for (k, _), paths in found.items())
+        return Crossings.join(find_crossings(pair, at, paths, ones, zeros) for at, paths in found.items())
 
     def in_motion(offset_ms: float) -> MovingMatches:
         near = round(-offset_ms / PERIOD_MS)

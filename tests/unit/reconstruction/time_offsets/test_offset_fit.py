@@ -4,8 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
-from reconstruction.time_offsets.crossings import Crossings, StillErrors, fit_offset
+from reconstruction.method.timing import judge_timing
+from reconstruction.time_offsets.crossings import (
+    Crossings,
+    InstantOffset,
+    OffsetFit,
+    StillErrors,
+    fit_offset,
+)
+from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.pair_geometry import TERMS, geometry_terms
 from tests.unit.reconstruction.time_offsets.test_pair_geometry import A, B, seen
 
@@ -37,9 +46,9 @@ def crossings(
     found = offset_ms + (shift_px + rng.normal(0, 0.3, count)) / speed
     found[right:] = rng.uniform(-150, 150, wrong)
     geometry = geometry_terms(A, B, *seen((1.5, 6.0), count, seed=seed)) if count else np.zeros((0, TERMS))
-    return Crossings(
-        rng.integers(0, instants, count), found, speed, np.ones(count), np.zeros(count), geometry
-    )
+    at, none = rng.integers(0, instants, count), np.zeros(count)
+    of_b = np.where(np.arange(count) % 2, at, -1)
+    return Crossings(at, found, speed, np.ones(count), none, geometry, of_b)
 
 
 def test_the_error_bar_holds_the_error() -> None:
@@ -113,7 +122,9 @@ def test_what_an_error_of_the_geometry_can_explain_is_not_claimed(seed: int) -> 
     rng = np.random.default_rng(seed)
     off_px = true.geometry @ (0.5 * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
     found = fit_offset(
-        Crossings(true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry),
+        Crossings(
+            true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry, true.in_second
+        ),
         NOTHING_STILL,
         33.0,
     )
@@ -190,3 +201,29 @@ def test_instants_that_are_vague_confirm_nothing() -> None:
     found = fit_offset(Crossings.join([sharp, *vague]), still(0.0), PERIOD_MS)
     assert found.offset_ms is None
     assert "3 are needed" in found.reason
+
+
+def test_other_calibrations_that_fit_widen_the_error() -> None:
+    """A guess whose focal lengths may be off by a tenth and more denies nothing by itself."""
+    own = tuple(InstantOffset(k, 9.0, 0.5, 20) for k in range(4))
+    late = OffsetFit(9.0, 0.6, instants=own)
+    other = replace(late, offset_ms=2.0, instants=tuple(structs.replace(one, late_ms=3.0) for one in own))
+    found = late.under([other, late])
+    assert found.sd_ms == pytest.approx(np.hypot(0.6, 7.0))
+    assert [one.sd_ms for one in found.instants] == [pytest.approx(np.hypot(0.5, 6.0))] * 4
+    assert judge_timing(("L", "R"), late, 0.0, PERIOD_MS).offset
+    judged = judge_timing(("L", "R"), found, 0.0, PERIOD_MS)
+    assert not judged.offset
+    assert not judged.synchronized
+    assert late.under([]) == late
+
+
+def test_an_offset_or_a_change_that_another_calibration_does_not_show_is_unknown() -> None:
+    late = OffsetFit(9.0, 0.6)
+    stepped = replace(late, change=Change(steps=(Step(12, 1, 11, 13),)))
+    beside = replace(late, change=Change(steps=(Step(14, 1, 13, 15),)))
+    assert stepped.under([beside]).change == stepped.change
+    for fit, other in ((late, OffsetFit(reason="nothing")), (stepped, late), (late, stepped)):
+        found = fit.under([other])
+        assert found.offset_ms is None
+        assert "is a guess" in found.reason

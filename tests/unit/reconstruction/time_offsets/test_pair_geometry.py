@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 
 from reconstruction.time_offsets.crossings import Crossings, fit_offset, points_at_offset, still_errors
-from reconstruction.time_offsets.pair_geometry import correct_views, epipolar_errors_px, geometry_terms
+from reconstruction.time_offsets.pair_geometry import (
+    correct_views,
+    epipolar_errors_px,
+    geometry_terms,
+    other_calibrations,
+)
 from tests.unit.reconstruction.conftest import make_view
 
 A, B = make_view((-0.1, 0, 0), yaw=1.5), make_view((0.1, 0.01, 0), yaw=-1.5)
@@ -32,7 +37,7 @@ def test_a_calibration_that_is_off_is_told_from_lateness_by_what_stands_still() 
     assert abs(np.median(errors)) > 0.3
     instants = rng.integers(0, 8, 400)
     terms = geometry_terms(A, off, *nearer)
-    moving = Crossings(instants, errors / speed, speed, np.ones(400), np.zeros(400), terms)
+    moving = Crossings(instants, errors / speed, speed, np.ones(400), np.zeros(400), terms, instants)
     found = fit_offset(moving, still_errors((A, off), *seen((2.0, 5.0), 600)), 33.0)
     assert found.offset_ms is not None
     assert found.sd_ms is not None
@@ -86,3 +91,16 @@ def test_matches_that_fit_no_geometry_correct_nothing() -> None:
     assert correct_views((A, B), at_a[:5], at_b[:5]) is None
     mirrored = replace(B, matrix=B.matrix * np.array([[1.0], [2.0], [1.0]]))
     assert correct_views((A, mirrored), at_a, at_b) is None
+
+
+def test_other_focal_lengths_that_fit_points_at_rest_come_with_their_own_poses() -> None:
+    """Two cameras side by side in a room: both focal lengths may be 30 % off, and the points fit as well."""
+    at_a, at_b = seen((2.0, 5.0), 600)
+    found = other_calibrations((A, B), at_a, at_b)
+    factors = [
+        tuple(view.focal / own.focal for view, own in zip(pair, (A, B), strict=True)) for pair in found
+    ]
+    assert (pytest.approx(0.7), pytest.approx(0.7)) in factors
+    for a, b in found:
+        assert np.median(np.abs(epipolar_errors_px(a, b, at_a, at_b))) < 0.5
+        np.testing.assert_allclose(a.matrix[:2, 2], A.matrix[:2, 2])

@@ -50,7 +50,9 @@ def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> No
         late_ms = 2.0 * signs[instants]
         geometry = geometry_terms(A, B, *seen((1.5, 6.0), len(instants), seed=1))
         one, none = np.ones(len(instants)), np.zeros(len(instants))
-        return _Fit(Crossings(instants, late_ms, speed, one, none, geometry), NOTHING_STILL, 1.0).sd_ms
+        return _Fit(
+            Crossings(instants, late_ms, speed, one, none, geometry, instants), NOTHING_STILL, 1.0
+        ).sd_ms
 
     fours, twos = np.tile([1, 1, 1, 1, -1, -1, -1, -1], 5), np.tile([1, 1, -1, -1], 10)
     assert sd_ms(fours) / sd_ms(twos) == pytest.approx((1 + 2 / 3) ** 0.5, abs=0.1)

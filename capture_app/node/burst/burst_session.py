@@ -99,7 +99,7 @@ class BurstSession:
         self._is_closing = False
         """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
-        self._is_of_this_run, self._was_finished = lost is None, False
+        self._is_of_this_run = lost is None
         self._now_ns = 0
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
@@ -163,8 +163,7 @@ class BurstSession:
             absent={camera.name: camera.reason for camera in writer.plan.burst.absent},
         )
         session._is_of_this_run = is_of_this_run
-        session._was_finished = (folder / MANIFEST).exists()
-        session.session = folder if session._was_finished else None
+        session.session = folder if (folder / MANIFEST).exists() else None
         return session
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
@@ -564,7 +563,7 @@ class BurstSession:
         deliveries = self._deliveries.values()
         silent = [of for of in deliveries if of.silent]
         # One that was finished before is only opened for what its cameras bring.
-        if not self.burst.streamed or self._was_finished or self._is_closing or not silent:
+        if not self.burst.streamed or self.session is not None or self._is_closing or not silent:
             return []
         waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
         until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS

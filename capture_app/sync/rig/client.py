@@ -81,20 +81,6 @@ class ClientConfig:
         return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
 
 
-@dataclass(slots=True)
-class _EarlierBursts(Generic[F]):
-    """Bursts of a lost leader that go on to their ordered end, in that leader's time in holdover."""
-
-    bursts: FrameSelection[F]
-    grid: CameraGrid
-    time_map: TimeMap
-
-    def is_in_time_of(self, other: TimeMap, now_ns: int) -> bool:
-        """Return whether another root's time is the same, within the errors of both; times of the node."""
-        apart_ns = self.time_map.leader_from_local(now_ns) - other.leader_from_local(now_ns)
-        return abs(apart_ns) <= self.time_map.hard_bound_at(now_ns) + other.hard_bound_at(now_ns)
-
-
 class Client(TimeClient, Generic[F]):
     """Camera side of the protocol; `F` is the node's type of a frame.
 
@@ -138,8 +124,8 @@ class Client(TimeClient, Generic[F]):
         self._root: int | None = None
         self._foreign_leader: int | None = None
         self._bursts: FrameSelection[F] = FrameSelection()
-        self._earlier: list[_EarlierBursts[F]] = []
-        """Bursts that go on though the leader that ordered them was lost."""
+        self._earlier: list[tuple[FrameSelection[F], CameraGrid, TimeMap]] = []
+        """Bursts of lost leaders that go on to their ordered end, with the grid and the time in holdover."""
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
 
@@ -294,7 +280,7 @@ class Client(TimeClient, Generic[F]):
                 # Bursts belong to the root and use its time: another relay of the root changes nothing.
                 self._events.extend(self._bursts.keep_ordered())
                 if self._bursts and grid is not None and time_map is not None:
-                    self._earlier.append(_EarlierBursts(self._bursts, grid, time_map))
+                    self._earlier.append((self._bursts, grid, time_map))
                 self._bursts, self._root = FrameSelection(), welcome.config.path[0]
         return is_followed
 
@@ -305,7 +291,7 @@ class Client(TimeClient, Generic[F]):
 
     def forget_burst(self, leader: int, burst: int) -> None:
         """Stop selecting frames of a burst: its leader has what it needs, or has cancelled it."""
-        for bursts in (self._bursts, *(earlier.bursts for earlier in self._earlier)):
+        for bursts in (self._bursts, *(earlier[0] for earlier in self._earlier)):
             bursts.forget(leader, burst)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -409,13 +395,12 @@ class Client(TimeClient, Generic[F]):
 
     def _finish_bursts(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
-        for earlier in self._earlier:
-            if time_map is not None and earlier.is_in_time_of(time_map, now_ns):
+        for bursts, held_grid, held_map in self._earlier:
+            if time_map is not None and held_map.agrees_with(time_map, now_ns):
                 # The leader was restarted on the same machine, or another one continues its time.
-                self._bursts.take_over(earlier.bursts)
-                earlier.bursts = FrameSelection()
-            self._select(earlier.bursts, earlier.grid, earlier.time_map, now_ns)
-        self._earlier = [earlier for earlier in self._earlier if earlier.bursts]
+                self._bursts.take_over(bursts)
+            self._select(bursts, held_grid, held_map, now_ns)
+        self._earlier = [earlier for earlier in self._earlier if earlier[0]]
         if grid is not None and time_map is not None:
             self._select(self._bursts, grid, time_map, now_ns)
 

@@ -357,8 +357,9 @@ class FrameSelection(Generic[F]):
         return ends
 
     def take_over(self, other: "FrameSelection[F]") -> None:
-        """Add the bursts of another selection, whose time is the same."""
+        """Take the bursts out of another selection, whose time is the same."""
         self._pending |= other._pending
+        other._pending = {}
 
     def add(self, trigger: Trigger) -> None:
         """Add a burst; a repeated trigger can only end a streamed burst earlier."""

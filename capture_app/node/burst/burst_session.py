@@ -96,7 +96,7 @@ class BurstSession:
         """Order the cameras to end a streamed burst now, and return the number of instants until then."""
         self._broken_off: int | None = None
         """Number of instants until an error of the disk ended it: its cameras have frames of all of them."""
-        self._is_closing = False
+        self.is_closing = False
         """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
         self._is_of_this_run = lost is None
@@ -509,7 +509,7 @@ class BurstSession:
 
         Without any image, a session is made only if `silent`: the cameras may still have their images.
         """
-        self._is_closing = True
+        self.is_closing = True
         for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
@@ -563,7 +563,7 @@ class BurstSession:
         deliveries = self._deliveries.values()
         silent = [of for of in deliveries if of.silent]
         # One that was finished before is only opened for what its cameras bring.
-        if not self.burst.streamed or self.session is not None or self._is_closing or not silent:
+        if not self.burst.streamed or self.session is not None or self.is_closing or not silent:
             return []
         waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
         until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS

@@ -12,11 +12,14 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, TryAgainError
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.bursts import END_LEAD_NS
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ImageBatch, ImageUpload
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
@@ -216,6 +219,17 @@ async def test_the_next_run_waits_for_a_recording_until_its_ordered_end(tmp_path
     assert not again.finished.is_set()
     await again.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
     assert again.finished.is_set()
+
+
+async def test_repair_does_not_wait_for_the_ordered_end_of_a_recording(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", frames=MAX_STREAMED_NS // PERIOD_NS // 2)
+    await session.write_plan(LEADER)
+    await begin(session, "a")
+    await bring(session, "a", 0)
+    await session.suspend()
+    async with asyncio.timeout(20):
+        await repair(tmp_path, wait_s=0.5, address=Address("127.0.0.1", 0), log=Log())
+    assert (session.folder / MANIFEST).exists()
 
 
 def replace_instants(burst: Burst, last_ns: int) -> Burst:

@@ -15,6 +15,7 @@ def record(monkeypatch: pytest.MonkeyPatch, *faults: Step) -> tuple[int, list[st
     saved: list[tuple[int, list[str]]] = []
 
     def look(rig: VirtualRig) -> list[str]:
+        assert [take.result for take in rig.evidence.takes] == ["saved"]
         for of in sessions_of(rig).values():
             assert of.session is not None, of.error
             manifest = of.session.manifest

@@ -213,6 +213,9 @@ async def test_the_next_run_waits_for_a_recording_until_its_ordered_end(tmp_path
         await until(bursts.resumed.sessions)
         with pytest.raises(BadInputError, match="recording-001 was begun before the leader was restarted"):
             await bursts.end()
+        assert bursts.newest is not None
+        status = bursts.newest.status
+        assert (status.name, status.recording, status.ended) == ("recording-001", True, False)
     begun_ns = first_ns - CAMERA_DISCONNECTED_NS
     again = await asyncio.to_thread(BurstSession.resume, session.folder, begun_ns, DISK)
     await again.give_up_silent_cameras({}, last_ns)

@@ -22,7 +22,6 @@ from reconstruction.commands.time import time_command
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 from reconstruction.method.interface import methods
 
-
 SENTENCE = 200
 """Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
 

@@ -58,7 +58,7 @@ def time_command(
     aligned = f"{session}: aligned by motion" if result.applied else ""
     repaired = f"{session}: images paired again" if result.repaired else _advice(result)
     changes = change_lines(result.reference, result.cameras)
-    answer(as_json, result, filter(None, (*_lines(result), *changes, aligned, repaired)))
+    answer(as_json, result, filter(None, (*time_lines(result), *changes, aligned, repaired)))
 
 
 def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
@@ -77,7 +77,8 @@ def _advice(result: "TimeResult") -> str:
     return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 
-def _lines(result: "TimeResult") -> Iterator[str]:
+def time_lines(result: "TimeResult") -> Iterator[str]:
+    """Yield each camera's offset, or why it is unknown."""
     for name, found in result.cameras.items():
         if found.offset_ms is None or found.sd_ms is None:
             yield f"{name}: unknown: {found.reason}"

@@ -112,7 +112,7 @@ def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tupl
 def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
     """Return how much images differ from the ones before, relative to the median."""
     known = dataset.instants(camera)
-    middles = evenly_spaced(known[BESIDE:-BESIDE], PARTS)
+    middles = evenly_spaced(known, PARTS)
     near = {k for middle in middles for k in range(middle - BESIDE, middle + BESIDE + 1)}
     blurred = dict[int, Array]()
     for k in sorted(near.intersection(known)):

@@ -92,6 +92,6 @@ def time_lines(result: "TimeResult") -> Iterator[str]:
                 more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
                 more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
-            if found.planned_ms:
-                more += f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
-            yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            plan = f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
+            said = f"{found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            yield f"{name}: {said}{plan if found.planned_ms else ''}"

@@ -143,10 +143,10 @@ def test_a_planned_delay_is_said_beside_what_is_beyond_it() -> None:
         "R": CameraTime(offset_ms=0.12, sd_ms=0.3, source="motion", planned_ms=25.0),
     }
     result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1.0)
-    assert any(
-        line.startswith("R: +0.12 ± 0.60 ms") and "beyond the +25.00 ms by which it is staggered" in line
-        for line in time_lines(result)
-    )
+    assert [*time_lines(result)] == [
+        "L: the reference",
+        "R: +0.12 ± 0.60 ms (95 %), beyond the +25.00 ms by which it is staggered on purpose",
+    ]
 
 
 def test_instants_are_named_up_to_eight() -> None:

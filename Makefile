@@ -39,6 +39,7 @@
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
 # make bench NAME=flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; BENCH="FOLDER --tests tests/unit/FOLDER")
+# make bench NAME=keys   seconds from a key to its answer on the screen, beside five live previews (a minute; BENCH="--load 8")
 # make bench NAME=soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (BENCH="--cameras 5 --every 20")
 # make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
 # make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
@@ -159,6 +160,7 @@ BENCH_time-words := benchmarks.reconstruction.time_words
 BENCH_seeds := tests.virtual $(if $(BENCH),,0-9999)
 BENCH_flips := benchmarks.flip_operators $(if $(BENCH),,$(addprefix reconstruction/,depth methods/multiview scene/calibration) \
   --tests tests/unit/reconstruction/depth --tests tests/unit/reconstruction/scene/calibration --tests tests/unit/reconstruction)
+BENCH_keys := benchmarks.screen.keys
 BENCH_soak := benchmarks.endurance.soak --seconds $(SECONDS)
 BENCH_hostile := benchmarks.endurance.hostile
 BENCH_paper := benchmarks.paper paper --markdown docs/paper.md

@@ -22,9 +22,19 @@ from reconstruction.commands.time import time_command
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 from reconstruction.method.interface import methods
 
+SENTENCE = 200
+"""Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
+
 
 class _Application(click.Group):
     """Group of the commands, in which no error ends in a traceback."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each command with its whole sentence."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, self.commands[name].get_short_help_str(SENTENCE)) for name in self.list_commands(ctx)]
+            )
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; report an unexpected exception as an error that names its origin."""

@@ -91,8 +91,7 @@ def write_session(root: Path, fps: float, images: Sequence[bytes]) -> Path:
             )
             for n, data in enumerate(images)
         ]
-        for error in filter(None, writer.save(stored, in_videos=True)):
-            raise error
+        writer.save(stored, in_videos=True)
         burst = BurstRecord(
             instants_ns=tuple(10**9 + n * period_ns for n in range(len(images))),
             period_ns=period_ns,

@@ -32,7 +32,7 @@ from capture_app.trust.known_machines import KnownMachine
 """Maximum duration of a recording, and of any wait."""
 EventField = Annotated[str, Meta(max_length=40)]
 EventValue = TimeNs | Real | Sentence | bool | None
-MAX_PART_FRAMES = 256
+MAX_BATCH_IMAGES = 256
 MAX_EVENTS = 200
 """Maximum number of events in a report."""
 
@@ -95,8 +95,8 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
         return replace(self, plan=replace(self.plan, **changes))
 
 
-class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
-    """One image; the payload is its bytes, then `truth_bytes` of ground truth, starting at `offset`."""
+class ImageUpload(Message, frozen=True, kw_only=True):
+    """Header of one image; its bytes are followed by `truth_bytes` of ground truth."""
 
     leader: Number
     burst: Number
@@ -105,54 +105,47 @@ class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
     true_ns: TimeNs | None = None
     """True start of the first row's exposure, for a simulated frame."""
     truth_sha256: Sha256 | None = None
-    offset: Count = 0
-    """Number of bytes that the leader already has from an interrupted stream."""
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-        return self.record.camera
 
     @property
     def bytes(self) -> int:
-        """Length of the payload."""
-        return self.record.bytes + self.truth_bytes - self.offset
+        """Length with the ground truth."""
+        return self.record.bytes + self.truth_bytes
 
     @property
     def sha256(self) -> str:
-        """Checksum by which the image is acknowledged."""
+        """Checksum of the image."""
         return self.record.sha256
 
 
-class FilmPart(Message, frozen=True, kw_only=True, tag="film-part"):
-    """Frames of a camera's recording; the payload is their bytes, one after the other."""
+class ImageBatch(Message, frozen=True, kw_only=True, tag="images"):
+    """Images of one camera's burst; the payload is their bytes, one after the other."""
 
-    frames: Annotated[tuple[ImageUpload, ...], Meta(min_length=1, max_length=MAX_PART_FRAMES)]
+    images: Annotated[tuple[ImageUpload, ...], Meta(min_length=1, max_length=MAX_BATCH_IMAGES)]
 
     @property
     def leader(self) -> int:
-        """Id of the leader's run that ordered the recording."""
-        return self.frames[0].leader
+        """Id of the leader's run that ordered the burst."""
+        return self.images[0].leader
 
     @property
     def burst(self) -> int:
-        """Number of the recording in that run."""
-        return self.frames[0].burst
+        """Number of the burst in that run."""
+        return self.images[0].burst
 
     @property
     def camera(self) -> str:
         """Name of the camera."""
-        return self.frames[0].camera
+        return self.images[0].record.camera
 
     @property
     def bytes(self) -> int:
         """Length of the payload."""
-        return sum(frame.bytes for frame in self.frames)
+        return sum(image.bytes for image in self.images)
 
     @property
     def sha256(self) -> str:
-        """Checksum by which it is acknowledged, which is that of its last frame."""
-        return self.frames[-1].sha256
+        """Checksum by which it is acknowledged, which is that of its last image."""
+        return self.images[-1].sha256
 
 
 class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
@@ -167,7 +160,7 @@ class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
 
 
 class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
-    """Acknowledgement that an image, or a part of a recording, is stored on the leader's disk."""
+    """Acknowledgement that a batch of images is stored on the leader's disk."""
 
     sha256: str | None = None
     """None: the disk is slow to store the images received; the answer to each follows."""
@@ -176,18 +169,14 @@ class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
 
 
 class ImageReceipt(Message, frozen=True, kw_only=True):
-    """Amount of an image that the leader has: all of it, stored on disk, or its first bytes."""
+    """An image that the leader has stored on its disk."""
 
     instant: Count
     sha256: Sha256
-    """Checksum of the whole image."""
-    bytes: Count
-    """Number of bytes received of the image and its ground truth."""
-    stored: bool
 
 
 class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
-    """Acknowledgement of a node's report, with the state of that camera's images in `receipts`."""
+    """Acknowledgement of a node's report, with `receipts` for that camera's stored images."""
 
     receipts: tuple[ImageReceipt, ...] = ()
     requested: tuple[Count, ...] | None = None
@@ -212,7 +201,7 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     forget: bool = False
     """Whether the burst was cancelled, so that its data may be deleted."""
     damaged: tuple[Count, ...] = ()
-    """Instants of the damaged frames of a part; its other frames are to be sent again."""
+    """Instants of the damaged images of a batch; its other images are to be sent again."""
     proof: Proof | None = None
     """Signature of the rig's leader, for a node below a relay."""
 
@@ -284,8 +273,7 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
 ToLeader = (
     NodeStream
     | CameraReport
-    | ImageUpload
-    | FilmPart
+    | ImageBatch
     | SpoolSpace
     | FromViewfinder
     | KeyRequest

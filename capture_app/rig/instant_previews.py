@@ -50,6 +50,24 @@ class InstantPreviews(Struct, frozen=True):
         return {name: image for name, image in images.items() if image is not None}
 
 
+class LeaderMoments:
+    """The leader's moments by a clock of this machine, too late by a message's time from the leader."""
+
+    def __init__(self) -> None:
+        self.ahead_ns: int | None = None
+        """Leader time minus this machine's clock; None if unknown."""
+
+    def hear(self, leader_ns: int, here_ns: int) -> None:
+        """Learn from a status of this leader time that came now."""
+        # The status that took least time is the newest one by this clock.
+        ahead_ns = leader_ns - here_ns
+        self.ahead_ns = ahead_ns if self.ahead_ns is None else max(ahead_ns, self.ahead_ns)
+
+    def here_ns(self, leader_ns: int | None, now_ns: int) -> int:
+        """Return a moment by this machine's clock; now if it is unknown."""
+        return now_ns if leader_ns is None or self.ahead_ns is None else leader_ns - self.ahead_ns
+
+
 def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | None:
     """Store a preview as its camera's newest; return those of its instant if it completes the instant."""
     newest[preview.camera] = preview
@@ -57,6 +75,29 @@ def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | N
         return None
     same = {name: one for name, one in newest.items() if one.instant_ns == preview.instant_ns}
     return InstantPreviews(preview.instant_ns, same)
+
+
+class Gathering:
+    """Previews that wait for those of the other cameras, so that all are shown together."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, Preview] = {}
+        self._waiting: dict[str, Preview] = {}
+
+    def add(self, preview: Preview) -> tuple[tuple[Preview, ...], InstantPreviews | None]:
+        """Return the previews to show now, and those of one instant if it is complete.
+
+        A preview without an instant, of a camera that is not synchronized, waits for none.
+        """
+        found = collect(self._newest, preview)
+        if preview.instant_ns is None:
+            return (preview,), None
+        is_second = preview.camera in self._waiting  # the last of its instant never came
+        self._waiting[preview.camera] = preview
+        if found is None and not is_second:
+            return (), None
+        shown, self._waiting = tuple(self._waiting.values()), {}
+        return shown, found
 
 
 async def instant_previews(
@@ -70,16 +111,14 @@ async def instant_previews(
     await link.want_previews(cameras=cameras, width=width, fps=fps)
     newest: dict[str, Preview] = {}
     states: dict[str, str] = {}
-    ahead_ns: int | None = None
+    moments = LeaderMoments()
     async with aclosing(link.updates()) as updates:
         async for update in updates:
             if isinstance(update, LinkLost):
                 raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
             if isinstance(update, RigStatus):
                 states = {node.name: node.state.value for node in update.cameras}
-                now_ahead_ns = update.now_ns - time.monotonic_ns()
-                # The status that took least time is the newest one by this clock.
-                ahead_ns = now_ahead_ns if ahead_ns is None else max(ahead_ns, now_ahead_ns)
+                moments.hear(update.now_ns, time.monotonic_ns())
             if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
                 absent = {name: state for name, state in states.items() if name not in found.previews}
-                yield replace(found, leader_ahead_ns=ahead_ns, absent=absent)
+                yield replace(found, leader_ahead_ns=moments.ahead_ns, absent=absent)

@@ -246,10 +246,11 @@ class SimulshotApp(App[None]):
         """Offer a lost leader of this machine to be restarted."""
         return bool(self._record.lost) and self._local if action == "start" else True
 
-    async def action_start(self) -> None:
-        """Show the rig, and restart its leader."""
-        await self.switch_mode("rig")
-        self.screen.query_one(RigView).restart_leader()
+    def action_start(self) -> None:
+        """Restart the rig's leader."""
+        self.notify(f"starting a leader at {self._source.leader} …", markup=False)
+        if isinstance(view := self._views.get("rig"), RigView):
+            view.restart_leader()
 
     @work(group="help")
     async def action_help(self) -> None:
@@ -276,6 +277,11 @@ class SimulshotApp(App[None]):
         yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
 
     # Quitting
+
+    def action_help_quit(self) -> None:
+        """Say which key quits, to who presses ctrl+c."""
+        keys = (each.binding for each in self.active_bindings.values() if each.binding.id == "app.quit")
+        self.notify(f"press {', '.join(map(self.get_key_display, keys)) or 'esc, then q,'} to quit")
 
     async def action_quit(self) -> None:
         """Close the screen; ask first if that would end jobs or leave a rig running."""

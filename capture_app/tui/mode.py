@@ -7,19 +7,23 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.content import Content
+from textual.geometry import Size
 from textual.screen import Screen
 from textual.style import Style
+from textual.widgets import Static
 
 from capture_app.common.text import count, printable
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.rig_link import LinkLost
 from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
+from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, justified
-from capture_app.tui.widgets.whole_screen import KeyFooter
 
 MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 """Titles by mode, in the order of their keys 1 to 4."""
+MIN_SIZE = Size(60, 16)
+"""Columns and rows below which no mode has room."""
 
 
 class Header(Lines):
@@ -98,7 +102,15 @@ class ModeScreen(Screen[None]):
         """Yield the header, the view and the footer."""
         yield self._header
         yield self.view
+        yield Static(
+            f"This window is too small: it needs {MIN_SIZE.width} columns and {MIN_SIZE.height} rows.",
+            id="too-small",
+        )
         yield KeyFooter(id="footer")
+
+    def on_resize(self) -> None:
+        """Say that there is no room for the view, instead of a part of it."""
+        self.set_class(self.size.width < MIN_SIZE.width or self.size.height < MIN_SIZE.height, "tiny")
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
         """Notify the view that it is visible."""

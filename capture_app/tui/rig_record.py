@@ -17,6 +17,7 @@ from textual.widget import Widget
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import LogLine, RigStatus
+from capture_app.rig.instant_previews import LeaderMoments
 from capture_app.rig.rig_link import LinkLost, Update
 
 MAX_LOG_LINES = 500
@@ -32,6 +33,7 @@ class RigRecord:
     status: RigStatus | None = None
     lost: str = ""
     """Reason why the leader does not answer; empty while it does."""
+    _moments: LeaderMoments = field(default_factory=LeaderMoments)
     log: deque[LogLine] = field(default_factory=lambda: deque(maxlen=MAX_LOG_LINES))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
     """Phase errors (ns) by camera, each with the time from which it holds; None if unknown."""
@@ -41,15 +43,20 @@ class RigRecord:
         match update:
             case RigStatus():
                 self.status, self.lost = update, ""
+                self._moments.hear(update.now_ns, round(self.clock() * 1e9))
                 self._add_phases(update)
             case LogLine():
                 self.log.append(update)
             case LinkLost():
-                self.lost = update.reason
+                self.lost, self._moments = update.reason, LeaderMoments()
                 if self.status is not None:
                     # The leader's last advice and messages are obsolete; only its loss is reported.
                     gone = (replace(node, state=NodeState.LOST, message="") for node in self.status.nodes)
                     self.status = replace(self.status, nodes=tuple(gone), advice="", message="")
+
+    def moment_s(self, leader_ns: int | None) -> float:
+        """Return a leader time by `clock`, in seconds, too late by a message's time; now if it is unknown."""
+        return 1e-9 * self._moments.here_ns(leader_ns, round(self.clock() * 1e9))
 
     def _add_phases(self, status: RigStatus) -> None:
         now = self.clock()

@@ -66,12 +66,13 @@ def repair_session(data: bytes, folder: Path) -> None:
 def read_spool(data: bytes, folder: Path) -> None:
     """A burst that a node still has to send."""
     (folder / "report.json").write_bytes(data)
-    (folder / JOURNAL).write_bytes(data)
+    (folder / "000001.film").write_bytes(bytes(1_000_000))
+    (folder / "000001.ndjson").write_bytes(data)
     burst = SpoolFolder(folder)
     with suppress(SimulshotError):
         burst.read_report()
     with suppress(SimulshotError):
-        list(burst.read_images())
+        list(burst.film.recover())
 
 
 def read_profiles(data: bytes, folder: Path) -> None:

@@ -14,7 +14,7 @@ from capture_app.node import joining
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.burst_upload import SpoolFolder, Upload
 from capture_app.node.leader.bursts import ActiveBursts
-from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload
+from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.rig import rig_time
 from capture_app.sync.phase import frame_line
 from capture_app.sync.timekeeping import poll_schedule
@@ -56,7 +56,9 @@ def observed(rig: "VirtualRig") -> Iterator[None]:
 
 def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[Any]]:
     evidence, world = rig.evidence, rig.world
-    order, confirm, sync = ActiveBursts.order, Upload.confirm, SpoolFolder.sync
+    order, confirm = ActiveBursts.order, Upload.confirm
+    add, sync = SpoolFolder.add, SpoolFolder.sync
+    unsynced: WeakKeyDictionary[SpoolFolder, list[ImageUpload]] = WeakKeyDictionary()
 
     async def ordering(bursts: ActiveBursts, *arguments: Any, **options: Any) -> BurstSession:
         members, ordered_ns = bursts._engine.roster.by_name(), world.now_ns
@@ -91,15 +93,21 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
                 evidence.confirmed.setdefault(key, (sha256, world.now_ns))
         return confirm(upload, stored)
 
-    def syncing(folder: SpoolFolder, images: Iterable[ImageUpload]) -> None:
+    def adding(folder: SpoolFolder, images: Iterable[tuple[ImageUpload, bytes]]) -> None:
         images = tuple(images)
-        sync(folder, images)
+        add(folder, images)
+        unsynced.setdefault(folder, []).extend(image for image, _ in images)
+
+    def syncing(folder: SpoolFolder) -> None:
+        images = unsynced.pop(folder, [])
+        sync(folder)
         for image in images:
             key = image.leader, image.burst, image.record.camera, image.record.instant
             evidence.synced.setdefault(key, (image.record.sha256, world.now_ns))
 
     yield patch.object(ActiveBursts, "order", ordering)
     yield patch.object(Upload, "confirm", confirming)
+    yield patch.object(SpoolFolder, "add", adding)
     yield patch.object(SpoolFolder, "sync", syncing)
 
 
@@ -111,7 +119,7 @@ def _lies(rig: "VirtualRig") -> contextlib.AbstractContextManager[Any]:
         lie = rig.plan.liars.get(getattr(process.get(), "name", ""), "")
         if isinstance(message, CameraReport):
             reported[channel] = message
-        while lie == "silent" and isinstance(message, ImageUpload | FilmPart):
+        while lie == "silent" and isinstance(message, ImageBatch):
             # It says again and again what it has, and sends nothing of it.
             await asyncio.sleep(5)
             await send(channel, reported[channel])

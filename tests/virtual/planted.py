@@ -221,7 +221,7 @@ FAULTS: dict[str, Fault] = {
     "spool-sync": Fault(
         "the node's spool is never synced",
         "capture_app/node/camera/burst_upload.py",
-        "sync_all((*files, self.folder, self.folder.parent)).values()",
+        "sync_all(files).values()",
         "sync_all(()).values()",
         _befalls(("power",), "cam"),
         seed=8,
@@ -229,14 +229,14 @@ FAULTS: dict[str, Fault] = {
     "sync-on-loop": Fault(
         "a node syncs its spool on its event loop",
         "capture_app/node/camera/uploader.py",
-        "await asyncio.to_thread(spooled.sync, images.values())",
-        "spooled.sync(images.values())",
+        "await asyncio.to_thread(spooled.sync)",
+        "spooled.sync()",
     ),
     "journal-sync": Fault(
         "the leader does not sync a session's journal",
         "capture_app/session/writing/image_store.py",
-        "durable=bool(good)",
-        "durable=False",
+        "self._journal.append(*(line for _, line, _ in begun.values()), durable=True)",
+        "self._journal.append(*(line for _, line, _ in begun.values()), durable=False)",
         _befalls(("power",), "lead"),
     ),
     "rename-sync": Fault(
@@ -249,17 +249,24 @@ FAULTS: dict[str, Fault] = {
     "early-ack": Fault(
         "the leader acknowledges an image before it is on the disk",
         "capture_app/node/burst/intake.py",
-        "            saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))\n",
-        "            self.add(StoredImage(record, partial.file, truth, upload.true_ns))\n"
-        "            saving = known(record.sha256)\n",
+        "            await on_disk(self._disk, append)\n"
+        "            arriving.pop(first, None)\n"
+        "            self._bytes[camera] += len(data)\n"
+        "            self._images[camera] += len(batch.images)\n"
+        "            loop = asyncio.get_running_loop()\n"
+        "            saved: asyncio.Future[str] = loop.create_future()\n",
+        "            loop = asyncio.get_running_loop()\n"
+        "            saved: asyncio.Future[str] = loop.create_future()\n"
+        "            saved.set_result(batch.sha256)\n"
+        "            saved.writing = loop.create_task(on_disk(self._disk, append))\n",
         _loses_power_while_it_saves,
         seed=34,
     ),
     "sent-is-safe": Fault(
         "a node deletes an image when it is sent instead of when it is acknowledged",
         "capture_app/node/camera/uploader.py",
-        "        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n",
-        "        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n"
+        "        await self._channel.send(batch, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n",
+        "        await self._channel.send(batch, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)\n"
         "        await _delete(burst.confirm({image.record.instant: image.sha256 for image in images}))\n",
         _befalls((*_ENDS, "cut"), "lead"),
     ),

@@ -6,7 +6,8 @@ The feed keeps only the newest of each message and picture, so a monitor on a sl
 import asyncio
 import contextlib
 import math
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Sequence
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +23,7 @@ from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
+from capture_app.rig.instant_previews import Gathering, LeaderMoments
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.rig_time import PlacedMark
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
@@ -39,12 +41,21 @@ from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
 
 WIDTH_PX, FPS = 384, 5.0
 """Width and maximum rate of the live pictures of all cameras."""
-CLOSE_WIDTH_PX, CLOSE_FPS = 1280, 10.0
-"""The same of a camera that is looked at closely."""
+CLOSE_WIDTH_PX = 1280
+"""Width of a camera's that is looked at closely."""
+LIVE = "live"
+"""Type of the message that ends pictures which are shown together."""
 SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
 WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125
 DEPTH_RUNS = ("moment", "multiview")
 """Results of a session with depth, the quickest first."""
+
+
+class LivePicture(Struct, frozen=True):
+    """A camera's preview, and the moment that it shows by this machine's monotonic clock, in ns."""
+
+    jpeg: bytes
+    moment_ns: int
 
 
 class MonitorFeed:
@@ -55,7 +66,11 @@ class MonitorFeed:
         self.texts: dict[str, str] = {}
         """Newest message of each type, as JSON."""
         self.pictures: dict[str, bytes] = {}
-        """Newest images: `live/CAMERA`, and `take/NAME/KIND` once a monitor has asked for it."""
+        """Images of the last take, `take/NAME/KIND`, once a monitor has asked for them."""
+        self.live: dict[str, LivePicture] = {}
+        """Newest picture of each camera: those of one instant are replaced together."""
+        self._gathering = Gathering()
+        self._moments = LeaderMoments()
         self._link, self._is_local = link, is_local
         self._readers: set[asyncio.Event] = set()
         self._background = Background()
@@ -78,10 +93,12 @@ class MonitorFeed:
             async for update in self._link.updates():
                 match update:
                     case Preview():
-                        self._show(f"live/{update.camera}", update.jpeg)
+                        self._show_live(self._gathering.add(update)[0])
                     case LinkLost():
+                        self._moments = LeaderMoments()
                         self._say("lost", reason=update.reason)
                     case RigStatus():
+                        self._moments.hear(update.now_ns, time.monotonic_ns())
                         self._say("lost", reason="")
                         self._show_status(update)
         finally:
@@ -101,13 +118,12 @@ class MonitorFeed:
             await self._want_previews()
 
     async def look_closely(self, camera: str) -> None:
-        """Request larger pictures of a camera, until cancelled."""
+        """Request larger pictures of a camera, until cancelled; they come with those of the others."""
         link = self._link.another()
-        await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=CLOSE_FPS)
+        await link.want_previews(cameras=(camera,), width=CLOSE_WIDTH_PX, fps=FPS)
         async with contextlib.aclosing(link.updates()) as updates:
-            async for update in updates:
-                if isinstance(update, Preview):
-                    self._show(f"live/{camera}", update.jpeg)
+            async for _ in updates:
+                pass
 
     def take(self, plan: TakePlan) -> None:
         """Take pictures; if an earlier order waits until cameras are ready, take at once."""
@@ -179,7 +195,7 @@ class MonitorFeed:
                 for name in sorted(cameras, key=natural_order)
             ],
         )
-        self._forget_pictures("live/", *(f"live/{name}" for name in cameras))
+        self.live = {name: shown for name, shown in self.live.items() if name in cameras}
         if (burst := rig.burst) is not None:
             self._say(
                 "burst",
@@ -203,7 +219,7 @@ class MonitorFeed:
                 grade, words = self._sheet.verdict.grade, self._sheet.verdict.headline
             except SimulshotError as error:
                 words = str(error)
-        self._forget_pictures("take/")
+        self.pictures.clear()
         self._say("take", name=folder.name, grade=grade, words=words, has_pictures=self._sheet is not None)
 
     async def _make_picture(self, key: str) -> None:
@@ -248,13 +264,16 @@ class MonitorFeed:
             self.texts[kind] = text
             self._notify()
 
+    def _show_live(self, previews: Sequence[Preview]) -> None:
+        now_ns = time.monotonic_ns()
+        for each in previews:
+            self.live[each.camera] = LivePicture(each.jpeg, self._moments.here_ns(each.leader_ns, now_ns))
+        if previews:
+            self._notify()
+
     def _show(self, key: str, picture: bytes) -> None:
         self.pictures[key] = picture
         self._notify()
-
-    def _forget_pictures(self, beginning: str, *but: str) -> None:
-        for key in [key for key in self.pictures if key.startswith(beginning) and key not in but]:
-            del self.pictures[key]
 
     def _notify(self) -> None:
         for changed in self._readers:
@@ -297,7 +316,7 @@ class MarkPost(Struct, frozen=True):
 class PageOrder(Struct, frozen=True):
     """Order of a monitor's page.
 
-    seen    acknowledges a picture: the next one of the same key may be sent
+    seen    acknowledges a picture, or `live` pictures together: the next ones may be sent
     look    requests larger pictures of one camera; an empty name ends them
     open    shows a picture of the last take, by its key; empty: none
     take    takes pictures by a plan
@@ -380,16 +399,31 @@ class _Monitor:
                 if self._sent.get(kind) != text:
                     self._sent[kind] = text
                     await self._link.send(text)
-            for key in tuple(self._feed.pictures):
-                await self._send_picture(key)
+            await self._send_live()
+            if (taken := self._feed.pictures.get(self._open)) is not None:
+                await self._send_picture(self._open, taken)
 
-    async def _send_picture(self, key: str) -> None:
-        picture = self._feed.pictures.get(key)
-        if picture is None or picture is self._sent.get(key) or key in self._unacknowledged:
+    async def _send_live(self) -> None:
+        """Send the cameras' newest pictures, which the page shows together, once it has shown the last."""
+        new = {
+            name: shown
+            for name, shown in self._feed.live.items()
+            if shown.jpeg is not self._sent.get(f"live/{name}")
+        }
+        if not new or LIVE in self._unacknowledged:
             return
-        if key.startswith("live/") or key == self._open:
+        self._unacknowledged.add(LIVE)
+        for name, shown in new.items():
+            await self._send_picture(f"live/{name}", shown.jpeg)
+        now_ns = time.monotonic_ns()
+        ages_s = {name: round((now_ns - shown.moment_ns) * 1e-9, 3) for name, shown in new.items()}
+        await self._link.send(msgspec.json.encode({"type": LIVE, "ages_s": ages_s}).decode())
+
+    async def _send_picture(self, key: str, picture: bytes) -> None:
+        if picture is not self._sent.get(key) and key not in self._unacknowledged:
             self._sent[key] = picture
-            self._unacknowledged.add(key)
+            if not key.startswith("live/"):
+                self._unacknowledged.add(key)
             name = key.encode()
             await self._link.send(bytes([len(name)]) + name + picture)
 

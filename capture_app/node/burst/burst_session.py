@@ -42,7 +42,7 @@ from capture_app.node.burst.plans import (
     settled,
     size_problem,
 )
-from capture_app.protocol.messages import CameraReport, FilmPart, ImageUpload, ReportAck
+from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload, ReportAck
 from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
@@ -235,8 +235,7 @@ class BurstSession:
 
     def mean_image_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's images and their ground truth, where any arrived."""
-        means = {of.camera: of.bytes // of.frames for of in self._writer.videos.records() if of.frames}
-        return means | self._intake.mean_bytes()
+        return self._intake.mean_bytes()
 
     def silent_cameras(self) -> set[str]:
         """Return the cameras that have delivered nothing and were given up because they were silent."""
@@ -309,7 +308,7 @@ class BurstSession:
             await self.give_up_camera(delivery.name, error.what)
             raise
         try:
-            async with self._intake.interrupted(delivery.name):
+            async with self._intake.writing[delivery.name]:
                 self._intake.check_open()
                 first = not delivery.plan.reported
                 if first and report.events:
@@ -337,81 +336,43 @@ class BurstSession:
         return ReportAck(receipts=receipts, requested=self._choice.requested, end=end)
 
     async def take(
-        self, images: ImageUpload | FilmPart, payload: AsyncIterator[bytes], now_ns: int
+        self, batch: ImageBatch, payload: AsyncIterator[bytes], now_ns: int
     ) -> "asyncio.Future[str]":
-        """Receive an image or a part of a recording; see `take_image` and `take_part`."""
-        if isinstance(images, FilmPart):
-            return await self.take_part(images, payload, now_ns)
-        return await self.take_image(images, payload, now_ns)
+        """Receive images; the returned future yields the batch's checksum once they are on disk.
 
-    async def take_image(
-        self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
-    ) -> "asyncio.Future[str]":
-        """Receive an image as it arrives; the returned future yields its checksum once it is on disk.
-
-        If the stream breaks off with NetworkError, the part received so far stays. Raises BadInputError,
-        TryAgainError for an image damaged on its way, DamagedImageError, DiskFullError, as does the future; a
-        full disk ends the burst.
+        Raises BadInputError, DamagedImageError, DiskFullError, as does the future; a full disk ends the
+        burst. Raises TryAgainError for an image that was damaged on its way, or that differs from the one
+        that its session has.
         """
-        if self.burst.video:
-            return await self.take_part(FilmPart(frames=(upload,)), payload, now_ns)
-        instant, delivery = upload.record.instant, self._delivery(upload.camera)
-        upload = await self._expected(upload)
-        number = upload.record.instant
-        if (others := self._intake.find(delivery.name, number)) is not None:
-            return others
+        delivery, facts = self._delivery(batch.camera), self._delivery(batch.camera).plan.camera.facts
+        if len({(of.leader, of.burst, of.record.camera) for of in batch.images}) > 1:
+            raise BadInputError(f"{batch.camera} sent images of several bursts in one message")
+        ordered = [image.record.instant for image in batch.images]
+        batch = ImageBatch(images=tuple([await self._expected(image) for image in batch.images]))
+        numbers = [image.record.instant for image in batch.images]
         try:
-            facts = delivery.plan.camera.facts
-            saving = await self._intake.receive(upload, payload, (facts.width, facts.height))
-        except DamagedImageError as error:
-            delivery.note_damaged(instant, error.what)
-            raise
-        except DiskError as error:
-            self._background.start(self._break_off(error))
-            raise
-        saving.add_done_callback(functools.partial(self._note_saved, delivery, (number,)))
-        delivery.note_heard(now_ns)
-        return saving
-
-    async def take_part(
-        self, part: FilmPart, payload: AsyncIterator[bytes], now_ns: int
-    ) -> "asyncio.Future[str]":
-        """Receive a part of a recording; the returned future yields its checksum once it is on disk.
-
-        Raises as `take_image`, and TryAgainError for a frame in whose place there is another one.
-        """
-        if not self.burst.video or len({(of.leader, of.burst, of.camera) for of in part.frames}) > 1:
-            raise BadInputError(f"{part.camera} sent parts of a recording that is not one")
-        delivery, facts = self._delivery(part.camera), self._delivery(part.camera).plan.camera.facts
-        part = FilmPart(frames=tuple([await self._expected(upload) for upload in part.frames]))
-        for upload in part.frames:
-            number = upload.record.instant
-            if number in delivery.instants:
-                saved = await on_disk(self._disk, self._writer.image, part.camera, number)
-                if saved is not None and saved.sha256 != upload.sha256:
-                    raise TryAgainError(f"{part.camera} sent another image of instant {number} before")
-        try:
-            saving = await self._intake.receive_part(part, payload, (facts.width, facts.height))
+            saving = await self._intake.receive(batch, payload, (facts.width, facts.height))
         except DamagedImageError as error:
             for instant in error.instants:
-                delivery.note_damaged(instant, error.what)
-            raise
+                delivery.note_damaged(ordered[numbers.index(instant)], error.what)
+            raise DamagedImageError(
+                error.what, instants=tuple(ordered[numbers.index(of)] for of in error.instants)
+            ) from None
         except DiskError as error:
             self._background.start(self._break_off(error))
             raise
-        numbers = [upload.record.instant for upload in part.frames]
         saving.add_done_callback(functools.partial(self._note_saved, delivery, numbers))
         delivery.note_heard(now_ns)
         return saving
 
     async def _expected(self, upload: ImageUpload) -> ImageUpload:
-        """Return an upload as its session stores it, with its number there. Raises as `take_image`."""
+        """Return an upload as its session stores it, with its number there. Raises as `take`."""
         self._intake.check_open()
         if self.burst.streamed and upload.record.instant >= self.burst.frames:
             # The node learns from the answer to its next report that it may delete the frame.
             raise TryAgainError(f"burst {self.burst.number} has ended before instant {upload.record.instant}")
         number, suffix = self._choice.number(upload.record.instant), check_image_path(upload.record)
-        delivery = self._delivery(upload.camera)
+        delivery = self._delivery(upload.record.camera)
         if problem := size_problem(upload, delivery.plan.camera.facts):
             await self.give_up_camera(delivery.name, problem.what)
             raise problem
@@ -420,7 +381,7 @@ class BurstSession:
             record=replace(
                 upload.record,
                 instant=number,
-                path=image_path(upload.camera, number, suffix),
+                path=image_path(delivery.name, number, suffix),
                 # A node that was started again during a recording did not know how late its frames are.
                 late=delivery.plan.camera.is_late(upload.record.residual_ns),
             ),

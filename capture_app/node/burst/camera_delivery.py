@@ -11,7 +11,6 @@ from capture_app.common.timeouts import (
     CAMERA_STALLED_NS,
     MIN_UPLOAD_BYTES_PER_S,
 )
-from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
 from capture_app.session.format.burst_plan import CameraPlan
@@ -132,23 +131,18 @@ class CameraDelivery:
     def receipts(
         self, writer: SessionWriter, choice: InstantChoice, *, reported_only: bool
     ) -> tuple[ImageReceipt, ...]:
-        """Return receipts of its images, complete or partial, numbered as ordered. Blocks on the disk.
+        """Return receipts of its stored images, numbered as ordered. Blocks on the disk.
 
         `reported_only`: of a streamed burst, which may have very many images, only of those that the camera
         reports it still has.
         """
         chosen = choice.chosen or ()
         asked = self.instants & {*self.plan.instants} if reported_only else self.instants
-        images = [writer.image(self.name, instant) for instant in sorted(asked)]
-        stored = (
-            ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
+        images = [writer.image(self.name, instant) for instant in sorted(asked) if instant < len(chosen)]
+        return tuple(
+            ImageReceipt(instant=chosen[image.instant], sha256=image.sha256)
             for image in images
             if image is not None
-        )
-        return tuple(
-            replace(receipt, instant=chosen[receipt.instant])
-            for receipt in (*stored, *partial_receipts(writer.folder, self.name))
-            if receipt.instant < len(chosen)
         )
 
     def missing_images(

@@ -1,40 +1,25 @@
-"""Images from the stream to the disk: received into a file, then saved in batches with one sync."""
+"""Images from the stream to the disk: checked in memory, appended at once, and synced together."""
 
 import asyncio
 import functools
 import hashlib
-import os
-import threading
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AsyncExitStack, asynccontextmanager, closing
-from itertools import islice
-from pathlib import Path
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import ParamSpec, TypeVar
 
 from capture_app.common.errors import DamagedImageError, NetworkError, TryAgainError
-from capture_app.common.names import is_name
-from capture_app.protocol.messages import FilmPart, ImageReceipt, ImageUpload
-from capture_app.session.files.disk import disk_errors
-from capture_app.session.files.durable import PART
-from capture_app.session.format.manifest import ImageRecord
+from capture_app.protocol.messages import ImageBatch
 from capture_app.session.reading.decoding import Size, damage
 from capture_app.session.writing.image_store import StoredImage
-from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
 DISK_THREADS = 8
 SYNC_EVERY_S = 0.25
 """Interval at which videos are synced: a node keeps its frames for as long, and more."""
-MAX_BATCH = 128
-"""Maximum number of images per sync: the first of them waits for the last."""
 
-MAX_WAITING_TRUTH_BYTES = 1 << 20
-"""Larger ground truth does not wait for the disk in memory: its camera's next image waits."""
-
-_checking = threading.Lock()
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -53,107 +38,37 @@ async def on_disk(
     )
 
 
-class PartialImage:
-    """File that one upload is written to; named `camera.instant.sha256.part`, to be found again."""
+def checked_images(batch: ImageBatch, data: memoryview, size: Size) -> list[StoredImage]:
+    """Return a batch's images with their bytes, which takes time for large ones.
 
-    def __init__(self, session: Path, upload: ImageUpload) -> None:
-        record = upload.record
-        self.upload = upload
-        self.file = session / INCOMING / f"{record.camera}.{record.instant:06d}.{record.sha256}{PART}"
-        self._handle = -1
-        self._mutex = threading.Lock()
-
-    def open(self) -> None:
-        """Open the file at the upload's offset. Raises TryAgainError where it has fewer bytes than that."""
-        with disk_errors(self.file.parent):
-            self.file.parent.mkdir(exist_ok=True)
-            self._handle = os.open(self.file, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            length = os.fstat(self._handle).st_size
-            if length >= self.upload.offset:
-                os.ftruncate(self._handle, self.upload.offset)
-                return
-        raise TryAgainError(
-            f"this part of the image starts at byte {self.upload.offset}, but only {length} have arrived"
-        )
-
-    def add(self, chunk: bytes) -> None:
-        """Append received bytes. Raises DiskFullError, NetworkError after `close`."""
-        left = memoryview(chunk)
-        with disk_errors(self.file.parent), self._mutex:
-            if self._handle < 0:
-                raise NetworkError("this image is already arriving on another connection")
-            while left:
-                left = left[os.write(self._handle, left) :]
-
-    def close(self) -> None:
-        """Stop writing. Calling it twice is harmless."""
-        with self._mutex:
-            if self._handle >= 0:
-                os.close(self._handle)
-                self._handle = -1
-
-    def split_off_truth(self, size: Size) -> bytes:
-        """Truncate the file to the image, verify both, and return the ground truth.
-
-        `size` is that of the camera's images, px. Raises TryAgainError where the file does not match the
-        upload's header, DamagedImageError for another size or a cut image, and deletes it; DiskError.
-        """
-        self.close()
-        upload, record = self.upload, self.upload.record
-        with disk_errors(self.file.parent):
-            with self.file.open("r+b") as file:
-                length = file.seek(0, os.SEEK_END)
-                file.seek(record.bytes)
-                truth = file.read(upload.truth_bytes)
-                file.truncate(record.bytes)
-                file.seek(0)
-                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-            arrived = (
-                length == record.bytes + upload.truth_bytes
-                and sha256 == record.sha256
-                and upload.truth_sha256 in (None, hashlib.sha256(truth).hexdigest())
-            )
-            # One at a time in memory, whatever their size.
-            with _checking:
-                wrong = damage(self.file.read_bytes(), size) if arrived else ""
-            if arrived and not wrong:
-                return truth
-            self.file.unlink()
-        raise DamagedImageError(f"its image is damaged: {wrong}") if arrived else damaged(record)
-
-
-def check_frames(part: FilmPart, data: memoryview, size: Size) -> list[StoredImage]:
-    """Return a part's frames with their bytes, which takes time for large ones.
-
-    `size` is that of the camera's images, px. Raises TryAgainError for frames that were damaged on their way,
+    `size` is that of the camera's images, px. Raises TryAgainError for images that were damaged on their way,
     DamagedImageError for those that were damaged before.
     """
-    frames, end = [], 0
+    images, begin = [], 0
     wrong: dict[int, str] = {}
-    for upload in part.frames:
-        begin, end = end, end + upload.record.bytes
-        if hashlib.sha256(data[begin:end]).hexdigest() != upload.record.sha256:
-            raise damaged(upload.record)
-        frames.append(StoredImage(upload.record, data[begin:end], true_ns=upload.true_ns))
-        if reason := damage(bytes(data[begin:end]), size):
-            wrong[upload.record.instant] = reason
+    for upload in batch.images:
+        record, end = upload.record, begin + upload.record.bytes
+        image, truth = data[begin:end], data[end : begin + upload.bytes]
+        begin += upload.bytes
+        expected = (record.sha256, upload.truth_sha256 or _sha256(truth))
+        if len(image) != record.bytes or (_sha256(image), _sha256(truth)) != expected:
+            raise TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")
+        images.append(StoredImage(record, image, truth, upload.true_ns))
+        if reason := damage(bytes(image), size):
+            wrong[record.instant] = reason
     if wrong:
         raise DamagedImageError(
             f"its image is damaged: {', '.join(sorted({*wrong.values()}))}", instants=tuple(wrong)
         )
-    return frames
+    return images
 
 
-def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
-    """Yield receipts of a camera's images whose streams broke off."""
-    for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
-        name, instant, sha256 = file.name.removesuffix(PART).rsplit(".", 2)
-        if name == camera and is_name(camera):
-            yield ImageReceipt(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)
+def _sha256(data: memoryview) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 class Intake:
-    """Receiver of one burst's images; images that complete during one sync share the next one."""
+    """Receiver of one burst's images; those that arrive during one sync share the next one."""
 
     def __init__(
         self,
@@ -165,205 +80,132 @@ class Intake:
     ) -> None:
         """Take images of these cameras until the burst is `over`."""
         self._writer, self._disk, self._burst, self._over = writer, disk, burst, over
-        # One write at a time: a node that retries after a broken stream meets its own first attempt.
-        self._writing = {camera: asyncio.Lock() for camera in cameras}
-        self._partial: dict[str, PartialImage] = {}
-        """The image that is being received, by camera."""
-        self._arrived: dict[str, dict[int, int]] = {camera: {} for camera in self._writing}
-        """Number of bytes received of each camera's images, at the furthest attempt."""
-        self._video_bytes = Counter[str]()
-        """The same for the frames of videos, of which there may be millions."""
-        self._saving: dict[tuple[str, int], asyncio.Future[str]] = {}
-        """Futures of images that are not safe yet, by camera and number in the session."""
-        self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
-        """Images in order of arrival, each with its arrival time, by their futures."""
-        self._work: asyncio.Task[None] | None = None
-        self._unsynced: dict[asyncio.Future[str], tuple[FilmPart, float]] = {}
-        """Parts of videos that are not safe yet, each with its arrival time, by their futures."""
+        self.writing = {camera: asyncio.Lock() for camera in cameras}
+        """Held while a camera's images are written: a node that retries after a broken stream meets its own
+        first attempt."""
+        self._bytes, self._images = Counter[str](), Counter[str]()
+        """Number of bytes and images received, by camera."""
+        self._arriving: dict[str, dict[int, int]] = {camera: {} for camera in self.writing}
+        """Bytes received of incomplete batches, at the furthest attempt of each, by camera and first
+        image."""
+        self._unsynced: dict[asyncio.Future[str], tuple[ImageBatch, float]] = {}
+        """Batches that are not safe yet, each with its arrival time, by their futures."""
         self._syncing: asyncio.Task[None] | None = None
-
-    def find(self, camera: str, instant: int) -> "asyncio.Future[str] | None":
-        """Return the future checksum of an image that is saved or being saved; None for any other image."""
-        saved = self._writer.image(camera, instant)
-        return self._saving.get((camera, instant)) if saved is None else known(saved.sha256)
 
     def is_saving(self, camera: str) -> bool:
         """Return whether an image of that camera is being saved."""
-        return any(of == camera for of, _ in self._saving) or any(
-            part.camera == camera for part, _ in self._unsynced.values()
-        )
+        return any(batch.camera == camera for batch, _ in self._unsynced.values())
 
     def arrived_bytes(self, camera: str) -> int:
         """Return the number of bytes received of that camera's images."""
-        return sum(self._arrived[camera].values()) + self._video_bytes[camera]
+        return self._bytes[camera] + sum(self._arriving[camera].values())
 
     def mean_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's received images with their ground truth."""
-        return {camera: sum(sizes.values()) // len(sizes) for camera, sizes in self._arrived.items() if sizes}
+        return {camera: self._bytes[camera] // number for camera, number in self._images.items()}
 
     async def receive(
-        self, upload: ImageUpload, payload: AsyncIterator[bytes], size: Size
+        self, batch: ImageBatch, payload: AsyncIterator[bytes], size: Size
     ) -> "asyncio.Future[str]":
-        """Receive an image as it arrives and save it, unless another upload of it was faster: see `add`.
+        """Append images to the session; the returned future yields their checksum once they are safe.
 
-        `size` is that of the camera's images, px. If the stream breaks off with NetworkError, the part
-        received so far stays. Raises TryAgainError for an image damaged on its way or once the burst is over,
-        DamagedImageError for one that was damaged before, DiskError.
+        `size` is that of the camera's images, px. Raises TryAgainError for images damaged on their way, for
+        those in whose place the session has others, or once the burst is over; DamagedImageError for images
+        that were damaged before, DiskError.
         """
-        record, camera, instant = upload.record, upload.camera, upload.record.instant
-        partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
-        with closing(partial):
-            async with self.interrupted(camera):
-                self.check_open()
-                self._partial[camera] = partial
-                await on_disk(self._disk, partial.open)
-            end = upload.offset
-            async for chunk in declared(upload, payload):
-                await on_disk(self._disk, partial.add, chunk)
-                end += len(chunk)
-                arrived[instant] = max(arrived.get(instant, 0), end)
-        async with self._writing[camera]:
-            self.check_open()
-            if (others := self.find(camera, instant)) is not None:
-                return others
-            truth = await on_disk(self._disk, partial.split_off_truth, size)
-            saving = self.add(StoredImage(record, partial.file, truth, upload.true_ns))
-            if len(truth) > MAX_WAITING_TRUTH_BYTES:
-                await asyncio.wait([saving])
-            return saving
-
-    async def receive_part(
-        self, part: FilmPart, payload: AsyncIterator[bytes], size: Size
-    ) -> "asyncio.Future[str]":
-        """Append a part of a video; the returned future yields its checksum once it is safe.
-
-        `size` is that of the camera's images, px. Raises TryAgainError for frames damaged on their way, or
-        once the burst is over; DamagedImageError for frames that were damaged before, DiskError.
-        """
-        data = b"".join([chunk async for chunk in declared(part, payload)])
-        if len(data) != part.bytes:
-            raise damaged(part.frames[0].record)
-        async with self._writing[part.camera]:
+        camera, first = batch.camera, batch.images[0].record.instant
+        chunks, arriving, size_bytes = [], self._arriving[camera], 0
+        async for chunk in payload:
+            if (size_bytes := size_bytes + len(chunk)) > batch.bytes:
+                raise NetworkError(f"{camera} sent more bytes of an image than it declared")
+            chunks.append(chunk)
+            arriving[first] = max(arriving.get(first, 0), size_bytes)
+        data = memoryview(b"".join(chunks))
+        async with self.writing[camera]:
             self.check_open()
 
             def append() -> None:
-                frames = check_frames(part, memoryview(data), size)
-                self._writer.append_frames(part.camera, frames)
+                self._check_consistent(batch)
+                images = checked_images(batch, data, size)
+                self._writer.append(images, in_videos=self._burst.video)
 
             await on_disk(self._disk, append)
-            self._video_bytes[part.camera] += len(data)
+            arriving.pop(first, None)
+            self._bytes[camera] += len(data)
+            self._images[camera] += len(batch.images)
             loop = asyncio.get_running_loop()
             saved: asyncio.Future[str] = loop.create_future()
-            self._unsynced[saved] = part, loop.time()
-            saved.add_done_callback(self._unsynced.pop)
+            self._unsynced[saved] = batch, loop.time()
         if self._syncing is None:
-            self._syncing = asyncio.create_task(self._sync_videos())
+            self._syncing = asyncio.create_task(self._sync_all())
         return saved
 
-    async def _sync_videos(self) -> None:
-        """Sync what was appended to the videos, at intervals, until nothing more is."""
+    def _check_consistent(self, batch: ImageBatch) -> None:
+        """Raise TryAgainError where the session has another image in the place of one of these."""
+        here = {
+            image.record.instant: image.sha256
+            for other, _ in tuple(self._unsynced.values())
+            if other.camera == batch.camera
+            for image in other.images
+        }
+        for image in batch.images:
+            instant = image.record.instant
+            if (saved := self._writer.image(batch.camera, instant)) is not None:
+                here[instant] = saved.sha256
+            if here.get(instant, image.sha256) != image.sha256:
+                raise TryAgainError(f"{batch.camera} sent another image of instant {instant} before")
+
+    async def _sync_all(self) -> None:
+        """Sync what was appended, videos at intervals, until nothing more is."""
         try:
             while self._unsynced:
-                parts = {saved: part for saved, (part, _) in self._unsynced.items()}
-                cameras = list(dict.fromkeys(part.camera for part in parts.values()))
+                batches = {saved: batch for saved, (batch, _) in self._unsynced.items()}
+                cameras = list(dict.fromkeys(batch.camera for batch in batches.values()))
+                # Each camera has a video of its own, while all images share one journal.
+                groups = [[camera] for camera in cameras] if self._burst.video else [cameras]
                 errors = await asyncio.gather(
-                    *(on_disk(self._disk, self._writer.sync_frames, camera) for camera in cameras),
+                    *(on_disk(self._disk, self._writer.sync, *group) for group in groups),
                     return_exceptions=True,
                 )
-                error_of = dict(zip(cameras, errors, strict=True))
-                for saved, part in parts.items():
-                    error = error_of[part.camera]
+                error_of = {
+                    camera: error for group, error in zip(groups, errors, strict=True) for camera in group
+                }
+                for saved, batch in batches.items():
+                    del self._unsynced[saved]
                     # The caller of one that is done no longer waits.
-                    if error is not None and not saved.done():
+                    if saved.done():
+                        continue
+                    if (error := error_of[batch.camera]) is not None:
                         saved.set_exception(error)
-                    elif not saved.done():
-                        saved.set_result(part.sha256)
-                await asyncio.sleep(SYNC_EVERY_S)
+                    elif all(self._writer.has(of.record.camera, of.record.instant) for of in batch.images):
+                        saved.set_result(batch.sha256)
+                    else:
+                        # An earlier sync, which failed, took them with it before this one began.
+                        saved.set_exception(TryAgainError(f"images of {batch.camera} could not be saved"))
+                if self._burst.video:
+                    await asyncio.sleep(SYNC_EVERY_S)
         finally:
             for saved in tuple(self._unsynced):
                 saved.cancel()
             self._syncing = None
 
     @asynccontextmanager
-    async def interrupted(self, camera: str) -> AsyncIterator[None]:
-        """Block a camera's writes within the block, and end the image that is being received.
-
-        A stream that the node has abandoned may not have noticed yet.
-        """
-        async with self._writing[camera]:
-            if camera in self._partial:
-                self._partial[camera].close()
-            yield
-
-    @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[None]:
         """Block all writes within the block, after received images have been saved."""
         async with AsyncExitStack() as stack:
-            for writing in self._writing.values():
+            for writing in self.writing.values():
                 await stack.enter_async_context(writing)
-            while unsafe := {*self._saving.values(), *self._unsynced}:
-                await asyncio.wait(unsafe)
+            if self._unsynced and self._syncing is not None:
+                await asyncio.wait({self._syncing})
             yield
-
-    def add(self, image: StoredImage) -> "asyncio.Future[str]":
-        """Save an image; the returned future yields its checksum once it is safe, or raises its error.
-
-        A second upload of it joins this one from now on.
-        """
-        loop = asyncio.get_running_loop()
-        saved: asyncio.Future[str] = loop.create_future()
-        self._waiting[saved], self._saving[image.key] = (image, loop.time()), saved
-        saved.add_done_callback(lambda _: self._saving.pop(image.key))
-        if self._work is None:
-            self._work = asyncio.create_task(self._save_all())
-        return saved
 
     def waiting(self) -> tuple[int, float]:
         """Return the number of images waiting for the disk, and how long the first one has waited, s."""
         now_s = asyncio.get_running_loop().time()
-        began_s = [since_s for _, since_s in (*self._waiting.values(), *self._unsynced.values())]
-        frames = sum(len(part.frames) for part, _ in self._unsynced.values())
-        return len(self._waiting) + frames, now_s - min(began_s, default=now_s)
-
-    async def _save_all(self) -> None:
-        try:
-            while self._waiting:
-                batch = {saved: image for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)}
-                errors = await on_disk(self._disk, self._writer.save, [*batch.values()])
-                for (saved, image), error in zip(batch.items(), errors, strict=True):
-                    del self._waiting[saved]
-                    # The caller of one that is done no longer waits.
-                    if error is not None and not saved.done():
-                        saved.set_exception(error)
-                    elif not saved.done():
-                        saved.set_result(image.record.sha256)
-        finally:
-            for saved in self._waiting:
-                saved.cancel()
-            self._waiting, self._work = {}, None
+        began_s = min((since_s for _, since_s in self._unsynced.values()), default=now_s)
+        return sum(len(batch.images) for batch, _ in self._unsynced.values()), now_s - began_s
 
     def check_open(self) -> None:
         """Raise TryAgainError once the burst is over."""
         if self._over.is_set():
             raise TryAgainError(f"burst {self._burst.number} is over")
-
-
-async def declared(upload: ImageUpload | FilmPart, payload: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
-    """Yield a payload as it arrives. Raises NetworkError before the first byte beyond its declared size."""
-    left = upload.bytes
-    async for chunk in payload:
-        if (left := left - len(chunk)) < 0:
-            raise NetworkError(f"{upload.camera} sent more bytes of an image than it declared")
-        yield chunk
-
-
-def known(sha256: str) -> "asyncio.Future[str]":
-    """Return a completed future, for an image that need not be saved."""
-    done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    done.set_result(sha256)
-    return done
-
-
-def damaged(record: ImageRecord) -> TryAgainError:
-    """Return the error for an image that does not match its upload's header."""
-    return TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")

@@ -184,7 +184,7 @@ def size_problem(upload: ImageUpload, facts: CameraFacts) -> BadInputError | Non
     pixels = facts.width * facts.height
     if upload.record.bytes > min(MAX_PAYLOAD_BYTES, MAX_EXTRA_BYTES + pixels * MAX_BYTES_PER_PIXEL):
         return BadInputError(
-            f"{upload.camera} sent an image of {megabytes(upload.record.bytes)}, too many for"
+            f"{upload.record.camera} sent an image of {megabytes(upload.record.bytes)}, too many for"
             f" {facts.width}x{facts.height} pixels",
             hint="check that camera's driver, and update that machine",
         )
@@ -192,7 +192,7 @@ def size_problem(upload: ImageUpload, facts: CameraFacts) -> BadInputError | Non
     if upload.truth_bytes <= min(MAX_TRUTH_BYTES, truth_pixels * MAX_TRUTH_BYTES_PER_PIXEL):
         return None
     return BadInputError(
-        f"{upload.camera} sent an image with {upload.truth_bytes} bytes of ground truth",
+        f"{upload.record.camera} sent an image with {upload.truth_bytes} bytes of ground truth",
         hint="only simulated cameras have some, of a few bytes per pixel: update that machine",
     )
 

@@ -109,10 +109,7 @@ class ResumedBursts:
         if not all(session.image_file(record).is_file() for record in records):
             return None
         return ReportAck(
-            receipts=tuple(
-                ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
-                for r in records
-            ),
+            receipts=tuple(ImageReceipt(instant=chosen[of.instant], sha256=of.sha256) for of in records),
             requested=tuple(chosen) if plan.spare else None,
             end=end,
         )

@@ -2,9 +2,7 @@
 
 SPOOL/<camera>/<leader>-<burst>/
   report.json       the node's report of the burst, as sent to the leader
-  journal.ndjson    a line per image: the header that it is sent with
-  <instant>.jpg     the image, followed by a simulated camera's ground truth
-  <number>.film     instead of both, the frames of a recording: see `film_spool`
+  <number>.film     its images: see `film_spool`
 """
 
 import hashlib
@@ -12,8 +10,8 @@ import os
 import threading
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import closing, suppress
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -26,15 +24,13 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.bounds import cut
 from capture_app.common.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
 from capture_app.common.names import check_name
-from capture_app.common.text import UNREADABLE
 from capture_app.node.camera.film_spool import SpooledFilm
-from capture_app.protocol.messages import MAX_PART_FRAMES, CameraReport, ImageUpload, SpoolSpace
+from capture_app.protocol.messages import MAX_BATCH_IMAGES, CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
-from capture_app.session.files.durable import PART, AppendOnlyFile, make_folders, sync_all, write_atomic
+from capture_app.session.files.durable import PART, make_folders, sync_all, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import (
     JOURNAL,
     MAX_WIDENED,
@@ -48,8 +44,8 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30
 """Free space to report, in bytes, while memory replaces the spool."""
-PART_BYTES = 2 << 20
-"""Length of the parts in which a recording is sent."""
+BATCH_BYTES = 2 << 20
+"""Length of the batches in which images are sent; a larger image is a batch of its own."""
 TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
 
 
@@ -64,11 +60,7 @@ class SpoolFolder:
         self._changing = threading.Lock()
         self._is_removed = False
         self.film = SpooledFilm(folder)
-        """Frames of a recording."""
-
-    def image_file(self, image: ImageUpload) -> Path:
-        """Return the path of an image's file in this folder."""
-        return self.folder / f"{image.record.instant:06d}{Path(image.record.path).suffix}"
+        """The burst's images."""
 
     def write_report(self, report: CameraReport) -> None:
         """Store the report, safe against a power cut. Raises SimulshotError."""
@@ -76,75 +68,39 @@ class SpoolFolder:
             if not self._is_removed:
                 write_atomic(self.folder / REPORT, msgspec.json.encode(report))
 
-    def add_image(self, image: ImageUpload, data: bytes) -> None:
-        """Store an image: it survives this process now, and a power cut after `sync`.
+    def add(self, images: Iterable[tuple[ImageUpload, bytes]]) -> None:
+        """Append images, all or none: they survive this process now, and a power cut after `sync`.
 
         Raises DiskFullError, SimulshotError.
         """
         with self._changing:
-            if self._is_removed:
-                return
-            try:
-                write_atomic(self.image_file(image), data, synced=False)
-                with closing(AppendOnlyFile(self.folder / JOURNAL)) as journal:
-                    journal.append(msgspec.json.encode(image), durable=False)
-            except OSError as error:
-                with suppress(OSError):
-                    self.image_file(image).unlink(missing_ok=True)
-                raise disk_error(error, self.folder) from error
-
-    def add_frames(self, frames: Iterable[tuple[ImageUpload, bytes]]) -> None:
-        """Append frames of a recording to its film, as `add_image` stores images."""
-        with self._changing:
             if not self._is_removed:
-                self.film.append(frames)
+                self.film.append(images)
 
-    def load(self, image: ImageUpload) -> bytes | None:
-        """Return an image's bytes; None if the folder no longer has them. Raises DiskError."""
-        if image.record.instant in self.film:
-            return self.film.read([image])[0]
-        try:
-            return self.image_file(image).read_bytes()
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise disk_error(error, self.folder) from error
-
-    def release(self, images: Collection[ImageUpload]) -> list[Path]:
-        """Forget images that the leader has; return the files that nothing needs any more."""
-        instants = {image.record.instant for image in images}
-        files = [self.image_file(image) for image in images if image.record.instant not in self.film]
-        return files + self.film.release(instants)
-
-    def sync(self, images: Iterable[ImageUpload]) -> None:
-        """Wait until these images and the report are on the disk; deleted images are skipped.
+    def sync(self) -> None:
+        """Wait until the report and all images that were added are on the disk; deleted files are skipped.
 
         Their order does not matter, because checksums reveal what a power cut has torn. Raises DiskFullError,
         SimulshotError.
         """
-        stored = [self.image_file(image) for image in images if image.record.instant not in self.film]
-        files = [self.folder / REPORT, self.folder / JOURNAL, *stored, *self.film.to_sync()]
-        for error in sync_all((*files, self.folder, self.folder.parent)).values():
+        files = (self.folder / REPORT, *self.film.to_sync(), self.folder, self.folder.parent)
+        for error in sync_all(files).values():
             if not isinstance(error, FileNotFoundError):
                 raise disk_error(error, self.folder) from error
 
     def read_report(self) -> CameraReport:
-        """Read the stored report. Raises BadInputError if it is missing or damaged."""
+        """Read the stored report.
+
+        Raises BadInputError if it is missing or damaged, or if another version of the node wrote the burst.
+        """
+        if (self.folder / JOURNAL).exists():
+            raise BadInputError(
+                f"{self.folder} has images of an earlier version of simulshot",
+                hint="deliver them with that version, or copy the image files by hand and delete the folder",
+            )
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report
-
-    def read_images(self) -> Iterator[ImageUpload]:
-        """Yield the headers of the images that are still in the folder. Raises DiskError."""
-        journal = self.folder / JOURNAL
-        with disk_errors(self.folder):
-            lines = lines_of_file(journal.read_bytes()) if journal.exists() else []
-        for line in lines:
-            with suppress(*UNREADABLE):
-                image = msgspec.json.decode(line, type=ImageUpload)
-                if self.image_file(image).is_file():
-                    yield image
-        yield from self.film.recover()
 
     def remove(self) -> None:
         """Delete the burst, once the leader has all of it."""
@@ -270,6 +226,11 @@ def encode_frame(
     return upload, image + truth
 
 
+def is_intact(image: ImageUpload, data: bytes) -> bool:
+    """Return whether these are an image's bytes."""
+    return hashlib.sha256(memoryview(data)[: image.record.bytes]).hexdigest() == image.sha256
+
+
 @dataclass(slots=True)
 class Upload:
     """A burst's frames on their way to the leader: selected, then encoded, then confirmed."""
@@ -312,8 +273,8 @@ class Upload:
     """Called when no further instants are requested."""
     streamed: bool = False
     """Whether frames are sent as they are selected."""
-    video: bool = False
-    """Whether the frames go into a video, whose only ground truth is their times."""
+    with_truth: bool = True
+    """Whether a simulated image's ground truth is sent: a video has only its times."""
     max_bytes: int = RING_BYTES
     """Maximum memory for streamed frames that are not on a disk yet, as the camera keeps delivering."""
     over: int = 0
@@ -329,15 +290,14 @@ class Upload:
     def of_spool(cls, spooled: SpoolFolder) -> Self:
         """Return a burst that an earlier run of the node left in the spool. Raises SimulshotError."""
         report = spooled.read_report()
-        images = {image.record.instant: image for image in spooled.read_images()}
+        images = {image.record.instant: image for image in spooled.film.recover()}
         here, plan = {*images}, report.plan
-        video = any(instant in spooled.film for instant in images)
         if not plan.picking and plan.picked is None:
             # Of frames that are sent as they are selected, the leader has all that are no longer here.
             here |= {*plan.instants}
         missing = tuple(gap for gap in plan.missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
-        return cls(report, images=images, spooled=spooled, video=video)
+        return cls(report, images=images, spooled=spooled)
 
     @property
     def is_picking(self) -> bool:
@@ -370,22 +330,23 @@ class Upload:
         decided = {"picked": self.over, "missing_runs": tuple(self.missing_runs)} if self.ended else {}
         return self.report.with_plan(instants=waiting, picking=not self.ended, missing=(), **decided)
 
-    def load(self, image: ImageUpload) -> bytes | None:
-        """Return an image's bytes; None if the spool no longer has them unchanged.
+    def load(self, images: Sequence[ImageUpload]) -> list[bytes | None]:
+        """Return each image's bytes; None if the spool no longer has them unchanged.
 
-        The leader checks what it receives: a frame of a recording is checked here only if this burst was
-        refused before, or if an earlier run has left it. Raises DiskError where the disk cannot be read at
-        present.
+        The leader checks what it receives: images are checked here only if this burst was refused before, or
+        if an earlier run has left it. Raises DiskError where the disk cannot be read at present.
         """
-        if image.record.instant in self.in_memory:
-            return self.in_memory[image.record.instant]
-        assert self.spooled is not None
-        data, record = self.spooled.load(image), image.record
-        if data is None or len(data) != record.bytes + image.truth_bytes:
-            return None
-        is_trusted = self.video and self.streamed and not self.is_doubted
-        is_whole = is_trusted or hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256
-        return data if is_whole else None
+        stored = [image for image in images if image.record.instant not in self.in_memory]
+        found = dict(self.in_memory)
+        if stored and self.spooled is not None:
+            for image, data in zip(stored, self.spooled.film.read(stored), strict=True):
+                if data is not None and (self._is_trusted or is_intact(image, data)):
+                    found[image.record.instant] = data
+        return [found.get(image.record.instant) for image in images]
+
+    @property
+    def _is_trusted(self) -> bool:
+        return self.streamed and not self.is_doubted
 
     def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Add frames selected for further instants, unless the leader does not need them.
@@ -494,16 +455,16 @@ class Upload:
         """Instants of the encoded images that are here."""
         return tuple(self.images)
 
-    def next_part(self, sent: int) -> list[ImageUpload]:
-        """Return the images to send after the first `sent` ones: one, or frames of a recording."""
-        images: list[ImageUpload] = []
+    def next_batch(self, sent: int) -> list[ImageUpload]:
+        """Return the images to send after the first `sent` ones."""
+        batch: list[ImageUpload] = []
         size = 0
-        for image in islice(self.images.values(), sent, sent + (MAX_PART_FRAMES if self.video else 1)):
+        for image in islice(self.images.values(), sent, sent + MAX_BATCH_IMAGES):
             size += image.bytes
-            if images and size > PART_BYTES:
+            if batch and size > BATCH_BYTES:
                 break
-            images.append(image)
-        return images
+            batch.append(image)
+        return batch
 
     def _note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
         if not self.streamed:
@@ -524,4 +485,6 @@ class Upload:
         for image in dropped:
             self.in_memory.pop(image.record.instant, None)
             self.unsynced.pop(image.record.instant, None)
-        return [] if self.spooled is None else self.spooled.release(dropped)
+        if self.spooled is None:
+            return []
+        return self.spooled.film.release([image.record.instant for image in dropped])

@@ -223,7 +223,7 @@ class CameraNode:
         upload = Upload(
             report,
             streamed=streamed,
-            video=picked.trigger.video,
+            with_truth=not picked.trigger.video,
             max_bytes=self.options.ring_bytes,
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )

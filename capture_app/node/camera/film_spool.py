@@ -1,8 +1,8 @@
-"""A recording in its node's spool: a film of segments, each deleted when the leader has all of it.
+"""A burst's images in its node's spool: a film of segments, each deleted when the leader has all of it.
 
 SPOOL/<camera>/<leader>-<burst>/
-  <number>.film     frames, one after the other
-  <number>.ndjson   a line per frame: its place in the film, and the header that it is sent with
+  <number>.film     images with a simulated camera's ground truth, one after the other
+  <number>.ndjson   a line per image: its place in the film, and the header that it is sent with
 """
 
 import os
@@ -41,7 +41,7 @@ class Segment:
 
 
 class SpooledFilm:
-    """Film of one recording on a node. Threads may share it; methods block on the disk, but for `release`."""
+    """Film of one burst on a node. Threads may share it; methods block on the disk, but for `release`."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

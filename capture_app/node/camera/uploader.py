@@ -28,12 +28,11 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import Spool, Upload, encode_frame
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
-    MAX_PART_FRAMES,
+    MAX_BATCH_IMAGES,
     CameraReport,
-    FilmPart,
     FromLeader,
     ImageAck,
-    ImageReceipt,
+    ImageBatch,
     ImageUpload,
     NodeStream,
     Refusal,
@@ -53,7 +52,7 @@ MAX_IN_FLIGHT, MAX_BYTES_IN_FLIGHT = 64, 16 << 20
 UNSYNCED_S = 1.0
 """Images of a streamed burst that the leader does not have by then are synced to the node's disk."""
 ENCODE_EVERY_S = 0.1
-"""Interval at which frames of a recording are stored."""
+"""Interval at which frames of a streamed burst are stored; those of others are stored one by one."""
 ASK_AGAIN_S, MAX_DOUBLINGS = 0.05, 4
 """Delay before a burst that depends on other cameras is reported again, for each burst that waits here; it
 doubles each time, to 0.8 s."""
@@ -83,11 +82,9 @@ class Sender:
         """
         self._channel, self._changed, self._log = channel, changed, log
         self._waiting, self.roots, self._retry_s = waiting, roots, retry_s
-        self._in_flight: deque[tuple[Upload, ImageUpload | FilmPart, int]] = deque()
-        """Messages that are not acknowledged, each with its number of images."""
+        self._in_flight: deque[tuple[Upload, ImageBatch]] = deque()
+        """Batches that are not acknowledged."""
         self._answer: asyncio.Task[FromLeader] | None = None
-        self._receipts: dict[str, ImageReceipt] = {}
-        """The leader's receipts for partial images, by checksum."""
         for burst in waiting:
             # A reconnected leader still has what it acknowledged; only the stream's own state is new.
             burst.reopen()
@@ -152,58 +149,53 @@ class Sender:
 
     def _next_unsent(self) -> tuple[Upload, list[ImageUpload]] | None:
         """Return the next images to send now; bursts that are being captured wait for those that are over."""
-        size = sum(message.bytes for _, message, _ in self._in_flight)
+        size = sum(batch.bytes for _, batch in self._in_flight)
         if len(self._in_flight) < MAX_IN_FLIGHT and size < MAX_BYTES_IN_FLIGHT:
             for burst in sorted(self._waiting, key=lambda burst: burst.is_picking):
-                sent = sum(images for of, _, images in self._in_flight if of is burst)
+                sent = sum(len(batch.images) for of, batch in self._in_flight if of is burst)
                 if burst.is_committed and sent < len(burst.images):
-                    return burst, burst.next_part(sent)
+                    return burst, burst.next_batch(sent)
         return None
 
     async def _report_burst(self, burst: Upload) -> tuple[Upload, Refusal] | None:
         """Report the burst to the leader, with its events the first time only; return any refusal.
 
-        Drop images that the leader does not need or has already, and store its receipts for partial ones.
+        Drop images that the leader does not need or has already.
         """
         report, first = burst.current_report(burst.encoded), burst.reported is None
         burst.reported = burst.report
         answer = self._proven(await self.ask(report if first else replace(report, events=())), burst)
         if isinstance(answer, Refusal):
             return burst, answer
-        self._receipts |= {receipt.sha256: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
             # The leader waits for other cameras. Questions about many bursts must not take all of the stream.
             delay_s = len(self._waiting) * ASK_AGAIN_S * 2 ** min(burst.attempts, MAX_DOUBLINGS)
             burst.put_off(asyncio.get_running_loop().time() + delay_s)
             return None
         burst.attempts = 0
-        stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
+        stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts}
         await _delete([*burst.commit(answer.requested, answer.end), *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
 
     async def _send_images(self, burst: Upload, images: list[ImageUpload]) -> tuple[Upload, Refusal] | None:
-        """Send an image, or frames of a recording in one message; report what the spool has lost."""
+        """Send images in one message; report what the spool has lost."""
         try:
-            loaded = await asyncio.to_thread(lambda: [burst.load(image) for image in images])
+            loaded = await asyncio.to_thread(burst.load, images)
         except DiskError as error:
             return burst, Refusal.of_error(error)
         if lost := [image.record.instant for image, of in zip(images, loaded, strict=True) if of is None]:
             await self._report_lost(burst, lost, "its file in the spool is damaged")
             return None
-        data = [memoryview(of) for of in loaded if of is not None]
-        message: ImageUpload | FilmPart = images[0]
-        if burst.video:
-            message = FilmPart(frames=tuple(images))
-        elif (receipt := self._receipts.pop(images[0].sha256, None)) and receipt.bytes <= len(data[0]):
-            message, data = replace(images[0], offset=receipt.bytes), [data[0][receipt.bytes :]]
-        self._in_flight.append((burst, message, len(images)))
-        await self._channel.send(message, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
+        batch = ImageBatch(images=tuple(images))
+        self._in_flight.append((burst, batch))
+        data = [of for of in loaded if of is not None]
+        await self._channel.send(batch, *data, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
         return None
 
     async def _take_answer(self) -> tuple[Upload, Refusal] | None:
-        """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
+        """Wait for the answer to the oldest unacknowledged batch, or for new work; return any refusal."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
         changed = asyncio.create_task(self._changed.wait())
@@ -222,18 +214,17 @@ class Sender:
         return refused
 
     async def _take_next(self) -> tuple[Upload, Refusal] | None:
-        answer, (burst, message, _) = await self._next_answer(ImageAck), self._in_flight.popleft()
+        answer, (burst, batch) = await self._next_answer(ImageAck), self._in_flight.popleft()
         answer = self._proven(answer, burst)
-        images = message.frames if isinstance(message, FilmPart) else (message,)
         if isinstance(answer, Refusal):
             if answer.error != DamagedImageError.__name__:
                 return burst, answer
-            await self._report_lost(burst, answer.damaged or [images[0].record.instant], answer.what)
-            # The other frames of a part are sent again, after those that are on their way.
+            await self._report_lost(burst, answer.damaged, answer.what)
+            # The other images of a batch are sent again, after those that are on their way.
             return await self._take_all_answers()
-        if answer.sha256 != message.sha256:
+        if answer.sha256 != batch.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
-        await _delete(burst.confirm({image.record.instant: image.sha256 for image in images}))
+        await _delete(burst.confirm({image.record.instant: image.sha256 for image in batch.images}))
         return None
 
     def _proven(self, answer: A | Refusal, burst: Upload) -> A | Refusal:
@@ -417,7 +408,7 @@ class Uploader:
                 await self._store_ends()
                 await self._to_encode.wait()
                 continue
-            picks = tuple(islice(burst.frames, MAX_PART_FRAMES if burst.video else 1))
+            picks = tuple(islice(burst.frames, MAX_BATCH_IMAGES if burst.streamed else 1))
             results = await asyncio.get_running_loop().run_in_executor(
                 self._thread, self._encode, burst, picks
             )
@@ -434,7 +425,7 @@ class Uploader:
                 await asyncio.to_thread(burst.spooled.remove)
             self._changed.set()
             self._to_sync.set()
-            if burst.video:
+            if burst.streamed:
                 await asyncio.sleep(ENCODE_EVERY_S)
 
     def _encode(
@@ -442,32 +433,27 @@ class Uploader:
     ) -> list[ImageUpload | CameraError]:
         """Encode frames into the spool if there is room, else into memory; runs in a thread of its own."""
         results: list[ImageUpload | CameraError] = []
-        frames: list[tuple[ImageUpload, bytes]] = []
+        images: list[tuple[ImageUpload, bytes]] = []
         for picked in picks:
             try:
-                frames.append(encode_frame(burst.report, picked, with_truth=not burst.video))
-                results.append(frames[-1][0])
+                images.append(encode_frame(burst.report, picked, with_truth=burst.with_truth))
+                results.append(images[-1][0])
             except CameraError as error:
                 results.append(error)
-        in_memory = {image.record.instant: data for image, data in frames}
-        if not burst.video:
-            # The image can be sent from memory at once, while the spool's disk is slower.
-            burst.in_memory.update(in_memory)
-        is_spooled = self.spool is not None and burst.spooling and bool(frames)
+        in_memory = {image.record.instant: data for image, data in images}
+        is_spooled = self.spool is not None and burst.spooling and bool(images)
         try:
             if is_spooled and self.spool is not None:
                 if burst.spooled is None:
                     burst.spooled = self.spool.create_burst(burst.current_report())
-                if burst.video:
-                    burst.spooled.add_frames(frames)
-                else:
-                    burst.spooled.add_image(*frames[0])
+                burst.spooled.add(images)
         except SimulshotError as error:
             is_spooled = False
             self._note_useless_spool(burst, error)
         if is_spooled:
-            burst.unsynced.update({image.record.instant: image for image, _ in frames})
-        else:
+            burst.unsynced.update({image.record.instant: image for image, _ in images})
+        if not (is_spooled and burst.streamed):
+            # Until a burst is synced its images are in memory, too: a disk may fail between the two.
             burst.in_memory.update(in_memory)
         return results
 
@@ -499,7 +485,7 @@ class Uploader:
                     # Streamed images that the leader has soon are here too briefly to be worth a sync.
                     is_due = self._stream is None or now() - burst.oldest[1] >= UNSYNCED_S
                     if is_due or not burst.streamed:
-                        await asyncio.to_thread(spooled.sync, images.values())
+                        await asyncio.to_thread(spooled.sync)
                         for instant in images:
                             burst.unsynced.pop(instant, None)
                 except SimulshotError as error:

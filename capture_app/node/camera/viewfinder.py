@@ -1,7 +1,7 @@
 """Viewfinder of a node's camera for operators: previews, frame rate, exposure, and details.
 
-It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, and never
-while a burst is captured or sent. All cameras of a rig show the same instants of its grid.
+It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, and rarely
+while images are taken or sent, as a recording is for hours. All cameras of a rig show the same instants.
 """
 
 import asyncio
@@ -43,6 +43,8 @@ HEALTH_INTERVAL_S = 1.0
 MAX_FRAMES, MAX_LINES = 300, 100
 RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
+BUSY_FPS = 1.25
+"""Maximum rate of previews while frames are selected or sent; one of 1080p takes some 10 ms of a core."""
 RATE_TOLERANCE = 1.05
 """Maximum rate of previews over the requested one: a frame period is not exactly 1/30 s."""
 MAX_PERIODS = 3 << 12
@@ -122,7 +124,8 @@ class Viewfinder:
         self.stamps_ns.append(frame.timestamp_ns)
         if not self.request.fps:
             return
-        fps, place = self.request.fps, self._engine.instant_of(frame.timestamp_ns)
+        fps = min(self.request.fps, BUSY_FPS) if self.is_busy else self.request.fps
+        place = self._engine.instant_of(frame.timestamp_ns)
         if self._chosen_ns is None:
             self._chosen_ns = frame.timestamp_ns
         since_ns, shown_ns = abs(frame.timestamp_ns - self._chosen_ns), None
@@ -203,11 +206,11 @@ class Viewfinder:
             await self._may_send.wait()
             await self._frame_chosen.wait()
             self._frame_chosen.clear()
-            if self._next is None or self.is_busy:
+            if self._next is None:
                 continue
             frame, shown_ns = self._next
             made = await loop.run_in_executor(self._thread, small_jpeg, frame, self.request.width)
-            if made is None or self.is_busy:
+            if made is None:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
@@ -223,7 +226,7 @@ class Viewfinder:
 
     @property
     def is_busy(self) -> bool:
-        """Whether previews must wait, because frames of a burst are being selected or sent."""
+        """Whether previews are rare, because frames of a burst are being selected or sent."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
     def save_stamp(self, measured: SaveStamp) -> StampSaved:

@@ -84,8 +84,14 @@ class LocalPhones:
         self._log_came.set()
 
 
+RESTARTS_S = (1.0, 10.0, 60.0)
+"""Delays after which a node that has ended by itself is started again, one after the other, in seconds."""
+SOUND_S = 300.0
+"""Time after which the delays of a node that runs begin anew, in seconds."""
+
+
 class LocalNodes:
-    """Camera nodes on the leader's machine: starts and ends them, and logs one that ends by itself."""
+    """Camera nodes on the leader's machine: starts, ends, and starts again one that ends by itself."""
 
     def __init__(
         self,
@@ -106,7 +112,7 @@ class LocalNodes:
         """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
-        """A watch for each node that is not being ended; a name is free again once its process has ended."""
+        """A watch for each node that is not being ended; a name is free again once that is over."""
         self._specs: dict[str, str] = {}
         """Name of the node last started for each spec."""
         self._adding = asyncio.Lock()
@@ -204,15 +210,27 @@ class LocalNodes:
             *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
         child = self._children[name] = await Child.start(name, arguments)
-        self._watching[name] = asyncio.create_task(self._watch(name, child))
+        self._watching[name] = asyncio.create_task(self._watch(name, child, arguments))
         return child
 
-    async def _watch(self, name: str, child: Child) -> None:
-        await child.process.wait()
-        error = await child.failure()
-        if self._children.get(name) is child:
-            del self._children[name], self._watching[name]
-            self._event_log.add(str(error), camera=name, level="error")
+    async def _watch(self, name: str, child: Child, arguments: Sequence[str]) -> None:
+        """Start a node again that has ended, once it was open; give it up if it does not open any more."""
+        now_s, delays_s, was_open = asyncio.get_running_loop().time, iter(RESTARTS_S), False
+        while True:
+            begun_s = now_s()
+            await child.process.wait()
+            error = await child.failure()
+            was_open = was_open or child.spoken.is_set()
+            if now_s() - begun_s >= SOUND_S:
+                delays_s = iter(RESTARTS_S)
+            delay_s = next(delays_s, None) if was_open else None
+            again = "" if delay_s is None else f"; it is started again in {delay_s:.0f} s"
+            self._event_log.add(f"{error}{again}", camera=name, level="error")
+            if delay_s is None:
+                del self._children[name], self._watching[name]
+                return
+            await asyncio.sleep(delay_s)
+            child = self._children[name] = await Child.start(name, arguments)
 
 
 def _free_spool(spool: Path, camera: str) -> Path:

@@ -55,11 +55,7 @@ LOOKS = 50
 """Number of looks at a burst under way within BUSY_TIMEOUT_S."""
 
 
-Images = messages.ImageUpload | messages.FilmPart
-"""Messages that are acknowledged when their images are on disk."""
-
-
-class ImageAnswers(asyncio.Queue[tuple[Images, "asyncio.Future[str]"]]):
+class ImageAnswers(asyncio.Queue[tuple[messages.ImageBatch, "asyncio.Future[str]"]]):
     """Answers to the images of one stream, in order, while further images arrive.
 
     Each is queued with the future of its checksum; its answer is that, or the future's error.
@@ -76,7 +72,7 @@ class ImageAnswers(asyncio.Queue[tuple[Images, "asyncio.Future[str]"]]):
         answer: messages.ImageAck | messages.ReportAck | messages.Refusal,
     ) -> None:
         """Send the answer to a node's message, signed where a relay passes it on."""
-        if self._channel.who.via and isinstance(message, messages.CameraReport | Images):
+        if self._channel.who.via and isinstance(message, messages.CameraReport | messages.ImageBatch):
             answer = replace(
                 answer,
                 proof=sign(self._trust.identity, (message.camera, message.leader, message.burst), answer),
@@ -136,8 +132,8 @@ class LeaderService:
         try:
             while (message := await self._receive(channel, principal)) is not None:
                 try:
-                    if isinstance(message, Images):
-                        answers.put_nowait((message, await self._take_image(channel, message, working_on)))
+                    if isinstance(message, messages.ImageBatch):
+                        answers.put_nowait((message, await self._take_images(channel, message, working_on)))
                         continue
                     check_allowed(channel.who, message)
                     self._check_speaker(channel, message, principal)
@@ -210,28 +206,18 @@ class LeaderService:
                 if message.camera != principal:
                     raise BadInputError(f"this stream may not send for camera {message.camera!r}")
 
-    async def _take_image(
-        self, channel: Channel[messages.ToLeader], message: Images, working_on: WorkingOn
+    async def _take_images(
+        self, channel: Channel[messages.ToLeader], batch: messages.ImageBatch, working_on: WorkingOn
     ) -> "asyncio.Future[str]":
         """Receive images that this stream has reported; permission was checked with the report."""
-        if (session := working_on.get((message.leader, message.burst, message.camera))) is None:
-            raise BadInputError(f"this stream may not send for camera {message.camera!r} in that burst")
-        # A part of a video is in memory until it is written; images are received into files, and their truth
-        # is in memory until they are saved.
-        is_part, machine = isinstance(message, messages.FilmPart), channel.machine
-        size = message.bytes
-        if isinstance(message, messages.ImageUpload) and not session.burst.video:
-            size = message.truth_bytes
-        await self._memory.take(machine, size)
+        if (session := working_on.get((batch.leader, batch.burst, batch.camera))) is None:
+            raise BadInputError(f"this stream may not send for camera {batch.camera!r} in that burst")
+        # It is in memory until it is written.
+        await self._memory.take(channel.machine, batch.bytes)
         try:
-            saving = await session.take(message, channel.payload(), self._bursts.now_ns())
-        except BaseException:
-            self._memory.give_back(machine, size)
-            raise
-        if is_part:
-            self._memory.give_back(machine, size)
-        else:
-            saving.add_done_callback(lambda _: self._memory.give_back(machine, size))
+            saving = await session.take(batch, channel.payload(), self._bursts.now_ns())
+        finally:
+            self._memory.give_back(channel.machine, batch.bytes)
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
 

@@ -25,7 +25,7 @@ Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 
 Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: there is no image, no instant has two images,
 or the uncertainty of their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing,
-and at best fair if a camera of the rig is absent.
+and at best fair if a camera of the rig is absent or gave no image.
 """
 
 
@@ -94,7 +94,13 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     if manifest.is_staggered and motion is not None:
         purpose = f"staggered, {manifest.steps}: {grade}, each as planned to {duration(1e9 / motion)}"
         motion = None
-    absence = manifest.burst.absence
+    seen = {image.camera for image in manifest.images}
+    silent = [
+        f"{camera.name} missing: no image came"
+        for camera in manifest.cameras
+        if seen and camera.name not in seen
+    ]
+    absence = ", ".join(filter(None, (manifest.burst.absence, *silent)))
     if unknown:
         purpose = NOT_SYNCHRONIZED
         sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE

@@ -1,7 +1,7 @@
 """Images of a session being written: each is a file, then a journal line, plus its ground truth."""
 
 import hashlib
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +9,8 @@ from pathlib import Path
 import msgspec
 
 from capture_app.common.clock import SimulatedClock
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import SimulshotError
 from capture_app.common.names import check_name
-from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     make_folders_unsynced,
@@ -35,9 +34,9 @@ class StoredImage:
     """An image or a video frame to be saved, with its ground truth if simulated."""
 
     record: ImageRecord
-    source: Path | bytes | memoryview
-    """The image's bytes, or a file on the session's disk that contains them."""
-    truth: bytes = b""
+    data: bytes | memoryview
+    """Bytes of the image's file."""
+    truth: bytes | memoryview = b""
     """Bytes of a simulated image's ground truth .npz; empty for none."""
     true_ns: int | None = None
     """True start of the first row's exposure of a simulated image, ns in the host's clock."""
@@ -70,43 +69,47 @@ class ImageStore:
         self.clocks: dict[str, SimulatedClock] = {}
         """True clocks of the simulated cameras."""
         self._true_journal: AppendOnlyFile | None = None
+        self._unsynced: dict[Key, tuple[ImageRecord, bytes, list[Path]]] = {}
+        """Images that are written but not safe yet, each with its journal line and the paths to be synced."""
         self._new_folders: frozenset[Path] = frozenset()
         """Folders with new entries that are not synced yet."""
         self._journal = AppendOnlyFile(folder / JOURNAL)
 
-    def save(self, images: Sequence[StoredImage]) -> list[SimulshotError | None]:
-        """Write images and their ground truth to disk, then append their lines to the journal.
+    def append(self, images: Iterable[StoredImage]) -> None:
+        """Write images and their ground truth, all or none; they are in the session after the next `sync`.
 
-        All of them share one sync. Returns the error of each image; an image with an error is not in the
-        session.
+        Images that are here already are skipped. Raises OSError, and BadInputError if no session can contain
+        one.
         """
-        errors: list[SimulshotError | None] = [None] * len(images)
-        begun: dict[Key, tuple[int, bytes, list[Path]]] = {}
-        for place, image in enumerate(images):
-            try:
-                line = image.journal_line()
-                if image.key in self.records or image.key in begun:
-                    raise BadInputError("there is an image of {} at instant {} already".format(*image.key))
-                with disk_errors(self._folder):
-                    begun[image.key] = place, line, self._put(image)
-            except SimulshotError as error:
-                errors[place] = error
-        failed = self._sync([path for _, _, paths in begun.values() for path in paths])
-        for place, _, paths in begun.values():
-            for path in failed.keys() & paths:
-                errors[place] = disk_error(failed[path], self._folder)
-        good = {place: line for place, line, _ in begun.values() if errors[place] is None}
+        begun: dict[Key, tuple[ImageRecord, bytes, list[Path]]] = {}
         try:
-            self._journal.append(*good.values(), durable=bool(good))
-            self.records |= {images[place].key: images[place].record for place in good}
-        except OSError as error:
-            for place in good:
-                errors[place] = disk_error(error, self._folder)
-        for place, _, _ in begun.values():
-            if errors[place] is not None:
-                with suppress(OSError):
-                    (self._folder / images[place].record.path).unlink()
-        return errors
+            for image in images:
+                if image.key not in self.records and image.key not in self._unsynced:
+                    begun[image.key] = image.record, image.journal_line(), []
+                    begun[image.key][2].extend(self._put(image))
+        except (OSError, SimulshotError):
+            self._delete(begun)
+            raise
+        self._unsynced |= begun
+
+    def sync(self) -> None:
+        """Sync what was appended, then its lines in the journal.
+
+        Raises OSError; what was appended since the last sync is then not in the session.
+        """
+        if not (begun := self._unsynced):
+            return
+        self._unsynced = {}
+        try:
+            paths = [path for *_, written in begun.values() for path in written]
+            for error in sync_all((*paths, *self._new_folders)).values():
+                raise error
+            self._new_folders = frozenset()
+            self._journal.append(*(line for _, line, _ in begun.values()), durable=True)
+        except OSError:
+            self._delete(begun)
+            raise
+        self.records |= {key: record for key, (record, _, _) in begun.items()}
 
     def leave_out(self, cameras: Set[str]) -> None:
         """Set aside the images of these cameras. Raises OSError."""
@@ -147,13 +150,10 @@ class ImageStore:
         path = self._folder / image.record.path
         changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
         self._make(path.parent)
-        if isinstance(image.source, Path):
-            image.source.replace(path)
-        else:
-            write_atomic(path, image.source, synced=False)
+        write_atomic(path, image.data, synced=False)
         return [*changed, path, path.parent]
 
-    def _put_truth(self, camera: str, instant: int, true_ns: int, data: bytes) -> list[Path]:
+    def _put_truth(self, camera: str, instant: int, true_ns: int, data: bytes | memoryview) -> list[Path]:
         """Store an image's true first-row time (ns, host's clock), and its .npz if there is one."""
         changed, sha256 = [], hashlib.sha256(data).hexdigest() if data else None
         if data:
@@ -175,13 +175,7 @@ class ImageStore:
     def _make(self, folder: Path) -> None:
         self._new_folders |= set(make_folders_unsynced(folder, self._folder))
 
-    def _sync(self, paths: list[Path]) -> dict[Path, OSError]:
-        """Sync these files and folders, and the new folders; return the errors by path.
-
-        If a new folder fails, every path counts as failed.
-        """
-        failed = sync_all((*paths, *self._new_folders))
-        self._new_folders &= failed.keys()
-        for folder in self._new_folders:
-            failed |= dict.fromkeys(paths, failed[folder])
-        return failed
+    def _delete(self, begun: Mapping[Key, tuple[ImageRecord, bytes, list[Path]]]) -> None:
+        for record, _, _ in begun.values():
+            with suppress(OSError):
+                (self._folder / record.path).unlink()

@@ -35,7 +35,7 @@ Key = tuple[str, int]
 SET_ASIDE = "set_aside"
 """Folder for images that are damaged or not in the journal."""
 INCOMING = "incoming"
-"""Folder for images whose transfer is not complete."""
+"""Folder that marks a finished session as reopened, until its manifest is written again."""
 RESERVE = f"reserve{PART}"
 """File that reserves disk space for the manifest, so that a session can be finished on a full disk."""
 
@@ -126,6 +126,6 @@ def set_aside(folder: Path, name: str) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete what a finished session does not need: the reserve and incomplete transfers."""
+    """Delete what a finished session does not need: the reserve, and the mark of a reopened one."""
     (folder / RESERVE).unlink(missing_ok=True)
     shutil.rmtree(folder / INCOMING, ignore_errors=True)

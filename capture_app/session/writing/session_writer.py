@@ -201,38 +201,52 @@ class SessionWriter:
             sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        for error in filter(None, self.save([StoredImage(record, data, truth, true_ns)])):
-            raise error
+        if self.image(camera, instant) is not None:
+            raise BadInputError(f"there is an image of {camera} at instant {instant} already")
+        self.save([StoredImage(record, data, truth, true_ns)])
         return record
 
-    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
+    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
         """Add images, as files or, with `in_videos`, as frames of their cameras' videos.
 
-        Each call syncs the disk once, or once for each video. After it returns, no crash can lose an image
-        whose entry in the result is not an error. Frames that a video already contains are skipped.
+        After it returns, no crash can lose them. Raises as `append` and `sync`.
         """
-        try:
+        self.append(images, in_videos=in_videos)
+        self.sync(*{image.record.camera for image in images})
+
+    def append(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
+        """Write images, as `save` does; they are in the session after the next `sync` of their cameras.
+
+        Those that are here already are skipped. Raises DiskError, TryAgainError once the session is closed,
+        and BadInputError if no session can contain one; of its camera, none is added then.
+        """
+        self._check_open()
+        if in_videos:
+            # Cameras do not wait for each other.
+            for camera in dict.fromkeys(image.record.camera for image in images):
+                self.videos.append(camera, [of for of in images if of.record.camera == camera])
+        else:
             with self._writing():
-                return self.videos.save(images) if in_videos else self.images.save(images)
-        except SimulshotError as error:
-            return [error] * len(images)
+                self.images.append(images)
 
-    def append_frames(self, camera: str, frames: Iterable[StoredImage]) -> None:
-        """Append frames to a camera's video; they are safe after the next `sync_frames`.
+    def sync(self, *cameras: str) -> None:
+        """Sync the images that were appended, and these cameras' videos.
 
-        Cameras do not wait for each other. Raises as `VideoStore.append`, and TryAgainError.
+        Raises DiskError, TryAgainError; what was appended since the last sync is then not in the session.
         """
         self._check_open()
-        self.videos.append(camera, frames)
-
-    def sync_frames(self, camera: str) -> None:
-        """Sync a camera's video. Raises as `VideoStore.sync`, and TryAgainError."""
-        self._check_open()
-        self.videos.sync(camera)
+        for camera in cameras:
+            self.videos.sync(camera)
+        with self._writing():
+            self.images.sync()
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the record of a saved image, or None."""
         return self.images.records.get((camera, instant)) or self.videos.frame(camera, instant)
+
+    def has(self, camera: str, instant: int) -> bool:
+        """Return whether an image is saved."""
+        return (camera, instant) in self.images.records or self.videos.has(camera, instant)
 
     def instants_of(self, camera: str) -> InstantSet:
         """Return the instants for which a camera's image is saved."""
@@ -278,11 +292,7 @@ class SessionWriter:
             self.videos.leave_out(reasons.keys())
             # For a video's frame check only whether it exists: its record would be read from disk.
             absent = (
-                gap
-                for gap in missing
-                if gap.camera not in reasons
-                and (gap.camera, gap.instant) not in self.images.records
-                and not self.videos.has(gap.camera, gap.instant)
+                gap for gap in missing if gap.camera not in reasons and not self.has(gap.camera, gap.instant)
             )
             by_name = {camera.name: camera for camera in valid}
             images = (

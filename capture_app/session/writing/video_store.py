@@ -6,7 +6,7 @@ import shutil
 import threading
 from array import array
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import ENOENT
@@ -14,7 +14,6 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.common.errors import SimulshotError
 from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import (
@@ -133,18 +132,6 @@ class VideoStore:
         cameras = (self._in_order(video, instants) for _, video in sorted(self._videos.items()))
         return heapq.merge(*cameras, key=lambda record: record.instant)
 
-    def save(self, frames: Sequence[StoredImage]) -> list[SimulshotError | None]:
-        """Add frames and sync them; return the error of each. A camera's frames are added all or none."""
-        errors: dict[str, SimulshotError | None] = {}
-        for camera in dict.fromkeys(frame.record.camera for frame in frames):
-            try:
-                errors[camera] = None
-                self.append(camera, [of for of in frames if of.record.camera == camera])
-                self.sync(camera)
-            except SimulshotError as error:
-                errors[camera] = error
-        return [errors[frame.record.camera] for frame in frames]
-
     def append(self, camera: str, frames: Iterable[StoredImage]) -> None:
         """Append frames of one camera, all or none; they are safe after the next `sync`.
 
@@ -161,7 +148,8 @@ class VideoStore:
 
         Raises DiskError; what was appended since the last sync is then not in the video.
         """
-        video = self._videos[camera]
+        if (video := self._videos.get(camera)) is None:
+            return
         with video.writing, disk_errors(self._folder):
             frames, video.unsynced = video.unsynced, []
             try:
@@ -215,18 +203,17 @@ class VideoStore:
         waiting = {instant for instant, _, _ in video.unsynced if instant != NO_INSTANT}
         for frame in given:
             if video.find(frame.record.instant) is None and frame.record.instant not in waiting:
-                assert not isinstance(frame.source, Path), "a frame of a video is no file"
                 check_written(frame.record)
-                line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.source)
-                frames.append((frame, frame.source, line, end))
+                line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.data)
+                frames.append((frame, line, end))
         try:
             os.lseek(video.handle, video.end, os.SEEK_SET)
-            for _, data, _, _ in frames:
-                write_all(video.handle, data)
+            for frame, _, _ in frames:
+                write_all(video.handle, frame.data)
         except OSError:
             self._truncate(video)
             raise
-        for frame, _, line, frame_end in frames:
+        for frame, line, frame_end in frames:
             video.unsynced.append((frame.record.instant, line, frame_end))
             self.knows_true_times |= frame.true_ns is not None
 

@@ -15,9 +15,10 @@ from capture_app.common.text import NO_VALUE, clock_offset, count, duration, pri
 from capture_app.protocol.orders import DetailRequest
 from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
 from capture_app.rig.rig_link import RigLink
-from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
+from capture_app.tui.widgets.dialog import Dialog
+from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, log_lines
 from capture_app.tui.widgets.picture import Picture
 from capture_app.tui.widgets.plots import (
@@ -27,7 +28,6 @@ from capture_app.tui.widgets.plots import (
     wedge_rows,
     wedge_title,
 )
-from capture_app.tui.widgets.whole_screen import KeyFooter
 
 ASK_S = 0.7
 """Interval between detail requests, in seconds."""

@@ -1,13 +1,18 @@
 """Grid of all cameras' previews, each as large as the space allows."""
 
+import asyncio
 import math
+import time
+from collections.abc import Iterable
 from typing import ClassVar
 
-from textual import events
+from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
+from textual.message import Message
 
+from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
 from capture_app.rig.rig_link import RigLink
@@ -16,7 +21,7 @@ from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, UNKNOWN
 from capture_app.tui.widgets.lines import Lines, fitting
-from capture_app.tui.widgets.picture import NOISE, Picture
+from capture_app.tui.widgets.picture import NOISE, Picture, draw_for
 
 ASPECT = 0.75
 """Height over width of the previews that the layout assumes."""
@@ -24,6 +29,12 @@ GRID_FPS, MANY_FPS = 2.5, 1.25
 MANY = 8
 """Number of cameras above which the preview rate is lower."""
 MIN_PX, MAX_PX = 64, 640
+APART_S = 0.05
+"""Difference from which pictures are not called of one moment, in seconds."""
+OLD_S = 2.0
+"""Age from which a picture is dimmed, in seconds: a busy camera shows one each 0.8 s."""
+REST = 3.0
+"""Rest after pictures were drawn, in times of their drawing: keys are answered first on a busy machine."""
 
 
 def grid_columns(cameras: int, width: int, height: int) -> int:
@@ -35,6 +46,13 @@ def grid_columns(cameras: int, width: int, height: int) -> int:
     return max(range(1, max(cameras, 1) + 1), key=lambda columns: (picture_width(columns), -columns))
 
 
+def age_words(seconds: float) -> str:
+    """Return how long ago something was, as `4 s ago` or `3 min ago`."""
+    if seconds >= 120:
+        return f"{seconds / 60:.0f} min ago"
+    return f"{seconds:.{0 if seconds >= 1 else 1}f} s ago"
+
+
 class PreviewTile(Vertical):
     """One camera: name, state and frame rate above its preview."""
 
@@ -42,6 +60,9 @@ class PreviewTile(Vertical):
         self._title = Lines()
         self.picture = Picture(words="no picture yet", noise=NOISE)
         self._node, self._sign = node, SIGNS[node.state]
+        self.moment_s: float | None = None
+        """When what it shows was, by the record's clock; None without a picture."""
+        self._age = ""
         super().__init__(self._title, self.picture)
 
     @property
@@ -52,12 +73,24 @@ class PreviewTile(Vertical):
     def show_node(self, node: NodeStatus) -> None:
         """Show the camera's state."""
         self._node, self._sign = node, SIGNS[node.state]
+        self.picture.set_grey(node.state is NodeState.LOST)
         self._show()
 
     def show_lost(self) -> None:
         """Show that nobody knows the camera's state."""
         self._sign = UNKNOWN
+        self.picture.set_grey(True)
         self._show()
+
+    def show_age(self, now_s: float, newest_s: float) -> None:
+        """Say how old the picture is if it is older than the newest ones, or if these are old."""
+        moment_s = self.moment_s
+        is_old = moment_s is not None and (now_s - moment_s > OLD_S or newest_s - moment_s > APART_S)
+        age = f" {age_words(now_s - moment_s)}" if is_old and moment_s is not None else ""
+        if age != self._age:
+            self._age = age
+            self.picture.set_class(is_old, "old")
+            self._show()
 
     def mark(self, *, chosen: bool) -> None:
         """Show whether the cursor is here."""
@@ -72,8 +105,13 @@ class PreviewTile(Vertical):
             (f"{sign.glyph} ", sign.style),
             (printable(node.name), "bold"),
         )
-        rate = "" if node.fps is None or sign is UNKNOWN else f" {node.fps:.1f} fps"
-        parts = title, Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")
+        rate = "" if node.fps is None or self.picture.is_grey else f" {node.fps:.1f} fps"
+        parts = (
+            title,
+            Content.styled(self._age, "$warning"),
+            Content.styled(f" {sign.word}", sign.style),
+            Content.styled(rate, "$foreground-muted"),
+        )
         # Parts that do not fit are omitted rather than cut.
         self._title.show([Content("").join(fitting(parts, "", self.size.width))])
 
@@ -91,12 +129,18 @@ class PreviewGrid(Container, can_focus=True):
         Binding("enter", "choose", "Full size", id="previews.open"),
     ]
 
+    class Drawn(Message):
+        """New previews are shown."""
+
     def __init__(self, rig: RigLink, record: RigRecord, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._rig, self._record = rig, record
         self._tiles: dict[str, PreviewTile] = {}
         self._columns = 1
         self._at = 0
+        self._waiting: dict[str, Preview] = {}
+        """Previews to draw next, by camera."""
+        self._is_drawing = False
         self._depth_of = ""
         """Camera whose depth is shown instead of its preview; empty for none."""
 
@@ -143,10 +187,43 @@ class PreviewGrid(Container, can_focus=True):
         """Return the camera under the cursor; empty without cameras."""
         return next(iter([*self._tiles][self._at :]), "")
 
-    def show_preview(self, preview: Preview) -> None:
-        """Show a camera's preview, unless its depth is shown."""
-        if preview.camera in self._tiles and preview.camera != self._depth_of:
-            self._tiles[preview.camera].picture.show(preview.jpeg)
+    def show_previews(self, previews: Iterable[Preview]) -> None:
+        """Show previews together, once earlier ones are drawn; none of a camera whose depth is shown."""
+        self._waiting.update((each.camera, each) for each in previews)
+        if self._waiting and not self._is_drawing:
+            self._is_drawing = True
+            self._draw()
+
+    def show_ages(self) -> float | None:
+        """Say which pictures are old; return the age of the newest in seconds, None without one."""
+        moments = [tile.moment_s for tile in self.tiles if tile.moment_s is not None]
+        now_s, newest_s = self._record.clock(), max(moments, default=-math.inf)
+        for tile in self.tiles:
+            tile.show_age(now_s, newest_s)
+        return now_s - newest_s if moments else None
+
+    @work(group="drawing")
+    async def _draw(self) -> None:
+        """Draw what waits, and rest in between; what is overtaken is not drawn."""
+        try:
+            while self._waiting:
+                begun_s = time.monotonic()
+                previews, self._waiting = self._waiting, {}
+                drawn = [
+                    (tile, preview, await draw_for(self.app, preview.jpeg, tile.picture.size))
+                    for camera, preview in previews.items()
+                    if camera != self._depth_of
+                    and (tile := self._tiles.get(camera)) is not None
+                    and tile.picture.size
+                ]
+                with self.app.batch_update():
+                    for tile, preview, cells in drawn:
+                        tile.picture.show_drawn(preview.jpeg, cells)
+                        tile.moment_s = self._record.moment_s(preview.leader_ns)
+                self.post_message(self.Drawn())
+                await asyncio.sleep(REST * (time.monotonic() - begun_s))
+        finally:
+            self._is_drawing = False
 
     def show_depth(self, depth: DepthPreview | None) -> None:
         """Show a camera's depth instead of its preview; None: all previews again."""

@@ -383,6 +383,7 @@ class ShootView(ModeView):
             take.status, take.problem = status, ""
             if status.ended and take.ended_s is None:
                 take.ended_s = self._record.clock()
+            take.note_saved(self._record.clock())
             if status.done:
                 self._judge(take)
 
@@ -448,7 +449,8 @@ class ShootView(ModeView):
         self._show_course()
 
     def _show_course(self) -> None:
-        """Show the current activity in the takes pane and in the line below."""
+        """Show the current activity in the takes pane and in the line below, and of when the previews are."""
+        self.stage.show_ages()
         now_s, of_newest = self._record.clock(), (self._depth_runs, self._newest_sheet)
         depth = list(take_depth.lines(*of_newest))
         self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))
@@ -462,9 +464,10 @@ class ShootView(ModeView):
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
         if self._record.lost:
-            return Content.styled(printable(f"{NO_LEADER}: {self._record.lost}"), NO_LEADER.style)
+            remedy = " (l restarts it)" if self.app.check_action("start", ()) else ""
+            return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
-            words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s)}"
+            words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s, self.takes)}"
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")

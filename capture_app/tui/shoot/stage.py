@@ -10,12 +10,12 @@ from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
-from capture_app.rig.instant_previews import collect
+from capture_app.rig.instant_previews import Gathering
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.shoot.preview_grid import PreviewGrid
+from capture_app.tui.shoot.preview_grid import OLD_S, PreviewGrid, age_words
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
 
@@ -30,7 +30,9 @@ class Stage(ContentSwitcher):
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
         self._rig, self._record = rig, record
         self._asked: tuple[int, float] = (0, 0.0)
-        self._newest: dict[str, Preview] = {}
+        self._gathering = Gathering()
+        self._live = ""
+        """What the newest instant's pictures are, in words."""
         self._depths: deque[tuple[float, float | None]] = deque(maxlen=DEPTHS)
         """Times (s) of the latest depths, with the fraction of moving pixels that have depth."""
         self._shows_depth = False
@@ -54,14 +56,30 @@ class Stage(ContentSwitcher):
 
     def show_preview(self, preview: Preview) -> None:
         """Show a camera's preview, and how far apart in time the previews of its instant are."""
-        self.grid.show_preview(preview)
-        found = collect(self._newest, preview)
-        if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._shows_depth:
+        shown, found = self._gathering.add(preview)
+        self.grid.show_previews(shown)
+        if found is not None and len(found.previews) > 1:
             status = self._record.status
             what = (status.order if status is not None else "") or "of one instant"
-            self.border_title = (
-                f"Live · {len(found.previews)} pictures {printable(what)}, within {duration(found.spread_ns)}"
+            self._live = (
+                f"{len(found.previews)} pictures {printable(what)}, within {duration(found.spread_ns)}"
             )
+
+    def on_preview_grid_drawn(self) -> None:
+        """Say of which moment the new previews are."""
+        self.show_ages()
+
+    def show_ages(self) -> None:
+        """Say of which moment the previews are: live, or how long ago."""
+        age_s = self.grid.show_ages()
+        if self.current != LIVE or self._shows_depth:
+            return
+        if age_s is None:
+            self._title("Live")
+        elif age_s > OLD_S:
+            self._title(f"Not live · pictures of {age_words(age_s)}")
+        else:
+            self._title(f"Live · {self._live}" if self._live else "Live")
 
     def show_depth(self, depth: DepthPreview | None) -> None:
         """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
@@ -133,5 +151,10 @@ class Stage(ContentSwitcher):
             self.run_worker(asking, exclusive=True, group="previews")  # type: ignore[arg-type]
 
     def _go_to(self, stage: str, title: str) -> None:
-        self.border_title = Content(printable(title))
+        self._title(printable(title))
         self.current = stage
+
+    def _title(self, words: str) -> None:
+        title = Content(words)
+        if self.border_title != title.markup:  # setting it redraws all pictures
+            self.border_title = title

@@ -16,6 +16,8 @@ from capture_app.session.reading.verdict import Verdict
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.picture import Picture, Source
 
+RATE_AFTER_S = 3.0
+"""Seconds of saving after which the rest is estimated."""
 SAID_AFTER_S = 2
 """Seconds after which the progress text shows the elapsed time."""
 EARLIER = 8
@@ -39,6 +41,8 @@ class Take:
     """Time at which the screen first received its status."""
     ended_s: float | None = None
     """Time at which the end of this recording was ordered here or reported by the leader."""
+    saved_at: tuple[float, int] | None = None
+    """Time at which frames were first saved after that end, and how many then were."""
     retake_of: str = ""
     """Name of the take that this one repeats."""
 
@@ -57,6 +61,19 @@ class Take:
         length_s = (now_s if self.ended_s is None else self.ended_s) - self.begun_s
         return length_s if self.planned_s is None else min(length_s, self.planned_s)
 
+    def note_saved(self, now_s: float) -> None:
+        """Note from when on the saving of this recording, which has ended, can be measured."""
+        if self.ended_s is not None and self.status.received and self.saved_at is None:
+            self.saved_at = now_s, self.status.received
+
+    def left_s(self, now_s: float) -> float | None:
+        """Return for how long frames will still be saved at the rate so far; None if that is unknown."""
+        since_s, before = self.saved_at or (now_s, 0)
+        saved = self.status.received - before
+        if saved <= 0 or now_s - since_s < RATE_AFTER_S:
+            return None
+        return (self.status.expected - self.status.received) * (now_s - since_s) / saved
+
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
     """Open the session of a finished take; None if it is on another machine. Blocks on the disk.
@@ -67,13 +84,20 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
     return None if session is None else TakeSheet(session)
 
 
-def progress_words(take: Take, now_s: float) -> str:
-    """Return the progress of a take that is not done, in words."""
+def progress_words(take: Take, now_s: float, takes: Sequence[Take] = ()) -> str:
+    """Return the progress of a take that is not done, in words; it may wait for another one of `takes`."""
     status, seconds = take.status, take.length_s(now_s)
     if status.recording and not status.done:
         length = _minutes(seconds)
         if take.ended_s is not None:
-            return f"recorded {length}; {status.received} of {status.expected} frames saved"
+            before = [
+                of.name for of in takes if of is not take and of.status.recording and not of.status.done
+            ]
+            if before and not status.received:
+                return f"recorded {length}; waits until {printable(before[-1])} is saved"
+            left_s = take.left_s(now_s)
+            left = "" if left_s is None else f", some {left_s:.0f} s left"
+            return f"recorded {length}; {status.received} of {status.expected} frames saved{left}"
         of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""
         return f"recording {length}{of}: {status.received} frames{lacking}; Space stops"
@@ -163,11 +187,11 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
     if takes[-1].trashed:
         yield Content.styled("in the trash", "$foreground-muted")
     else:
-        yield from _in_full(takes[-1], now_s)
+        yield from _in_full(takes[-1], now_s, takes)
         yield from depth
 
 
-def _in_full(take: Take, now_s: float) -> Iterator[Content]:
+def _in_full(take: Take, now_s: float, takes: Sequence[Take]) -> Iterator[Content]:
     status = take.status
     if take.sheet is not None and status.done:
         yield _short_verdict(take.sheet.verdict)
@@ -176,7 +200,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
     elif take.problem:
         yield Content.styled(f"✖ {printable(take.problem)}", "$error")
     elif not status.done:
-        yield Content.styled(f"◔ {progress_words(take, now_s)}", "$primary")
+        yield Content.styled(f"◔ {progress_words(take, now_s, takes)}", "$primary")
     elif status.session is not None:
         yield Content.styled("✔ saved on the leader's machine:", "$success")
         yield Content(printable(status.session))

@@ -21,6 +21,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual import work
 from textual.app import App
+from textual.filter import Monochrome
 from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
@@ -45,9 +46,9 @@ MAX_CELLS = 297
 NOISE = 12
 """Max colour difference (8-bit levels) at which a cell of a live picture is not sent again.
 
-Without it, sensor noise would change nearly all cells each time; it reduces the bytes sent to a third
-(`benchmarks/screen/previews.py`).
+Without it, sensor noise would change nearly all cells each time; it reduced the bytes sent to a third.
 """
+_GREY = Monochrome()
 REST_S = 0.2
 """Delay before a picture is sent in pixels, in seconds; browsing through a take sends none."""
 
@@ -178,6 +179,8 @@ class Picture(Widget):
         """Cells on display."""
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
+        self.is_grey = False
+        """Whether it is shown without its colours."""
         self._request = 0
         """Counter of requests, which identifies outdated work."""
         self._drawing = False
@@ -196,11 +199,23 @@ class Picture(Widget):
         self._source, self._sharp_source = source, sharp
         self._draw_again()
 
+    def show_drawn(self, source: Source, cells: CellPicture | None) -> None:
+        """Show this image, whose cells were drawn for this size."""
+        self._source, self._sharp_source = source, None
+        self._request += 1
+        self._put(cells)
+
     def show_aids(self, aids: Sequence[Aid]) -> None:
         """Mark parts of the picture with these aids."""
         if tuple(aids) != self._aids:
             self._aids = tuple(aids)
             self._draw_again()
+
+    def set_grey(self, is_grey: bool) -> None:
+        """Show the image in grey, or in its colours."""
+        if is_grey != self.is_grey:
+            self.is_grey = is_grey
+            self.refresh()
 
     def on_mount(self) -> None:
         """Redraw on a theme change, because dots are dark on a light theme."""
@@ -215,7 +230,8 @@ class Picture(Widget):
         width, plain = self.size.width, self.rich_style
         drawn = self._sharp or self.cells
         if drawn is not None:
-            return strip_of_middle(drawn, y, self.size, plain, plain)
+            strip = strip_of_middle(drawn, y, self.size, plain, plain)
+            return strip.apply_filter(_GREY, self.background_colors[1]) if self.is_grey else strip
         words = self._words[:width] if y == self.size.height // 2 else ""
         return Strip([Segment(words.center(width), plain)], width)
 

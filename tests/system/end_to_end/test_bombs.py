@@ -23,6 +23,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import CameraError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.plugins.cameras.rtsp import rtsp_camera
+from capture_app.protocol.messages import ImageBatch
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_preview
 from capture_app.session.writing.session_writer import SessionWriter
@@ -148,7 +149,7 @@ async def truths(_: int) -> None:
             image = upload("a", instant)
             size = replace(image.record, bytes=len(whole), sha256=hashlib.sha256(whole).hexdigest())
             coming = replace(image, record=size, truth_bytes=len(truth), true_ns=1)
-            saved.append(await session.take_image(coming, payload(whole + truth), 0))
+            saved.append(await session.take(ImageBatch(images=(coming,)), payload(whole + truth), 0))
         await asyncio.gather(*saved)
         await until(session.finished.is_set, seconds=SLOW_PATIENCE_S)
 

@@ -134,7 +134,7 @@ async def test_a_recording_that_a_full_disk_ended_is_whole_at_the_leaders_next_s
 
         await lead(start, disk, at=address)
         spools = tmp_path / "state/simulshot/spool"
-        await until(lambda: not [*spools.glob("*/*/*.jpg")], seconds=SLOW_PATIENCE_S)
+        await until(lambda: not [*spools.glob("*/*/*.film")], seconds=SLOW_PATIENCE_S)
         await until(lambda: not Session.open(disk / "recording-001").manifest.missing)
         session = Session.open(disk / "recording-001")
         assert verify(session) == []

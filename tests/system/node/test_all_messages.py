@@ -35,7 +35,7 @@ async def test_a_camera_with_any_field_changed_harms_nobody(
         opened = wire.NodeStream(camera="cam1", instance=1)
         await channel.send(opened)
         assert isinstance(await channel.receive_header(), wire.ReportAck)
-        for kind in (wire.CameraReport, wire.ImageUpload, wire.FilmPart, wire.SpoolSpace):
+        for kind in (wire.CameraReport, wire.ImageBatch, wire.SpoolSpace):
             info = inspect.type_info(kind)
             for path, plain in attacks(info, example(info)):
                 await channel.send(plain)

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -16,6 +17,7 @@ from capture_app.console.terminal import log_line, run_command_line, show_count,
 from capture_app.console.usage import Verbosity, add_verbosity, examples, set_verbosity
 from capture_app.session.exporting import exporter
 from capture_app.session.importing import importer
+from reconstruction.cli import run as run_reconstruct
 from tests.command_lines import every_command, parse
 
 COMMANDS = {typed: command for typed, command in every_command() if not command.hidden}
@@ -124,3 +126,11 @@ def test_a_rigs_log_has_times_in_a_file(tmp_path: Path, capfd: pytest.CaptureFix
             os.dup2(kept, 2)
             os.close(kept)
     assert re.fullmatch(r"20\d\d-\d\d-\d\d \d\d:\d\d:\d\d cam0: joined\n", (tmp_path / "log").read_text())
+
+
+@pytest.mark.parametrize("program", [run, run_reconstruct])
+def test_no_commands_sentence_is_cut(
+    program: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert program(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]

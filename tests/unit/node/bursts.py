@@ -8,7 +8,7 @@ from pathlib import Path
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import disk_threads
-from capture_app.protocol.messages import CameraReport, ImageUpload
+from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter
@@ -44,7 +44,7 @@ def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) ->
     return CameraReport(leader=LEADER, burst=1, plan=plan)
 
 
-def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
+def upload(name: str, instant: int) -> ImageUpload:
     record = ImageRecord(
         camera=name,
         instant=instant,
@@ -54,14 +54,14 @@ def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
         bytes=len(IMAGE),
         sha256=hashlib.sha256(IMAGE).hexdigest(),
     )
-    return ImageUpload(leader=LEADER, burst=1, record=record, offset=offset)
+    return ImageUpload(leader=LEADER, burst=1, record=record)
 
 
 async def receive_image(
     session: BurstSession, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int = 0
 ) -> str:
     """Bring an image and wait until it is on disk, and the session where it was the last one."""
-    sha256 = await asyncio.shield(await session.take_image(upload, payload, now_ns))
+    sha256 = await asyncio.shield(await session.take(ImageBatch(images=(upload,)), payload, now_ns))
     await session.finish_if_complete()
     return sha256
 

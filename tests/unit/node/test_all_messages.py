@@ -57,8 +57,7 @@ def every_message(node: SealedNode) -> list[Any]:
     messages = [
         wire.NodeStream(camera="cam", instance=node.instance),
         wire.CameraReport(leader=1, burst=1, plan=CameraPlan(camera=record, instants=(0,))),
-        wire.ImageUpload(leader=1, burst=1, record=image),
-        wire.FilmPart(frames=(wire.ImageUpload(leader=1, burst=1, record=image),)),
+        wire.ImageBatch(images=(wire.ImageUpload(leader=1, burst=1, record=image),)),
         wire.SpoolSpace(camera="cam", free_bytes=0, spool="/"),
         wire.KeyRequest(name="cam", instance=node.instance, is_relay=True),
         wire.StatusRequest(),

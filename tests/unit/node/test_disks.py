@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.common.errors import DiskError, SimulshotError
+from capture_app.common.errors import DiskError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.burst_upload import Spool
@@ -22,7 +22,7 @@ from capture_app.protocol.messages import (
     BurstRequest,
     FromLeader,
     ImageAck,
-    ImageUpload,
+    ImageBatch,
     NodeStream,
     Refusal,
     ReportAck,
@@ -112,7 +112,7 @@ async def test_a_leader_whose_disk_is_full_before_the_first_image_says_so_and_go
             await asyncio.to_thread(filling.unlink)
             await channel.send(report)
             assert (await answer(channel)).requested == (0,)
-            await channel.send(upload, bursts.IMAGE)
+            await channel.send(ImageBatch(images=(upload,)), bursts.IMAGE)
             assert isinstance(await answer(channel), ImageAck)
         done = [told async for told in taking][-1]
         assert (done.received, done.expected) == (1, 1)
@@ -128,9 +128,9 @@ async def test_a_spool_that_cannot_be_written_is_told_and_used_again_when_it_can
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             match received[0]:
-                case ImageUpload(record=record):
-                    got.append(record.instant)
-                    await channel.send(ImageAck(sha256=record.sha256))
+                case ImageBatch(images=images):
+                    got.extend(image.record.instant for image in images)
+                    await channel.send(ImageAck(sha256=images[-1].sha256))
                 case message:
                     if isinstance(message, SpoolSpace):
                         told.append(message)
@@ -155,10 +155,10 @@ class FailingWriter(SessionWriter):
 
     fault = errno.EROFS
 
-    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
+    def append(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
         if self.fault:
-            return [disk_error(OSError(self.fault, os.strerror(self.fault)), self.folder)] * len(images)
-        return super().save(images, in_videos=in_videos)
+            raise disk_error(OSError(self.fault, os.strerror(self.fault)), self.folder)
+        super().append(images, in_videos=in_videos)
 
 
 @pytest.mark.parametrize("fault", [errno.EROFS, errno.EIO, errno.ENOSPC])
@@ -189,11 +189,11 @@ async def test_a_spooled_image_that_cannot_be_read_just_now_is_not_given_up(tmp_
     spool.open()
     burst.spooled = spool.create_burst(burst.report)
     image = bursts.upload("a", 0)
-    burst.spooled.add_image(image, bursts.IMAGE)
-    file = burst.spooled.image_file(image)
+    burst.spooled.add([(image, bursts.IMAGE)])
+    file = burst.spooled.folder / "000001.film"
     file.unlink()
-    assert burst.load(image) is None, "it is gone"
+    assert burst.load([image]) == [None], "it is gone"
     file.symlink_to(file)
     with pytest.raises(DiskError):
-        burst.load(image)
+        burst.load([image])
     spool.close()

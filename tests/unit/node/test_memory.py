@@ -3,7 +3,7 @@
 import asyncio
 import hashlib
 import threading
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.memory_shares import MemoryShares
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
-from capture_app.protocol.messages import FromLeader, NodeStream
+from capture_app.protocol.messages import FromLeader, ImageBatch, NodeStream
 from capture_app.protocol.status import Preview
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
@@ -77,7 +77,7 @@ async def test_bytes_beyond_the_declared_size_end_the_stream_at_once(tmp_path: P
     await session.accept_report(report("a").with_plan(picking=True), 0)
     payload = Endless()
     with pytest.raises(NetworkError, match="a sent more bytes of an image than it declared"):
-        await session.take_image(upload("a", 0), aiter(payload), 0)
+        await session.take(ImageBatch(images=(upload("a", 0),)), aiter(payload), 0)
     assert payload.read <= len(IMAGE) + 5
     await session.suspend()
 
@@ -90,7 +90,7 @@ async def test_a_size_that_no_image_of_its_camera_has_is_refused_before_its_firs
     payload, of = Endless(), upload("a", 0)
     huge = replace(of, record=replace(of.record, bytes=60 * MB))
     with pytest.raises(BadInputError, match=r"a sent an image of 60.0 MB, too many for 640x480 pixels"):
-        await session.take_image(huge, aiter(payload), 0)
+        await session.take(ImageBatch(images=(huge,)), aiter(payload), 0)
     assert payload.read == 0
     assert session.status.transfer[0].problem.startswith("a sent an image of 60.0 MB")
 
@@ -100,14 +100,14 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
 ) -> None:
     """40 names with frames of 60 MB each took 2,599 MB of the leader's memory in 80 s."""
     disk_goes_on = threading.Event()
-    append, appending = SessionWriter.append_frames, set[str]()
+    append, appending = SessionWriter.append, set[str]()
 
-    def slow(writer: SessionWriter, camera: str, frames: Iterable[StoredImage]) -> None:
-        appending.add(camera)
+    def slow(writer: SessionWriter, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
+        appending.add(images[0].record.camera)
         disk_goes_on.wait(60)
-        append(writer, camera, frames)
+        append(writer, images, in_videos=in_videos)
 
-    monkeypatch.setattr(SessionWriter, "append_frames", slow)
+    monkeypatch.setattr(SessionWriter, "append", slow)
     frame = small_jpeg(bytes(100_000))
     leader.service._memory = MemoryShares(3 * len(frame))
     machine, other = (introduced(tmp_path, trust, name) for name in ("machine", "other"))
@@ -126,7 +126,7 @@ async def test_frames_of_one_machine_wait_for_the_disk_in_one_share_of_memory(
             await ask(channel, NodeStream(camera=name, instance=instance))
             said = report_of(name, *key, [0]).with_plan(picking=True)
             assert isinstance(await ask(channel, said), wire.ReportAck)
-            await channel.send(wire.FilmPart(frames=(image(name, *key, 0, frame),)), frame)
+            await channel.send(image(name, *key, 0, frame), frame)
             return channel
 
         streams = [await send(machine, name, n + 1) for n, name in enumerate(names)]

@@ -141,7 +141,7 @@ async def test_no_message_of_a_paired_camera_changes_what_is_anothers(field: Fie
                     await channel.send(first)
                     if isinstance(first, wire.NodeStream) and not first.shows:
                         assert isinstance(await channel.receive_header(), wire.ReportAck)
-                payload = FORGERY if isinstance(message, wire.ImageUpload | wire.FilmPart) else b""
+                payload = FORGERY if isinstance(message, wire.ImageBatch) else b""
                 said = None
                 if opening == "on its own viewfinder":
                     await channel.send(message, payload)  # nobody answers there
@@ -164,7 +164,7 @@ async def test_no_run_of_a_paired_camera_joins_under_anothers_name(field: Field)
                 async with await connect(field.near, FromLeader, trust=field.thief) as channel:
                     first = await ask(channel, wire.NodeStream(camera="cam", instance=run))
                     assert isinstance(first, Refusal), first
-                    payload = FORGERY if isinstance(message, wire.ImageUpload | wire.FilmPart) else b""
+                    payload = FORGERY if isinstance(message, wire.ImageBatch) else b""
                     assert isinstance(await ask(channel, message, payload), Refusal | None)
             assert field.state() == before, run
         assert isinstance(said, JoinRefusal | None), said

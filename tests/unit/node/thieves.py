@@ -71,8 +71,8 @@ def report(camera: str, run: int, burst: int, instants: Sequence[int]) -> wire.C
     return wire.CameraReport(leader=run, burst=burst, plan=plan)
 
 
-def image(camera: str, run: int, burst: int, instant: int, data: bytes = FORGERY) -> wire.ImageUpload:
-    """The header of a picture of that burst."""
+def image(camera: str, run: int, burst: int, instant: int, data: bytes = FORGERY) -> wire.ImageBatch:
+    """The message with a picture of that burst."""
     record = ImageRecord(
         camera=camera,
         instant=instant,
@@ -81,7 +81,7 @@ def image(camera: str, run: int, burst: int, instant: int, data: bytes = FORGERY
         bytes=len(data),
         sha256=hashlib.sha256(data).hexdigest(),
     )
-    return wire.ImageUpload(leader=run, burst=burst, record=record)
+    return wire.ImageBatch(images=(wire.ImageUpload(leader=run, burst=burst, record=record),))
 
 
 async def bring(

@@ -106,7 +106,9 @@ def test_a_take_that_lacks_a_third_of_its_images_is_poor_however_well_synchroniz
     )
     verdict = judge(take(image("left", 1, 0), missing=reasons))
     assert verdict.grade == "poor"
-    assert verdict.headline.startswith("poor: 3 of 4 images missing; the rest is ")
+    assert verdict.headline.startswith(
+        "poor: right missing: no image came; 3 of 4 images missing; the rest is "
+    )
 
 
 @pytest.mark.parametrize(("cameras", "grade"), [(1, "fair"), (2, "poor")])
@@ -121,6 +123,12 @@ def test_a_verdict_is_about_the_rig_and_not_about_who_is_left(cameras: int, grad
     assert verdict.headline.startswith(f"{grade}: cam0 missing: lost 0 s before")
     assert (verdict.images, verdict.expected) == (4, 4 + 2 * cameras)
     assert b"absent" not in msgspec.json.encode(whole), "as the sessions of before, which still open"
+
+
+def test_a_camera_without_an_image_is_named_first() -> None:
+    """Its process was killed, and the take of the others was called good."""
+    verdict = judge(take(*(image("left", instant, 0) for instant in (0, 1))))
+    assert verdict.headline.startswith("poor: right missing: no image came; 2 of 4 images missing")
 
 
 def test_the_grades_are_explained_by_the_limits_that_hold() -> None:

@@ -8,6 +8,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
+from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.preview_grid import PreviewTile
@@ -48,7 +49,9 @@ async def test_a_lost_leader_is_said_where_takes_are_made_and_restarted_from_the
         await pilot.pause()
         titles = [tile.title for tile in app.screen.query(PreviewTile)]
         assert all("? cam0" in title and "unknown" in title and "fps" not in title for title in titles)
-        assert "✖ leader lost: 192.168.1.5:47010 does not answer" in text(app, "#shoot-advice")
+        assert "✖ leader lost (l restarts it): 192.168.1.5:47010 does not answer" in text(
+            app, "#shoot-advice"
+        )
         assert text(app, "#footer").startswith(" l Restart leader")
         rig.tell()
         await pilot.pause()
@@ -149,3 +152,37 @@ async def test_what_lies_below_a_dialog_is_still_seen() -> None:
         seen = app.export_screenshot()
         assert "Quit?" in seen
         assert "cam01" in seen
+
+
+async def test_a_lost_leader_is_restarted_without_leaving_the_mode() -> None:
+    app = make_app(rig := FakeRig(3))
+    async with app.run_test(size=(120, 40), notifications=True) as pilot:
+        await pilot.press("2")
+        rig.lose_link()
+        await pilot.pause()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(RigView, "restart_leader", lambda _: None)
+            await pilot.press("l")
+            await pilot.pause()
+        assert app.current_mode == "shoot"
+        assert any("starting a leader at 127.0.0.1:47010" in words for words in toasts(app))
+
+
+async def test_ctrl_c_names_the_key_that_quits() -> None:
+    app = make_app(FakeRig(1))
+    async with app.run_test(notifications=True) as pilot:
+        await pilot.press("ctrl+c")
+        await pilot.pause()
+        assert any("press q to quit" in words for words in toasts(app))
+
+
+async def test_a_window_without_room_says_so() -> None:
+    app = make_app(FakeRig(3))
+    async with app.run_test(size=(40, 10)) as pilot:
+        await pilot.pause()
+        assert not app.screen.query_one(RigView).display or app.screen.query_one(RigView).size.height == 0
+        assert app.screen.query_one("#too-small").display
+        await pilot.resize_terminal(80, 24)
+        await pilot.pause()
+        assert app.screen.query_one(RigView).size.height > 10
+        assert not app.screen.query_one("#too-small").display

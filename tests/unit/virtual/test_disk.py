@@ -92,10 +92,10 @@ def test_images_in_the_folder_of_a_new_spool_survive() -> None:
         spool = Spool(folder / "state" / "spool", "a")
         spool.open()
         burst = spool.create_burst(report("a", 0))
-        burst.add_image(upload("a", 0), IMAGE)
-        burst.sync([upload("a", 0)])
+        burst.add([(upload("a", 0), IMAGE)])
+        burst.sync()
 
-    assert left(keep)["000000.jpg"] == IMAGE
+    assert left(keep)["000001.film"] == IMAGE
 
 
 @pytest.mark.parametrize("steps", range(1, 6))
@@ -136,7 +136,7 @@ def test_a_node_finds_again_what_it_was_killed_in_the_middle_of(steps: int) -> N
         world.disks.kill_after[world.processes["node"]] = steps
         burst = spool.create_burst(report("a", 0, 1))
         for instant in range(2):
-            burst.add_image(upload("a", instant), IMAGE)
+            burst.add([(upload("a", instant), IMAGE)])
         burst.remove()
 
     async def look() -> None:

@@ -4,6 +4,8 @@ const seen = id => document.getElementById(id);
 const STATES = {joining: "joining", syncing: "clock …", aligning: "aligning …", lost: "lost", failed: "stopped"};
 const GOOD = ["ready", "coarse"];
 const MIN_TILE_PX = 104, GAP_PX = 6;
+// A picture says how old it is once it is older than that, or than the newest beside it.
+const OLD_S = 2, APART_S = 0.05;
 const tiles = new Map();
 // Why a picture of a take is absent. The server says it once, also to monitors that did not ask for it.
 const reasons = new Map();
@@ -23,7 +25,7 @@ const link = new Link({
   onMessage(message) { SHOW[message.type](message); },
   onPicture(key, bytes) {
     const [where, ...rest] = key.split("/"), name = rest.join("/");
-    if (where === "live") drawLive(key, name, bytes);
+    if (where === "live") decoding.push(decoded(name, bytes));
     else drawTake(key, bytes);
   },
   onLost(words, isRefused) {
@@ -35,6 +37,7 @@ const link = new Link({
 });
 
 const SHOW = {
+  live({ages_s: ages}) { showTogether(ages); },
   lost({reason}) { rigLost = reason; showState(); },
   rig(rig) {
     seen("advice").dataset.rig = rig.advice;
@@ -44,12 +47,12 @@ const SHOW = {
       const tile = tiles.get(camera.name) || addTile(camera.name);
       tile.camera = camera;
       tile.box.className = `camera ${camera.state}${closeUp === camera.name ? " close" : ""}`;
-      tile.said.textContent = GOOD.includes(camera.state) ? "" : STATES[camera.state] || camera.state;
       tile.box.title = camera.message;
       tile.box.style.order = place;
       if (!tile.box.parentNode) seen("cameras").append(tile.box);
     }
     fitTiles();
+    showAges();
     showState();
   },
   burst(message) {
@@ -93,7 +96,7 @@ function addTile(name) {
   line.append(label, said);
   box.append(canvas, line);
   box.onclick = () => lookAt(closeUp === name ? "" : name);
-  const tile = {box, canvas, said, camera: null, pictures: 0};
+  const tile = {box, canvas, said, camera: null, pictures: 0, moment: null};
   box.dataset.name = name;
   tiles.set(name, tile);
   return tile;
@@ -121,27 +124,51 @@ function lookAt(name) {
   link.say("look", {camera: name});
 }
 
-async function drawLive(key, name, bytes) {
-  let picture = null;
-  try { picture = await createImageBitmap(new Blob([bytes])); } catch { /* not a picture: the next one may be */ }
+// Pictures that are shown together, once the message after them has come.
+let decoding = [];
+
+async function decoded(name, bytes) {
+  try { return [name, await createImageBitmap(new Blob([bytes]))]; } catch { return [name, null]; /* not a picture */ }
+}
+
+async function showTogether(ages) {
+  const waiting = decoding, came = performance.now();
+  decoding = [];
+  const pictures = await Promise.all(waiting);
   // A hidden page draws nothing, so it acknowledges nothing and costs the link nothing.
   requestAnimationFrame(() => {
-    const tile = tiles.get(name);
-    if (tile && picture) {
-      if (tile.canvas.width !== picture.width || tile.canvas.height !== picture.height) {
-        tile.canvas.width = picture.width;
-        tile.canvas.height = picture.height;
-        tile.box.style.aspectRatio = `${picture.width} / ${picture.height}`;
-        aspect = Math.max(...[...tiles.values()].map(one => one.canvas.height / one.canvas.width));
-        fitTiles();
-      }
-      tile.canvas.getContext("2d").drawImage(picture, 0, 0);
-      tile.box.dataset.pictures = ++tile.pictures;
-    }
-    if (picture) picture.close();
-    link.say("seen", {picture: key});
+    for (const [name, picture] of pictures) drawLive(tiles.get(name), picture, came / 1000 - ages[name]);
+    showAges();
+    link.say("seen", {picture: "live"});
   });
 }
+
+function drawLive(tile, picture, moment) {
+  if (!tile || !picture) return;
+  tile.moment = moment;
+  if (tile.canvas.width !== picture.width || tile.canvas.height !== picture.height) {
+    tile.canvas.width = picture.width;
+    tile.canvas.height = picture.height;
+    tile.box.style.aspectRatio = `${picture.width} / ${picture.height}`;
+    aspect = Math.max(...[...tiles.values()].map(one => one.canvas.height / one.canvas.width));
+    fitTiles();
+  }
+  tile.canvas.getContext("2d").drawImage(picture, 0, 0);
+  tile.box.dataset.pictures = ++tile.pictures;
+  picture.close();
+}
+
+function showAges() {
+  const now = performance.now() / 1000, newest = Math.max(...[...tiles.values()].map(tile => tile.moment ?? -Infinity));
+  for (const {box, camera, moment, said} of tiles.values()) {
+    const age = now - moment, old = moment !== null && (age > OLD_S || newest - moment > APART_S);
+    box.classList.toggle("old", old);
+    const ago = !old ? "" : age >= 120 ? `${Math.round(age / 60)} min ago` : `${age.toFixed(age < 1 ? 1 : 0)} s ago`;
+    const state = !camera || GOOD.includes(camera.state) ? "" : STATES[camera.state] || camera.state;
+    said.textContent = [state, ago].filter(Boolean).join(", ");
+  }
+}
+setInterval(showAges, 1000);
 
 function showState() {
   const cameras = [...tiles.values()].map(tile => tile.camera).filter(Boolean);

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.protocol.orders import (
     AddCamera,
@@ -21,6 +21,7 @@ from tests.unit.node.leader.test_operator import (
     leader_at,
     next_of,
 )
+from tests.waiting import time_limit, until
 
 
 async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Path) -> None:
@@ -75,3 +76,33 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
         await asyncio.gather(*removals)
         assert list(nodes.names) == []
         assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
+
+
+async def test_a_camera_whose_process_dies_is_started_again_unless_it_is_removed(tmp_path: Path) -> None:
+    async with (
+        await leader_at(tmp_path / "sessions") as leader,
+        aclosing(LocalNodes(leader.own_address, tmp_path / "spool", leader.log)) as nodes,
+    ):
+        await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        first = nodes._children["desk"].process
+        first.kill()
+        await until(lambda: nodes._children["desk"].process.pid != first.pid)
+        await until(nodes._children["desk"].spoken.is_set)
+        (told,) = [line.text for line in leader.log.after(0) if line.level == "error"]
+        assert told.startswith("desk ended with code -9")
+        assert told.endswith("; it is started again in 1 s")
+        nodes._children["desk"].process.kill()
+        async with time_limit("its end"):
+            await nodes._children["desk"].process.wait()
+        await nodes.remove("desk")
+        assert list(nodes.names) == []
+
+
+async def test_a_camera_that_does_not_open_is_not_started_again(tmp_path: Path) -> None:
+    async with (
+        await leader_at(tmp_path / "sessions") as leader,
+        aclosing(LocalNodes(leader.own_address, tmp_path / "spool", leader.log)) as nodes,
+    ):
+        with pytest.raises(SimulshotError):
+            await nodes.add_camera("sim:nope", "desk")
+        await until(lambda: not nodes.names)

@@ -49,25 +49,27 @@ async def test_a_foreign_origin_or_host_is_refused(served: ServedMonitor) -> Non
         assert status == 200
 
 
-async def test_a_camera_that_is_not_acknowledged_sends_no_further_picture(served: ServedMonitor) -> None:
+async def test_pictures_of_an_instant_come_together_once_the_last_were_drawn(served: ServedMonitor) -> None:
     async with StandInMonitor(served.page) as slow, StandInMonitor(served.page, "1" * 32) as quick:
         await slow.open()
         await quick.open()
-        while len(slow.pictures) < 2:
-            await slow.hear()
-        while min(map(len, quick.pictures.values()), default=0) < 4 or len(quick.pictures) < 2:
-            key = await quick.hear()
-            if "/" in key:
-                await quick.say(type="seen", picture=key)
-        assert {key: len(pictures) for key, pictures in slow.pictures.items()} == {
-            "live/cam00": 1,
-            "live/cam01": 1,
-        }
-        await slow.say(type="seen", picture="live/cam01")
-        while len(slow.pictures["live/cam01"]) < 2:
-            await slow.hear()
-        assert len(slow.pictures["live/cam00"]) == 1
-        assert all(picture.startswith(JPEG_START) for picture in slow.pictures["live/cam01"])
+        while await slow.hear() != "live":
+            pass
+        heard = 0
+        while heard < 8:
+            before = {key: len(pictures) for key, pictures in quick.pictures.items()}
+            while await quick.hear() != "live":
+                pass
+            new = {key for key, pictures in quick.pictures.items() if len(pictures) > before.get(key, 0)}
+            assert new == {f"live/{name}" for name in quick.said["live"]["ages_s"]}
+            assert all(0 <= age_s < 10 for age_s in quick.said["live"]["ages_s"].values())
+            heard += len(new) == 2
+            await quick.say(type="seen", picture="live")
+        assert all(len(pictures) == 1 for pictures in slow.pictures.values()), "it has drawn none yet"
+        await slow.say(type="seen", picture="live")
+        while await slow.hear() != "live":
+            pass
+        assert all(each.startswith(JPEG_START) for pictures in slow.pictures.values() for each in pictures)
 
 
 async def test_an_order_that_cannot_be_is_answered_and_nonsense_ends_the_link(served: ServedMonitor) -> None:

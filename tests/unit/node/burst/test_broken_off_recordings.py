@@ -17,7 +17,7 @@ from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECT
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.bursts import END_LEAD_NS
-from capture_app.protocol.messages import ImageUpload
+from capture_app.protocol.messages import ImageBatch, ImageUpload
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -289,7 +289,7 @@ async def test_an_image_that_comes_while_the_session_is_written_is_not_confirmed
     await bring(session, "a", 0, 1)
     ending = asyncio.create_task(session.finish_now("its disk failed"))
     await until(SlowWriter.ending.is_set)
-    late = asyncio.create_task(session.take_image(frame("a", 2), coming(), 0))
+    late = asyncio.create_task(session.take(ImageBatch(images=(frame("a", 2),)), coming(), 0))
     await asyncio.sleep(0)
     SlowWriter.may_end.set()
     await ending

@@ -15,7 +15,7 @@ from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
-    ImageUpload,
+    ImageBatch,
     Refusal,
     ReportAck,
     ToLeader,
@@ -61,7 +61,7 @@ async def test_a_damaged_image_is_missing_with_the_reason(
     sent = upload("a", 0)
     record = replace(sent.record, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
     with pytest.raises(DamagedImageError, match=f"its image is damaged: {wrong}"):
-        await session.take_image(replace(sent, record=record), chunks(data), 0)
+        await session.take(ImageBatch(images=(replace(sent, record=record),)), chunks(data), 0)
     await receive_image(session, upload("a", 1), chunks(IMAGE))
     if is_video:
         await session.finish_now("the leader was stopped")
@@ -95,11 +95,13 @@ async def test_a_node_reports_a_refused_image_as_missing_and_goes_on(tmp_path: P
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, _ = received
-            if isinstance(message, ImageUpload) and message.record.instant == 1:
-                await channel.send(Refusal.of_error(DamagedImageError("its image is damaged: cut off")))
-            elif isinstance(message, ImageUpload):
-                taken.append(message.record.instant)
-                await channel.send(ImageAck(sha256=message.record.sha256))
+            instants = [image.record.instant for image in getattr(message, "images", ())]
+            if 1 in instants:
+                refused = DamagedImageError("its image is damaged: cut off", instants=(1,))
+                await channel.send(Refusal.of_error(refused))
+            elif isinstance(message, ImageBatch):
+                taken.extend(instants)
+                await channel.send(ImageAck(sha256=message.sha256))
             else:
                 if isinstance(message, CameraReport):
                     reports.append(message)

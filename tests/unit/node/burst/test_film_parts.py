@@ -9,30 +9,30 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, DamagedImageError, DiskError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.protocol.messages import FilmPart, Refusal
+from capture_app.protocol.messages import ImageBatch, Refusal
 from capture_app.session.format.burst_plan import MissingRun
 from tests.images import small_jpeg
 from tests.unit.node.burst.test_broken_off_recordings import begin, recording_of, whole
-from tests.unit.node.bursts import IMAGE, burst_session, pieces, report, upload
+from tests.unit.node.bursts import IMAGE, pieces, report, upload
 
 OTHER = small_jpeg(b"another picture")
 TORN = IMAGE[: len(IMAGE) // 2]
 
 
-def part(*instants: int, data: bytes = IMAGE) -> FilmPart:
+def part(*instants: int, data: bytes = IMAGE) -> ImageBatch:
     frames = [upload("a", instant) for instant in instants]
     told = {"bytes": len(data), "sha256": sha256(data).hexdigest()}
-    return FilmPart(frames=tuple(replace(of, record=replace(of.record, **told)) for of in frames))
+    return ImageBatch(images=tuple(replace(of, record=replace(of.record, **told)) for of in frames))
 
 
-async def bring(session: BurstSession, sent: FilmPart, data: bytes) -> str:
-    return await (await session.take_part(sent, pieces(data), 0))
+async def bring(session: BurstSession, sent: ImageBatch, data: bytes) -> str:
+    return await (await session.take(sent, pieces(data), 0))
 
 
 async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) -> None:
     session = recording_of(tmp_path, "a")
     await begin(session, "a")
-    sent = FilmPart(frames=(*part(0, 1).frames, *part(2, data=OTHER).frames))
+    sent = ImageBatch(images=(*part(0, 1).images, *part(2, data=OTHER).images))
     assert await bring(session, sent, IMAGE + IMAGE + OTHER) == sha256(OTHER).hexdigest()
     # After a broken stream some come again.
     await bring(session, part(1, 3), IMAGE + IMAGE)
@@ -45,7 +45,7 @@ async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) ->
 async def test_a_damaged_frame_costs_no_other_one(tmp_path: Path) -> None:
     session = recording_of(tmp_path, "a")
     await begin(session, "a")
-    sent = FilmPart(frames=(*part(0).frames, *part(1, data=TORN).frames, *part(2).frames))
+    sent = ImageBatch(images=(*part(0).images, *part(1, data=TORN).images, *part(2).images))
     with pytest.raises(DamagedImageError) as refused:
         await bring(session, sent, IMAGE + TORN + IMAGE)
     assert Refusal.of_error(refused.value).damaged == (1,)
@@ -62,7 +62,7 @@ async def test_what_is_damaged_on_its_way_is_asked_for_again(tmp_path: Path, dat
     session = recording_of(tmp_path, "a")
     await begin(session, "a")
     same = small_jpeg(b"a picture of some lengtH")
-    sent = FilmPart(frames=(*part(0).frames, *part(1, data=same).frames))
+    sent = ImageBatch(images=(*part(0).images, *part(1, data=same).images))
     with pytest.raises(TryAgainError):
         await bring(session, sent, data[: 2 * len(IMAGE)])
     assert session.is_empty()
@@ -97,13 +97,9 @@ async def test_a_part_whose_sync_fails_is_not_acknowledged(
     assert [image.instant for image in whole(session.folder).manifest.images] == [0]
 
 
-async def test_only_a_recording_takes_parts_and_only_of_one_camera(tmp_path: Path) -> None:
-    still = burst_session(tmp_path, "a")
-    with pytest.raises(BadInputError):
-        await still.take_part(part(0), pieces(IMAGE), 0)
-    await still.suspend()
+async def test_a_batch_has_images_of_one_camera(tmp_path: Path) -> None:
     session = recording_of(tmp_path, "a", "b")
     await begin(session, "a", "b")
     with pytest.raises(BadInputError):
-        await session.take_part(FilmPart(frames=(upload("a", 0), upload("b", 0))), pieces(IMAGE), 0)
+        await session.take(ImageBatch(images=(upload("a", 0), upload("b", 0))), pieces(IMAGE), 0)
     await session.suspend()

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.errors import DiskFullError, SimulshotError
+from capture_app.common.errors import DiskFullError, TryAgainError
 from capture_app.node.burst.intake import Intake
+from capture_app.protocol.messages import ImageBatch
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
@@ -20,25 +21,24 @@ S = 1_000_000_000
 
 
 class SlowWriter(SessionWriter):
-    """Takes one batch at a time, each until it is let go on; instant 3 finds no room."""
+    """Syncs when it is let go on; the third sync finds no room."""
 
-    batches: list[list[int]]
+    syncs: list[None]
     turns: "queue.Queue[None]"
 
-    def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
-        self.batches.append([image.record.instant for image in images])
+    def sync(self, *cameras: str) -> None:
+        self.syncs.append(None)
         self.turns.get(timeout=10)
-        full = [image.record.instant == 3 for image in images]
-        good = [image for image, has_none in zip(images, full, strict=True) if not has_none]
-        saved = iter(super().save(good, in_videos=in_videos))
-        return [DiskFullError("full") if has_none else next(saved) for has_none in full]
+        if len(self.syncs) == 3:
+            raise DiskFullError("full")
+        super().sync(*cameras)
 
 
 @pytest.fixture(autouse=True)
 def turns(monkeypatch: pytest.MonkeyPatch) -> "queue.Queue[None]":
     turns: queue.Queue[None] = queue.Queue()
     monkeypatch.setattr(SlowWriter, "turns", turns, raising=False)
-    monkeypatch.setattr(SlowWriter, "batches", [], raising=False)
+    monkeypatch.setattr(SlowWriter, "syncs", [], raising=False)
     return turns
 
 
@@ -49,21 +49,41 @@ async def test_images_that_come_during_a_sync_share_the_next(
     burst = Burst(1, range(4), PERIOD_NS, 0, ("a",))
     intake = Intake(writer, DISK, burst, asyncio.Event(), ["a"])
 
-    def add(instant: int) -> "asyncio.Future[str]":
-        return intake.add(StoredImage(upload("a", instant).record, IMAGE))
+    async def receive(instant: int) -> "asyncio.Future[str]":
+        batch = ImageBatch(images=(upload("a", instant),))
+        return await intake.receive(batch, pieces(IMAGE), (640, 480))
 
-    futures = [add(0)]
-    await until(lambda: SlowWriter.batches)
-    futures += [add(instant) for instant in (1, 2, 3)]
-    assert SlowWriter.batches == [[0]]
+    first = await receive(0)
+    await until(lambda: SlowWriter.syncs)
+    others = [await receive(instant) for instant in (1, 2)]
     turns.put(None)
-    assert await futures[0] == upload("a", 0).record.sha256
+    assert await first == upload("a", 0).sha256
     turns.put(None)
-    await asyncio.wait(futures)
-    assert SlowWriter.batches == [[0], [1, 2, 3]]
-    assert [record is not None for record in (writer.image("a", n) for n in range(4))] == [True] * 3 + [False]
+    assert await asyncio.gather(*others) == [upload("a", 1).sha256] * 2
+    assert len(SlowWriter.syncs) == 2
+    last = await receive(3)
+    turns.put(None)
     with pytest.raises(DiskFullError):
-        await futures[3]
+        await last
+    assert [writer.image("a", n) is not None for n in range(4)] == [True, True, True, False]
+    writer.abort()
+
+
+class LosingWriter(SessionWriter):
+    """What is appended is gone, as after a sync that failed between an append and its own sync."""
+
+    def append(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> None:
+        pass
+
+
+@pytest.mark.parametrize("is_video", [False, True], ids=["images", "video"])
+async def test_what_a_failed_sync_removed_is_not_acknowledged(tmp_path: Path, is_video: bool) -> None:
+    writer = LosingWriter.create(tmp_path, "burst-001")
+    burst = Burst(1, range(4), PERIOD_NS, 0, ("a",), streamed=is_video, video=is_video)
+    intake = Intake(writer, DISK, burst, asyncio.Event(), ["a"])
+    saved = await intake.receive(ImageBatch(images=(upload("a", 0),)), pieces(IMAGE), (640, 480))
+    with pytest.raises(TryAgainError):
+        await saved
     writer.abort()
 
 
@@ -80,8 +100,8 @@ async def test_a_long_wait_for_the_disk_is_told(
             patched.setattr(loop, "time", lambda: real() + seconds)
             return session.status.message
 
-    coming = [await session.take_image(upload("a", n), pieces(IMAGE), 0) for n in range(2)]
-    await until(lambda: SlowWriter.batches)
+    coming = [await session.take(ImageBatch(images=(upload("a", n),)), pieces(IMAGE), 0) for n in range(2)]
+    await until(lambda: SlowWriter.syncs)
     assert session.status.message == "", "it has only just begun"
     assert told_after(8.0) == "waiting for the disk: 2 images, 8 s"
     for _ in range(2):

@@ -18,7 +18,7 @@ from capture_app.common.timeouts import (
     MIN_UPLOAD_BYTES_PER_S,
 )
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload, SpoolSpace
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage
@@ -324,8 +324,9 @@ async def test_ground_truth_is_a_simulated_cameras_and_of_its_pixels(
     for name, of in (("a", facts), ("b", CAMERA)):
         record = CameraRecord(name=name, facts=of)
         await session.accept_report(report(name, 0, 1).with_plan(camera=record), now_ns=0)
+    sent = replace(upload("a", 0), truth_bytes=truth_bytes)
     with pytest.raises(BadInputError, match="ground truth"):
-        await session.take_image(replace(upload("a", 0), truth_bytes=truth_bytes), pieces(IMAGE), 0)
+        await session.take(ImageBatch(images=(sent,)), pieces(IMAGE), 0)
     for instant in (0, 1):
         await receive_image(session, upload("b", instant), pieces(IMAGE))
     assert session.session is not None, "its camera is left out, and the others are saved"

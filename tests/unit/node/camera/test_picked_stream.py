@@ -12,15 +12,13 @@ from capture_app.node.burst.plans import check_report
 from capture_app.node.camera.burst_upload import TOO_SLOW, Spool, SpoolFolder, Upload, encode_frame
 from capture_app.protocol.messages import (
     CameraReport,
-    FilmPart,
     ImageAck,
-    ImageUpload,
+    ImageBatch,
     Refusal,
     ReportAck,
     ToLeader,
 )
 from capture_app.session.format.burst_plan import MissingRun
-from capture_app.session.format.manifest import JOURNAL
 from capture_app.sync.rig.frame_selection import Burst
 from tests.unit.net.echoes import received_from
 from tests.unit.node.camera.uploading import Picture, burst_upload, further, uploading
@@ -86,9 +84,9 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, _ = received
-            if isinstance(message, ImageUpload):
-                sent.append((message.burst, message.record.instant))
-                await channel.send(ImageAck(sha256=message.record.sha256))
+            if isinstance(message, ImageBatch):
+                sent.extend((message.burst, image.record.instant) for image in message.images)
+                await channel.send(ImageAck(sha256=message.sha256))
                 continue
             if isinstance(message, CameraReport):
                 reports.append(message)
@@ -118,22 +116,22 @@ async def test_frames_are_sent_as_they_come_and_the_end_is_told(tmp_path: Path) 
 async def test_a_node_that_is_started_again_offers_what_the_spool_has(tmp_path: Path) -> None:
     async def deaf(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
-            if not isinstance(received[0], ImageUpload):
+            if not isinstance(received[0], ImageBatch):
                 await channel.send(ReportAck())
 
     async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
         uploader.add_burst(streamed(1, Picture(b"zero"), Picture(b"one")))
-        # An image is safe when its line is: the file comes before it.
-        journal = tmp_path / "a/00000001-000001" / JOURNAL
-        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 2)
+        # An image is safe when its line is: its bytes come before it.
+        index = tmp_path / "a/00000001-000001/000001.ndjson"
+        await until(lambda: index.exists() and index.read_bytes().count(b"\n") == 2)
 
     reports: list[CameraReport] = []
 
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, _ = received
-            if isinstance(message, ImageUpload):
-                await channel.send(ImageAck(sha256=message.record.sha256))
+            if isinstance(message, ImageBatch):
+                await channel.send(ImageAck(sha256=message.sha256))
                 continue
             if isinstance(message, CameraReport):
                 reports.append(message)
@@ -150,11 +148,11 @@ async def test_a_recording_is_sent_in_parts_and_what_is_damaged_costs_no_other_f
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, payload = received
-            if not isinstance(message, FilmPart):
+            if not isinstance(message, ImageBatch):
                 await channel.send(ReportAck())
                 continue
-            assert payload == b"".join(b"frame %d" % frame.record.instant for frame in message.frames)
-            parts.append([frame.record.instant for frame in message.frames])
+            assert payload == b"".join(b"frame %d" % frame.record.instant for frame in message.images)
+            parts.append([frame.record.instant for frame in message.images])
             if 2 in parts[-1]:
                 refused = DamagedImageError("its image is damaged: cut off", instants=(2,))
                 await channel.send(Refusal.of_error(refused))
@@ -163,7 +161,6 @@ async def test_a_recording_is_sent_in_parts_and_what_is_damaged_costs_no_other_f
 
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
         upload = streamed(1, *(Picture(b"frame %d" % n) for n in range(5)))
-        upload.video = True
         uploader.add_burst(upload)
         await until(lambda: not upload.images and not upload.frames)
         assert parts == [[0, 1, 2, 3, 4], [0, 1, 3, 4]]
@@ -175,13 +172,12 @@ async def test_a_recording_is_sent_in_parts_and_what_is_damaged_costs_no_other_f
 async def test_frames_of_a_recording_wait_in_a_film(tmp_path: Path) -> None:
     async def deaf(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
-            if not isinstance(received[0], FilmPart):
+            if not isinstance(received[0], ImageBatch):
                 await channel.send(ReportAck())
 
     folder = tmp_path / "a/00000001-000001"
     async with uploading(deaf, [], Spool(tmp_path, "a")) as uploader:
         upload = streamed(1, Picture(b"zero"), Picture(b"one"))
-        upload.video = True
         uploader.add_burst(upload)
         await until(lambda: len(upload.images) == 2)
         assert (folder / "000001.film").read_bytes() == b"zeroone"
@@ -194,10 +190,10 @@ async def test_frames_of_a_recording_wait_in_a_film(tmp_path: Path) -> None:
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, payload = received
-            if isinstance(message, FilmPart):
+            if isinstance(message, ImageBatch):
                 sent.append(payload)
             await channel.send(
-                ImageAck(sha256=message.sha256) if isinstance(message, FilmPart) else ReportAck()
+                ImageAck(sha256=message.sha256) if isinstance(message, ImageBatch) else ReportAck()
             )
 
     async with uploading(serve, [], Spool(tmp_path, "a")):
@@ -211,10 +207,10 @@ async def test_frames_after_the_end_are_dropped_and_not_reported_as_lost(tmp_pat
     spool.open()
     whole = burst_upload(*(Picture(b"%d" % n) for n in range(4)))
     folder = spool.create_burst(streamed(1).current_report())
-    folder.add_frames([encode_frame(whole.report, frame) for frame in whole.frames])
+    folder.add([encode_frame(whole.report, frame) for frame in whole.frames])
     folder.film.close()
     upload = Upload.of_spool(SpoolFolder(folder.folder))
-    assert (upload.video, upload.report.plan.instants) == (True, (0, 1, 2, 3))
+    assert upload.report.plan.instants == (0, 1, 2, 3)
     upload.commit(None, 2)
     assert (upload.encoded, upload.lost_instants()) == ((0, 1), [])
     spool.close()

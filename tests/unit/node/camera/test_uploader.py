@@ -16,7 +16,6 @@ from capture_app.protocol.messages import (
     ReportAck,
     ToLeader,
 )
-from capture_app.session.format.manifest import JOURNAL
 from tests.unit.node.camera.uploading import Picture, burst_upload, images, receipts_of, uploading
 from tests.waiting import until
 
@@ -117,9 +116,9 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
         uploader.add_burst(burst_upload(*pictures))
         await down.wait()
-        # An image is safe when its line is: the file comes before it.
-        journal = tmp_path / "a/00000001-000001" / JOURNAL
-        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 3)
+        # An image is safe when its line is: its bytes come before it.
+        index = tmp_path / "a/00000001-000001/000001.ndjson"
+        await until(lambda: index.exists() and index.read_bytes().count(b"\n") == 3)
     down.clear()
     said: list[str] = []
     async with uploading(serve, said, Spool(tmp_path, "a")):

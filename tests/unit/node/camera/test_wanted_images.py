@@ -12,7 +12,7 @@ from capture_app.node.camera.burst_upload import Spool, Upload
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
-    ImageUpload,
+    ImageBatch,
     Refusal,
     ReportAck,
     ToLeader,
@@ -62,20 +62,21 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
     assert reports[-1].plan.missing == (gap,)
 
 
-async def test_images_are_sent_ahead_of_the_answers() -> None:
-    came: list[ImageUpload] = []
+async def test_images_are_sent_ahead_of_the_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("capture_app.node.camera.burst_upload.BATCH_BYTES", 1)
+    came: list[ImageBatch] = []
     done = asyncio.Event()
 
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
-            if not isinstance(received[0], ImageUpload):
+            if not isinstance(received[0], ImageBatch):
                 await channel.send(ReportAck())
                 continue
             came.append(received[0])
             if len(came) == 5:
                 await channel.send(ImageAck())
                 for image in came:
-                    await channel.send(ImageAck(sha256=image.record.sha256))
+                    await channel.send(ImageAck(sha256=image.sha256))
                 done.set()
 
     async with uploading(serve, []) as uploader:
@@ -83,7 +84,7 @@ async def test_images_are_sent_ahead_of_the_answers() -> None:
         uploader.add_burst(burst)
         await done.wait()
         await until(lambda: burst.confirmed == {0, 1, 2, 3, 4})
-    assert [image.record.instant for image in came] == [0, 1, 2, 3, 4]
+    assert [image.record.instant for batch in came for image in batch.images] == [0, 1, 2, 3, 4]
 
 
 async def test_a_cancelled_burst_leaves_nothing_in_the_spool(tmp_path: Path) -> None:
@@ -102,7 +103,8 @@ async def test_a_cancelled_burst_leaves_nothing_in_the_spool(tmp_path: Path) -> 
         uploader.add_burst(burst_upload(*pictures(3)))
         await asked.wait()
         spooled = tmp_path / "a/00000001-000001"
-        await until(lambda: len(list(spooled.glob("*.jpg"))) == 3)
+        index = spooled / "000001.ndjson"
+        await until(lambda: index.exists() and index.read_bytes().count(b"\n") == 3)
         uploader.cancel_burst(1, 1)
         await until(lambda: not spooled.exists())
     assert "burst 1 was cancelled" in said
@@ -161,11 +163,11 @@ async def test_the_leader_hears_of_every_burst_before_it_receives_further_images
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await received_from(channel)) is not None:
             message, _ = received
-            if isinstance(message, ImageUpload):
+            if isinstance(message, ImageBatch):
                 came.append(("image", message.burst))
                 if len(came) == 4:
                     uploader.add_burst(numbered(4, *pictures(1)))
-                await channel.send(ImageAck(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.sha256))
                 continue
             if isinstance(message, CameraReport):
                 came.append(("report", message.burst))
@@ -216,4 +218,4 @@ async def test_only_the_leader_that_ordered_a_burst_can_have_it_deleted(tmp_path
         await asyncio.sleep(0.1)  # long enough for a node that would not wait for the frame to give it up
         slow.may_end.set()
         await until(lambda: any("its images stay in" in line for line in said))
-        assert sorted(file.name for file in (tmp_path / "a").glob("*/*.jpg")) == ["000000.jpg", "000001.jpg"]
+        assert (tmp_path / "a/00000001-000001/000001.film").read_bytes() == b"picture 0picture 1"

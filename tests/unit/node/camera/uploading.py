@@ -19,6 +19,7 @@ from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
+    ImageBatch,
     ImageReceipt,
     ImageUpload,
     Refusal,
@@ -88,12 +89,14 @@ async def images(
     answer: Callable[[CameraReport], ReportAck | Refusal] = lambda _: ReportAck(),
     down: asyncio.Event | None = None,
 ) -> AsyncIterator[tuple[ImageUpload, bytes]]:
-    """Answer what a stream tells, and yield its images, each acknowledged when the next one is asked for."""
+    """Answer what a stream tells, and yield its images; a batch is acknowledged after its last one."""
     while not (down and down.is_set()) and (received := await received_from(channel)) is not None:
         message, payload = received
-        if isinstance(message, ImageUpload):
-            yield message, payload
-            await channel.send(ImageAck(sha256=message.record.sha256))
+        if isinstance(message, ImageBatch):
+            for image in message.images:
+                yield image, payload[: image.bytes]
+                payload = payload[image.bytes :]
+            await channel.send(ImageAck(sha256=message.sha256))
         else:
             await channel.send(answer(message) if isinstance(message, CameraReport) else ReportAck())
 
@@ -101,8 +104,7 @@ async def images(
 def receipts_of(stored: dict[int, bytes]) -> ReportAck:
     """What a leader has of a burst's images, all of them whole."""
     receipts = (
-        ImageReceipt(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
-        for n, data in stored.items()
+        ImageReceipt(instant=n, sha256=hashlib.sha256(data).hexdigest()) for n, data in stored.items()
     )
     return ReportAck(receipts=tuple(receipts))
 

@@ -19,7 +19,7 @@ from capture_app.protocol.messages import (
     CameraReport,
     FromLeader,
     ImageAck,
-    ImageUpload,
+    ImageBatch,
     NodeStream,
     Refusal,
     ReportAck,
@@ -46,7 +46,7 @@ CAMERA = ("a", 1)
 
 
 def copies(folder: Path) -> list[bytes]:
-    return [file.read_bytes() for file in folder.rglob("*.jpg")]
+    return [file.read_bytes() for file in folder.rglob("*.film")]
 
 
 @pytest.mark.parametrize("lie", ["acknowledges", "has it already", "asks for none", "says it is cancelled"])
@@ -73,8 +73,8 @@ async def test_a_relay_that_confirms_images_itself_has_none_deleted(
                     answer = Refusal(what="cancelled", forget=True)
                 elif not signs:
                     answer = ReportAck(proof=sign(root.identity, ("a", 1, 1), ReportAck()))
-            if isinstance(said, ImageUpload):
-                answer = ImageAck(sha256=said.record.sha256)
+            if isinstance(said, ImageBatch):
+                answer = ImageAck(sha256=said.sha256)
             if signs and not isinstance(said, NodeStream):
                 answer = replace(answer, proof=sign(relay.identity, ("a", 1, 1), answer))
             await channel.send(answer)
@@ -105,7 +105,7 @@ async def test_a_cancelled_burst_is_deleted_once_the_root_has_signed_that(tmp_pa
         while (said := await channel.receive_header()) is not None:
             _ = [chunk async for chunk in channel.payload()]
             answer: ReportAck | Refusal = ReportAck()
-            if isinstance(said, ImageUpload):
+            if isinstance(said, ImageBatch):
                 arrived.set()
                 await is_cancelled.wait()
                 answer = Refusal(what="cancelled", forget=True)

@@ -22,8 +22,8 @@ from capture_app.protocol.messages import (
     CameraReport,
     FromLeader,
     ImageAck,
+    ImageBatch,
     ImageReceipt,
-    ImageUpload,
     NodeStream,
     Refusal,
     ReportAck,
@@ -32,7 +32,7 @@ from capture_app.protocol.messages import (
 )
 from capture_app.protocol.pairing_messages import EnrolRequest, PairingMessage, PairingProof
 from capture_app.session.format.journal import record_of_line
-from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
+from capture_app.session.format.manifest import ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from tests.unit.net.echoes import received_from
 from tests.unit.node import bursts
@@ -100,7 +100,7 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
             for message in (report, SpoolSpace(camera="cam0", free_bytes=0, spool="/")):
                 await channel.send(message)
                 assert "may not send for" in (await answer(channel)).what
-            await channel.send(forged, FORGED)
+            await channel.send(ImageBatch(images=(forged,)), FORGED)
             assert "may not send for" in (await answer(channel)).what
             await channel.send(NodeStream(camera="cam0", instance=UNKNOWN_PEER, shows=True))
             assert isinstance(await answer(channel), Refusal)
@@ -112,7 +112,8 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
             assert isinstance(await answer(channel), ReportAck)
             await channel.send(report)
             assert (await answer(channel)).receipts == (), "nothing has been put in its place"
-            await channel.send(of_burst(leader, burst, bursts.upload("cam0", 0)), bursts.IMAGE)
+            sent = of_burst(leader, burst, bursts.upload("cam0", 0))
+            await channel.send(ImageBatch(images=(sent,)), bursts.IMAGE)
             assert isinstance(await answer(channel), ImageAck)
         async with stream(leader, "stranger", UNKNOWN_PEER) as channel:
             assert isinstance(await answer(channel), ReportAck)
@@ -153,13 +154,15 @@ async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) 
         while (received := await received_from(channel)) is not None:
             match received[0]:
                 case CameraReport():
-                    told = (
-                        ImageReceipt(instant=n, sha256=of, bytes=1, stored=True) for n, of in stored.items()
-                    )
+                    told = (ImageReceipt(instant=n, sha256=of) for n, of in stored.items())
                     await channel.send(ReportAck(receipts=tuple(told)))
-                case ImageUpload(record=record):
-                    has = stored.setdefault(record.instant, record.sha256)
-                    await channel.send(ImageAck(sha256=has))
+                case ImageBatch(images=images):
+                    sent = {image.record.instant: image.sha256 for image in images}
+                    if any(stored.get(n, of) != of for n, of in sent.items()):
+                        await channel.send(Refusal(what="another image was sent before", retry=True))
+                    else:
+                        stored.update(sent)
+                        await channel.send(ImageAck(sha256=images[-1].sha256))
                 case _:
                     await channel.send(ReportAck())
 
@@ -169,8 +172,7 @@ async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) 
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1"), Picture(b"2")))
         await until(lambda: any("different images" in line for line in said))
         assert stored[0] == hashlib.sha256(b"0").hexdigest()
-        await until(lambda: [file.name for file in folder.glob("*.jpg")] == ["000001.jpg"])
-        assert (folder / "000001.jpg").read_bytes() == b"1"
+        assert (folder / "000001.film").read_bytes() == b"012"
         assert any(str(folder) in line for line in said)
         # Another leader, or this one when it has thought better of it, still gets it.
         del stored[1]
@@ -203,7 +205,7 @@ async def test_a_report_leaves_a_finished_session_as_it_is(tmp_path: Path) -> No
     lie = bursts.report("a", missing=())
     told = await resumed.answer_finished(lie.with_plan(camera=replace(lie.plan.camera, facts=ODD)), "")
     assert told is not None
-    assert [(of.instant, of.stored) for of in told.receipts] == [(0, True), (1, True)]
+    assert [of.instant for of in told.receipts] == [0, 1]
     assert {of.sha256 for of in told.receipts} == {hashlib.sha256(bursts.IMAGE).hexdigest()}
     assert resumed.sessions() == ()
     assert contents(session.folder) == before
@@ -240,10 +242,10 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
     spool = Spool(tmp_path, "a")
     assert spool.open() == []
     burst = spool.create_burst(bursts.report("a", 0, 1))
-    burst.add_image(bursts.upload("a", 0), bursts.IMAGE)
-    with (burst.folder / JOURNAL).open("ab") as journal:
+    burst.add([(bursts.upload("a", 0), bursts.IMAGE)])
+    with (burst.folder / "000001.ndjson").open("ab") as journal:
         journal.write(DEEP + b"\n")
-    assert [image.record.instant for image in burst.read_images()] == [0]
+    assert [image.record.instant for image in burst.film.recover()] == [0]
     (burst.folder / REPORT).write_bytes(DEEP)
     with pytest.raises(BadInputError, match=REPORT):
         burst.read_report()

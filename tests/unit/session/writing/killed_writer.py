@@ -42,7 +42,6 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, verify
 from capture_app.session.writing.image_store import StoredImage
-from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 from tests.project import ROOT
@@ -84,7 +83,7 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
 
     ways: dict[str, Callable[[], None]] = {
         "images": lambda: add(0),
-        "batches": lambda: add_batches(writer, root / NAME, confirmed),
+        "batches": lambda: add_batches(writer, confirmed),
         "videos": lambda: add_frames(writer, confirmed),
     }
     workers = [threading.Thread(target=add, args=(mine,)) for mine in range(1, threads)]
@@ -98,12 +97,11 @@ def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") 
     REAL["write"](confirmed, b"\xff\xff")
 
 
-def add_batches(writer: SessionWriter, folder: Path, confirmed: int) -> None:
+def add_batches(writer: SessionWriter, confirmed: int) -> None:
     """Save the images of two instants at a time."""
     for instant in range(0, INSTANTS, 2):
         batch = [(camera, instant + n) for n in range(2) for camera in range(CAMERAS)]
-        for error in writer.save([received(folder, *of) for of in batch]):
-            assert error is None
+        writer.save([received(*of) for of in batch])
         REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
 
@@ -112,17 +110,13 @@ def add_frames(writer: SessionWriter, confirmed: int) -> None:
     for instant in range(0, INSTANTS, 2):
         for camera in range(CAMERAS):
             batch = [(camera, instant), (camera, instant + 1)]
-            assert writer.save([new_frame(*of) for of in batch], in_videos=True) == [None, None]
+            writer.save([new_frame(*of) for of in batch], in_videos=True)
             REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
 
-def received(folder: Path, camera: int, instant: int) -> StoredImage:
-    """An image whose transfer has just ended."""
-    record = record_of(camera, instant)
-    file = folder / INCOMING / f"{record.camera}.{instant}"
-    file.parent.mkdir(exist_ok=True)
-    file.write_bytes(picture(camera, instant))
-    return StoredImage(record, file, b"truth", PERIOD_NS * instant)
+def received(camera: int, instant: int) -> StoredImage:
+    """An image with its ground truth."""
+    return StoredImage(record_of(camera, instant), picture(camera, instant), b"truth", PERIOD_NS * instant)
 
 
 def new_frame(camera: int, instant: int) -> StoredImage:

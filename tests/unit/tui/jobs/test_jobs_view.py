@@ -15,10 +15,10 @@ from capture_app.protocol.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.jobs.run import COMMANDS, RunState
+from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
 from capture_app.tui.widgets.row_list import RowList
-from capture_app.tui.widgets.whole_screen import KeyFooter
 from tests.unit.tui.driving import make_app, settle, toasts, until
 from tests.unit.tui.fake_rig import FakeRig
 from tests.unit.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama

@@ -69,7 +69,7 @@ class Studio:
         quiet = 0
         while quiet < 4:
             await pilot.pause()
-            brief = {"judging", "trash", "thumbs", "previews", "default", "measuring"}
+            brief = {"judging", "trash", "thumbs", "previews", "default", "measuring", "drawing"}
             workers = [worker for worker in self.app.workers if worker.group in brief]
             if workers:
                 # One that a later one has cancelled is over, too.

@@ -306,6 +306,22 @@ def test_a_recording_of_a_planned_length_ends_by_itself() -> None:
     assert progress_words(take, 109.0) == "recorded 0:05; 0 of 180 frames saved"
 
 
+def test_a_wait_says_for_what_and_how_long() -> None:
+    status = BurstStatus(
+        burst=2, name="run", recording=True, cameras=2, instants=90, received=0, expected=180, ended=True
+    )
+    first, second = (
+        Take(replace_fields(status, name=name), begun_s=100.0, ended_s=105.0) for name in ("walk", "run")
+    )
+    takes = [first, second]
+    assert progress_words(second, 106.0, takes) == "recorded 0:05; waits until walk is saved"
+    first.status = replace_fields(first.status, done=True)
+    for now_s, received in ((110.0, 20), (120.0, 60)):
+        second.status = replace_fields(second.status, received=received)
+        second.note_saved(now_s)
+    assert progress_words(second, 120.0, takes) == "recorded 0:05; 60 of 180 frames saved, some 30 s left"
+
+
 async def test_a_recording_that_others_ended_is_not_stopped_once_more(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)

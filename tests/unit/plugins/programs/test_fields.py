@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.plugins.footage.sound import read_sound
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.import_options import ImportOptions
@@ -40,7 +41,7 @@ def caliscope(folder: Path, fields: dict[str, Any]) -> Path:
 
 
 def pose2sim(folder: Path, fields: dict[str, Any]) -> Path:
-    table = {"name": "0", "size": [640.0, 480.0], "matrix": K, "distortions": [0.0] * 4}
+    table: dict[str, Any] = {"name": "0", "size": [640.0, 480.0], "matrix": K, "distortions": [0.0] * 4}
     table |= {"rotation": [0.0] * 3, "translation": [0.0] * 3, "fisheye": False} | fields
     path = folder / "Calib.toml"
     lines = "".join(f"{key} = {json.dumps(of)}\n" for key, of in table.items())
@@ -312,3 +313,34 @@ def test_a_field_of_a_video(
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image[20, 20].tolist() == pytest.approx(bgr, abs=3)
+
+
+def test_lengths_of_freemocap_are_mm(tmp_path: Path) -> None:
+    """Its calibration does not say so; that of another program in the same format is in metres."""
+    folder = tmp_path / "take"
+    (folder / "synchronized_videos").mkdir(parents=True)
+    video(folder / "synchronized_videos" / "take.id-0.idx-0.mp4")
+    path = freemocap(folder, {"translation": [1500.0, 0.0, -250.0]})
+    assert read(path).translation == (1500.0, 0.0, -250.0)
+    calibration = import_recording([str(folder)], tmp_path, "s", ImportOptions()).calibration()
+    assert calibration is not None
+    assert calibration.unit == "m"
+    assert calibration.cameras["0"].translation == pytest.approx((1.5, 0.0, -0.25))
+
+
+@pytest.mark.parametrize(
+    ("layout", "loud"), [("mono", [True]), ("stereo", [True, False]), ("stereo", [False, True])]
+)
+def test_each_channel_of_a_sound_is_read(layout: str, loud: list[bool], tmp_path: Path) -> None:
+    """One may have a timecode and the other the room: they are not summed."""
+    with av.open(str(tmp_path / "a.mov"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=48_000, layout=layout)
+        wave = (8000 * np.sin(np.arange(48_000) / 20)).astype(np.int16)
+        samples = np.stack([wave * one for one in loud], axis=1).reshape(1, -1)
+        frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples), format="s16", layout=layout)
+        frame.sample_rate = 48_000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    channels, _ = read_sound(tmp_path / "a.mov")
+    assert len(channels) == 2 or layout == "mono"
+    assert [bool(np.abs(one).max() > 0.1) for one in channels][: len(loud)] == loud

@@ -282,7 +282,9 @@ def with_repeats(
     names = [name for name in repeated if repeated[name] or stalled[name]]
     if not names or timing.offset:
         return timing
-    return _denied(timing, timing.reason or f"{' and '.join(names)} repeats images, or shows a moment twice")
+    odd = {k for name in names for k in (*repeated[name], *stalled[name])}.union(timing.disagreeing)
+    reason = timing.reason or f"{' and '.join(names)} repeats images, or shows a moment twice"
+    return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(odd)))
 
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:

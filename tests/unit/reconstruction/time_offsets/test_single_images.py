@@ -9,7 +9,7 @@ import pytest
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.commands.time import time_lines
 from reconstruction.common.geometry import Array
-from reconstruction.method.timing import Timing, judge_timing, with_repeats
+from reconstruction.method.timing import Timing, judge_timing, with_curve_peak, with_repeats
 from reconstruction.report.findings import timing_sentences
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
@@ -133,6 +133,9 @@ def test_a_take_that_shows_moments_twice_is_not_certified() -> None:
         assert not timing.synchronized
         assert timing.same_frame_ms is None
         assert not timing.offset
+        # Nor by the depth that most images have together.
+        assert with_curve_peak(timing, [0.0] * 4, PERIOD_MS) == timing
+    assert with_curve_peak(sure, [0.0] * 4, PERIOD_MS).same_frame_ms is not None
     text = timing_sentences(with_repeats(sure, nothing, {"L": (), "R": (6, 10)}))
     assert "R's images at 6, 10 show the moment of the image before" in text
 

@@ -8,7 +8,7 @@ import click
 
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from reconstruction.time_offsets.camera_time import CameraTime
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Pair the images of an imported session again where a camera dropped or repeated frames.",
 )
-@memory_option
-@checksums_option
 @json_option
 def time_command(
     session: Path, reference: str | None, apply: bool, repair_drops: bool, as_json: bool
@@ -73,7 +71,7 @@ def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterato
 
 
 def _advice(result: "TimeResult") -> str:
-    dropped = any(one.change and one.change.steps for one in result.cameras.values())
+    dropped = any(camera.change and camera.change.steps for camera in result.cameras.values())
     return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 

@@ -127,8 +127,8 @@ def measure_pair_timing(
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
-    found = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
-    first = next(name for name, one in found.items() if one.sd_ms == 0)
+    rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
+    first = next(name for name, one in rig_offsets.items() if one.sd_ms == 0)
     judged = (
         measure_pair_timing(
             offsets,
@@ -137,7 +137,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px, change=one.change or UNCHANGED
             ),
         )
-        for name, one in found.items()
+        for name, one in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))
@@ -186,11 +186,14 @@ def judge_timing(
             offset=True,
             reason=fit.change.describe(other, reference),
         )
-    odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
+    odd = sum(
+        abs(instant.late_ms - late) > max(ODD_INSTANT_SIGMAS * instant.sd_ms, limit_ms)
+        for instant in instants
+    )
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
-        low, high = (end(one.late_ms for one in instants) for end in (min, max))
+        low, high = (end(instant.late_ms for instant in instants) for end in (min, max))
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
@@ -213,7 +216,7 @@ def judge_timing(
     reason = next((text for text, holds in doubts.items() if holds), "")
     # The frame needs far less evidence: only its neighbours must be excluded.
     same = is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms) and all(
-        abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
+        abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
     same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
@@ -250,8 +253,8 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     """
     if not instants:
         return 0.0
-    variances = np.array([one.sd_ms for one in instants]) ** 2
-    scatter = np.array([one.late_ms - late_ms for one in instants]) ** 2
+    variances = np.array([instant.sd_ms for instant in instants]) ** 2
+    scatter = np.array([instant.late_ms - late_ms for instant in instants]) ** 2
     # The 5 % quantile of chi-squared (Wilson and Hilferty 1931).
     part = 2 / (9 * len(instants))
     least = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
@@ -387,4 +390,4 @@ class SessionTiming(Struct, frozen=True, kw_only=True):
     @property
     def together(self) -> frozenset[str]:
         """Cameras that show the same instant as the reference, including the reference."""
-        return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
+        return frozenset({self.reference, *(camera.other for camera in self.cameras if camera.synchronized)})

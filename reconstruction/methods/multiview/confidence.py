@@ -117,11 +117,14 @@ def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tu
     """Return the evidence by other views, and the motion in them by `TOLERANCE` of the depth, px."""
     level = surface.inverse_depth
     agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
+    cosine = float(np.cos(np.radians(MAX_ANGLE_DEG)))
     for view, other in voters:
-        same, sees = CPU.compare(level, view, other.inverse_depth, _agreement(TOLERANCE))
+        same, sees = CPU.compare(
+            level, view, other.inverse_depth, Agreement(TOLERANCE, TOLERANCE, 0.0, cosine)
+        )
         agreeing += same
         able += sees
-        close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
+        close += CPU.compare(level, view, other.inverse_depth, Agreement(CLOSE, CLOSE, 0.0, cosine))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
     return (agreeing + CLOSELY * close) / (able + AGAINST), worth
 
@@ -139,10 +142,6 @@ def _surroundings(view: ViewDepth, surface: Surface) -> Array:
         + HOLES * holes
         + UNEVEN * np.minimum(uneven / MAX_UNEVEN, 1)
     )
-
-
-def _agreement(relative: float) -> Agreement:
-    return Agreement(relative, relative, 0.0, float(np.cos(np.radians(MAX_ANGLE_DEG))))
 
 
 def _moved_px(view: SourceView, level: Array) -> Array:

@@ -96,8 +96,6 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     cloud_points: int
     mesh_triangles: int
     files: tuple[str, ...]
-    seconds_of: dict[str, float]
-    """Wall-clock seconds of each stage."""
 
     @property
     def basis(self) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Stereo(Method, frozen=True, kw_only=True):
     """Depth from one pair of cameras, with its confidence.
 
-    `pair` None = chosen, `other_instant` None = as the condition has it.
+    `pair` None = chosen.
     """
 
     name = "stereo"
@@ -27,16 +27,6 @@ class Stereo(Method, frozen=True, kw_only=True):
     help = "Compute a depth map from two cameras of SESSION, with its confidence and a picture."
     examples = ("stereo sessions/burst-001 --pair cam00,cam01 --out depth",)
 
-    other_instant: Annotated[
-        int | None,
-        command_flag(
-            "--other-instant",
-            ge=0,
-            metavar="K",
-            show_default="the same",
-            help="Take the second camera's image from this instant.",
-        ),
-    ] = None
     instants: tuple[int, ...] | None = None
     """Instants of `run`; None = `instant` alone."""
     pair: Annotated[
@@ -54,7 +44,6 @@ class Stereo(Method, frozen=True, kw_only=True):
             condition,
             output.folder,
             instant=self.instant,
-            other_instant=self.other_instant,
             asked=self.pair,
             progress=self.progress,
         )

@@ -246,7 +246,7 @@ def _triples(matches: Groups) -> Groups:
         pair: {tuple(x): tuple(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)}
         for pair, (a, b) in matches.items()
     }
-    found: Groups = {}
+    triples: Groups = {}
     for a, b, c in combinations(sorted({name for pair in matches for name in pair}), 3):
         if not {(a, b), (b, c), (a, c)} <= partner.keys():
             continue
@@ -256,8 +256,8 @@ def _triples(matches: Groups) -> Groups:
             if (z := partner[a, c].get(x)) is not None and partner[b, c].get(y) == z
         ]
         if len(tracks) >= MIN_TRACKS:
-            found[a, b, c] = np.array(tracks).transpose(1, 0, 2)
-    return found
+            triples[a, b, c] = np.array(tracks).transpose(1, 0, 2)
+    return triples
 
 
 def _errors_px(views: Mapping[str, View], names: Sequence[str], pixels: Array) -> Array:
@@ -282,8 +282,8 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     """
     rays = [view.rays(at) for view, at in zip(views, pixels, strict=True)]
     poses = [np.column_stack([view.rotation, view.translation]) for view in views]
-    found = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
-    points = found[:, :3] / np.where(np.abs(found[:, 3:]) < 1e-12, 1e-12, found[:, 3:])
+    homogeneous = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
+    points = homogeneous[:, :3] / np.where(np.abs(homogeneous[:, 3:]) < 1e-12, 1e-12, homogeneous[:, 3:])
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
     units = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     towards = sum(unit @ view.rotation for unit, view in zip(units, views, strict=True))

@@ -56,7 +56,7 @@ def time_command(
     aligned = f"{session}: aligned by motion" if result.applied else ""
     repaired = f"{session}: images paired again" if result.repaired else _advice(result)
     changes = change_lines(result.reference, result.cameras)
-    answer(as_json, result, filter(None, (*_lines(result), *changes, aligned, repaired)))
+    answer(as_json, result, filter(None, (*time_lines(result), *changes, aligned, repaired)))
 
 
 def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
@@ -75,7 +75,8 @@ def _advice(result: "TimeResult") -> str:
     return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 
-def _lines(result: "TimeResult") -> Iterator[str]:
+def time_lines(result: "TimeResult") -> Iterator[str]:
+    """Yield each camera's offset, or why it is unknown."""
     for name, found in result.cameras.items():
         if found.offset_ms is None or found.sd_ms is None:
             yield f"{name}: unknown: {found.reason}"
@@ -89,6 +90,6 @@ def _lines(result: "TimeResult") -> Iterator[str]:
                 more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
                 more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
-            if found.planned_ms:
-                more += f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
-            yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            plan = f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
+            said = f"{found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            yield f"{name}: {said}{plan if found.planned_ms else ''}"

@@ -21,7 +21,7 @@ from reconstruction.time_offsets.crossings import (
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
-from reconstruction.time_offsets.single_images import SingleImages
+from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -118,7 +118,9 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
-    timing = with_repeats(timing, {name: offsets.repeated(name) for name in cameras})
+    timing = with_repeats(
+        timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
+    )
     timing = without_common_times(timing, dataset.unsynchronized)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
@@ -274,12 +276,18 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
     )
 
 
-def with_repeats(timing: Timing, repeated: Mapping[str, tuple[int, ...]]) -> Timing:
-    """Return the judgement of cameras that repeat images at some instants: never synchronized."""
-    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=repeated[timing.other]))
-    if not (names := [name for name, instants in repeated.items() if instants]) or timing.offset:
+def with_repeats(
+    timing: Timing, repeated: Mapping[str, tuple[int, ...]], stalled: Mapping[str, tuple[int, ...]]
+) -> Timing:
+    """Return the judgement of cameras that repeat images, or show a moment twice: never synchronized."""
+    images = structs.replace(timing.images, repeated=repeated[timing.other], stalled=stalled[timing.other])
+    timing = structs.replace(timing, images=images)
+    names = [name for name in repeated if repeated[name] or stalled[name]]
+    if not names or timing.offset:
         return timing
-    return _denied(timing, timing.reason or f"{' and '.join(names)} repeats images")
+    odd = {k for name in names for k in (*repeated[name], *stalled[name])}.union(timing.disagreeing)
+    reason = timing.reason or f"{' and '.join(names)} repeats images, or shows a moment twice"
+    return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(odd)))
 
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:

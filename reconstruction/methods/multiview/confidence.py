@@ -55,6 +55,9 @@ ASSUMED_MISFIT_PX = 0.2
 MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.08, 1.2
 """Standard deviations of a match and of a perfect calibration's misfit, and that of errors by the calibration
 relative to the rest of its misfit."""
+UNSEEN_PX = {2: 0.3}
+"""Standard deviation of errors that no point shows, by the number of cameras: a turn sideways of one of two
+shifts all disparities."""
 
 
 class DepthSupport(NamedTuple):
@@ -80,12 +83,13 @@ class DepthSupport(NamedTuple):
 
         Points show errors across their epipolar lines only, depth suffers from those along them, and few
         cameras have few errors: the misfit tells the size of the others with an uncertainty that Student's t
-        has, with a degree of freedom for each camera.
+        has, with a degree of freedom for each camera. Two cameras' points show none along the lines, which is
+        taken to be `UNSEEN_PX`.
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
         pose_px = POSE_FACTOR * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px, UNSEEN_PX.get(self.cameras, 0.0)))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
         freedom = self.cameras * (sigma_px / max(pose_px, 1e-3)) ** 4
         # Student's t as a normal deviate (Wallace 1959).

@@ -49,6 +49,7 @@ from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
+from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 
@@ -151,6 +152,7 @@ def model_instant(
     reference = found.reference
     image, depth = images[reference], maps[reference].depth
     own = next(view for view in scored if view.camera == reference)
+    others = [view for name, view in views.items() if name != reference]
     ranges = [rough.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
@@ -164,6 +166,7 @@ def model_instant(
         **{name: getattr(own, name) for name in FIGURES},
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if checked is None else checked.points,
+        turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,
         scale_error=round(scene.scale_error, 4),
         movers_1cm=moving_score,
         moving_measured=measured_fraction(image, depth) if early is not None else None,

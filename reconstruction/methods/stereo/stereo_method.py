@@ -68,11 +68,15 @@ class Stereo(Method, frozen=True, kw_only=True):
             yield f"left out: {describe_left_out(result.pairs_left_out)}"
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the range of the depth, and its accuracy if that is known; see `Method.lines`."""
+        """Yield the range of the depth, and its accuracy as far as that is known; see `Method.lines`."""
+        from reconstruction.scene.calibration.consistency import describe_turn
+
         yield (
             f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
             f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
         )
+        if result.turn_error is not None:
+            yield describe_turn(result.turn_error)
         if result.within_2pct is not None:
             yield f"within 2 % of the truth: {100 * result.within_2pct:.1f} %"
         yield f"depth: {out / result.depth}, picture: {out / result.picture}"

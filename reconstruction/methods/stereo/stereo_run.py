@@ -23,6 +23,7 @@ from reconstruction.methods.stereo.stereo_pair import (
     StereoPair,
     find_disparity_range,
 )
+from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
@@ -74,6 +75,8 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     why: str = ""
     left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Cameras without an image of the instant, with the reason."""
+    turn_error: float | None = None
+    """Relative error of the median depth by a turn that two cameras do not show."""
     pairs_left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Reasons why pairs cannot make depth, by the two names separated by a comma."""
 
@@ -263,4 +266,5 @@ def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(filled, judged),
         calibration=scene.source,
+        turn_error=turn_error(scene.views[reference], scene.views[found.cameras[1]], depth),
     )

@@ -8,8 +8,8 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
-    "CalibrateOptions": "scene.calibration.calibration_run",
-    "CalibrationSource": "scene.calibration.calibration_run",
+    "CalibrateOptions": "scene.calibration_run",
+    "CalibrationSource": "scene.calibration_run",
     "CompareOptions": "compare.comparison",
     "Condition": "scene.conditions",
     "open_session": "reconstructed_session",

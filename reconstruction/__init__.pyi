@@ -15,8 +15,8 @@ from reconstruction.methods.stereo.stereo_run import MadeStereo
 from reconstruction.methods.view.view_method import ViewMethod as ViewMethod
 from reconstruction.methods.view.view_run import MadeView
 from reconstruction.reconstructed_session import ReconstructedSession
-from reconstruction.scene.calibration.calibration_run import CalibrateOptions as CalibrateOptions
-from reconstruction.scene.calibration.calibration_run import CalibrationSource as CalibrationSource
+from reconstruction.scene.calibration_run import CalibrateOptions as CalibrateOptions
+from reconstruction.scene.calibration_run import CalibrationSource as CalibrationSource
 from reconstruction.scene.conditions import Condition as Condition
 
 class _OurMethods(ReconstructedSession):
@@ -29,7 +29,6 @@ class _OurMethods(ReconstructedSession):
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
         instant: int = 0,
-        other_instant: int | None = None,
         pair: tuple[str, str] | None = None,
     ) -> MadeStereo: ...
     def multiview(
@@ -46,7 +45,6 @@ class _OurMethods(ReconstructedSession):
         condition: Condition = ...,
         out: str | PathLike[str] | None = None,
         instant: int = 0,
-        offset_ms: float | None = None,
         pair: tuple[str, str] | None = None,
         register_at: int | None = None,
     ) -> Made[PanoramaResult]: ...

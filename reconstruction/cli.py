@@ -10,7 +10,7 @@ import click
 
 from capture_app import __version__
 from capture_app.common.errors import ExitCode, SimulshotError
-from capture_app.console.terminal import run_command_line
+from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
 from reconstruction.commands.calibrate import board, calibrate
@@ -19,16 +19,17 @@ from reconstruction.commands.live import live
 from reconstruction.commands.method_command import method_command
 from reconstruction.commands.movers import movers
 from reconstruction.commands.time import time_command
+from reconstruction.common.memory import limited_memory
 from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
+from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import methods
-
 
 SENTENCE = 200
 """Length to which the help shows a command's sentence, in characters: it is wrapped, not cut."""
 
 
 class _Application(click.Group):
-    """Group of the commands, in which no error ends in a traceback."""
+    """Group of the commands, which keep to a memory budget, and in which no error ends in a traceback."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write each command with its whole sentence."""
@@ -38,9 +39,16 @@ class _Application(click.Group):
             )
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; report an unexpected exception as an error that names its origin."""
+        """Run the command, and say what the memory budget and damaged images changed.
+
+        An unexpected exception becomes an error that names its origin.
+        """
         try:
-            return super().invoke(ctx)
+            with limited_memory() as budget, checked_pictures() as checks:
+                done = super().invoke(ctx)
+            for note in (*checks.notes, *budget.notes):
+                talk(note)
+            return done
         except (SimulshotError, click.ClickException, click.exceptions.Exit, click.Abort, OSError):
             raise
         except Exception as error:

@@ -24,10 +24,8 @@ from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.depth.live_depth import LiveDepth
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, methods
-from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
+from reconstruction.scene.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
-from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
 
@@ -37,8 +35,8 @@ class MadeComparison(Made[CompareResult]):
 
     def per_instant(self, study: str) -> dict[str, Array]:
         """Return a study's measurements at each instant, float64 by name, NaN = not measured."""
-        found = self.result.study(study)
-        rows = found.per_instant if found is not None else ()
+        result = self.result.study(study)
+        rows = result.per_instant if result is not None else ()
         return {
             name: np.array([row.get(name) for row in rows], np.float64)
             for name in dict.fromkeys(name for row in rows for name in row)
@@ -90,19 +88,18 @@ class ReconstructedSession(OpenSession):
 
         Raises as `frame` and `Frame.bgr` do, and NotApplicableError if the camera has one frame only.
         """
-        found = self.frame(camera, instant).record
-        self._motion.require_several_images([camera])
-        return self._motion.detected_moving(found.camera, found.instant)
+        record = self.frame(camera, instant).record
+        self._scene.motion.require_several_images([camera])
+        return self._scene.motion.detected_moving(record.camera, record.instant)
 
     def live_depth(self, width_px: int = 320) -> LiveDepth:
         """Return what computes depth of this rig's previews, by this session's calibration.
 
         Raises BadInputError if it has none.
         """
-        scene = Scene(Dataset.open(self.folder))
-        if scene.given is None:
+        if self._scene.given is None:
             raise BadInputError(f"{self.name} has no calibration", hint="calibrate() computes one")
-        return LiveDepth(scene.views, width_px)
+        return LiveDepth(self._scene.views, width_px)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""
@@ -113,13 +110,13 @@ class ReconstructedSession(OpenSession):
         """Calibrate the cameras and save the calibration in the session."""
         with silence():
             result = calibrate(self.folder, options or CalibrateOptions())
-        for stale in ("cameras", "_motion"):
+        for stale in ("cameras", "_scene"):
             self.__dict__.pop(stale, None)
         return result
 
     @cached_property
-    def _motion(self) -> SceneMotion:
-        return SceneMotion(Dataset.open(self.folder), step=1)
+    def _scene(self) -> Scene:
+        return Scene.open(self.folder)
 
 
 def open_session(session: str | PathLike[str] | Session) -> ReconstructedSession:

@@ -80,7 +80,7 @@ def ours(pair: RectifiedPair) -> FilledDepthMap:
     ]
     matcher = StereoPair(views[0], views[1], (0, pair.count - 2))
     grey = (cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for picture in (pair.left, pair.right))
-    return matcher.compute_filled_depth(*grey)
+    return matcher.compute_both(*grey)[1]
 
 
 def disparity(depth: Array) -> Array:

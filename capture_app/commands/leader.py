@@ -68,17 +68,11 @@ if TYPE_CHECKING:
     help="Also run a camera of this machine. Repeatable.",
 )
 @click.option(
-    "--align",
-    type=click.Choice(["first-row", "mid-exposure"]),
-    default="first-row",
-    help="Alignment point within a frame: start of the first row, or mid-exposure of the row --align-row.",
-)
-@click.option(
     "--align-row",
     type=FiniteRange(0.0, 1.0),
     metavar="FRACTION",
-    default=0.5,
-    help="With --align mid-exposure: the row, as a fraction of the image height from the top.",
+    show_default="the start of the first row",
+    help="Align frames at mid-exposure of this row, a fraction of the image height from the top.",
 )
 @click.option(
     "--max-delay-ms",
@@ -109,8 +103,7 @@ def leader(
     leaders: tuple[Address, ...],
     sessions: Path,
     fps: float | None,
-    align: str,
-    align_row: float,
+    align_row: float | None,
     max_delay_ms: float,
     stagger: Stagger | None,
     with_phones: bool,
@@ -144,7 +137,7 @@ def leader(
             sessions=sessions,
             period_ns=required[0] if fps is None else round(1e9 / fps),
             grid_phase_ns=required[1],
-            align_row=align_row if align == "mid-exposure" else None,
+            align_row=align_row,
             max_delay_ns=round(max_delay_ms * 1e6),
             stagger=stagger,
             followers=followers,

@@ -209,11 +209,6 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     help="Replace up to N instants (common times of all cameras) whose frame a camera dropped by later ones.",
 )
 @click.option(
-    "--consecutive",
-    is_flag=True,
-    help="Replace no instant: a dropped frame is missing, and the burst incomplete.",
-)
-@click.option(
     "--at-ns",
     "at_leader_ns",
     type=_limited("at_leader_ns"),
@@ -260,7 +255,6 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
 @json_option
 def burst(
     leader: Address,
-    consecutive: bool,
     on_motion: bool,
     region: tuple[float, float, float, float],
     cancel: int | None,
@@ -281,9 +275,6 @@ def burst(
         said = f"burst {cancel} is cancelled; images received so far are saved"
         answer(as_json, {"cancelled": cancel}, said=said)
         return
-    if consecutive and chosen["spare"]:
-        raise click.UsageError("--consecutive and --spare exclude each other")
-    chosen |= {"spare": 0} if consecutive else {}
     plan = TakePlan(**chosen, on_motion=region if on_motion else None)
     ended: list[TakeEnd] = []
     try:
@@ -301,7 +292,7 @@ def burst(
         "capture-app record --name dance",
         "capture-app record --detach",
         "capture-app record --stop",
-        "capture-app record --every-s 10 --seconds 3600 --name clouds",
+        "capture-app record --fps 0.1 --seconds 3600 --name clouds",
     )
 )
 @leader_option
@@ -317,14 +308,7 @@ def burst(
     type=FiniteRange(0.00001, 10_000.0),
     metavar="N",
     show_default="the rig's",
-    help="Frames per second: the rig's rate divided by a whole number.",
-)
-@click.option(
-    "--every-s",
-    type=_limited("interval_s"),
-    metavar="S",
-    show_default=False,
-    help="Time between frames instead of --fps, for a time-lapse.",
+    help="Frames per second: the rig's rate divided by a whole number; below 1 for a time-lapse.",
 )
 @click.option("--name", default="", show_default="recording", help="Its session is NAME-001.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
@@ -344,7 +328,6 @@ def burst(
 def record(
     leader: Address,
     fps: float | None,
-    every_s: float | None,
     max_missing_pct: float,
     detach: bool,
     stop: bool,
@@ -363,9 +346,7 @@ def record(
         asyncio.run(give_order(leader, EndBurst()))
         answer(as_json, {"stopped": True}, said="the recording ends")
         return
-    if fps is not None and every_s is not None:
-        raise click.UsageError("give --fps or --every-s, not both")
-    plan = TakePlan(interval_s=every_s if fps is None else 1 / fps, video=True, **chosen)
+    plan = TakePlan(interval_s=None if fps is None else 1 / fps, video=True, **chosen)
     ended: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, ended, silent=as_json, detach=detach))
     begun = isinstance(ended[0], Progress)

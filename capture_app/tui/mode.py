@@ -110,7 +110,10 @@ class ModeScreen(Screen[None]):
 
     def on_resize(self) -> None:
         """Say that there is no room for the view, instead of a part of it."""
+        was_tiny = self.has_class("tiny")
         self.set_class(self.size.width < MIN_SIZE.width or self.size.height < MIN_SIZE.height, "tiny")
+        if was_tiny and not self.has_class("tiny") and self.is_current:
+            self.call_after_refresh(self.view.on_mode_shown)  # what is hidden has no focus
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
         """Notify the view that it is visible."""

@@ -2,15 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 from textual import events
-from textual.app import ComposeResult
-from textual.await_complete import AwaitComplete
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.screen import ModalScreen, Screen
+from textual.screen import ModalScreen
 from textual.widget import Widget
 from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
@@ -19,31 +17,11 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.text import printable
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
+from capture_app.tui.widgets.dialog import Dialog, Result
 from capture_app.tui.widgets.key_footer import KeyFooter
-
-Result = TypeVar("Result")
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Maximum cells of answers in a row, otherwise a column is used; cells that a button adds to its label."""
-
-
-class Dialog(Screen[Result]):
-    """Screen pushed over a mode: a question, a form or a whole-screen view. It returns its result once.
-
-    Key presses that arrive after it closes do not reach it.
-    """
-
-    def __init__(self, *parts: Widget) -> None:
-        super().__init__()
-        self._parts = parts
-
-    def compose(self) -> ComposeResult:
-        """Yield the dialog's parts."""
-        yield from self._parts
-
-    def dismiss(self, result: Result | None = None) -> AwaitComplete:
-        """Close and return the result; do nothing unless on top."""
-        return super().dismiss(result) if self.is_active else AwaitComplete()
 
 
 class BoxDialog(Dialog[Result], ModalScreen[Result]):

@@ -9,25 +9,23 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.summary import UnitRow, unit_row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common.matchers import Matcher
 from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.picture_checksums import checked_pictures
 from reconstruction.method.interface import find_method
 from reconstruction.scene.conditions import SYNCED, Condition
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.picture_checksums import checked_pictures
 from reconstruction.scene.scene import Scene
 
 DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
 DEPTH_METHOD = "multiview"
 """The method that computes a unit."""
 SPLAT_METHOD, SPLAT = "splat", "splat.ply"
-TIMES = ("seconds", "seconds_of")
-"""Fields that differ from run to run; they are not part of a unit's result."""
 
 
 @cache
@@ -121,8 +119,8 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     Raises:
         SimulshotError: the session cannot be used, or an image that the unit shows is damaged.
     """
-    session = Path(unit.session)
-    dataset = Dataset.open(session, unit.time_shifts_ms)
+    scene = Scene.open(Path(unit.session), unit.time_shifts_ms)
+    dataset = scene.dataset
     # The unit's key was computed from the checksums. Images of other instants only show what moves.
     with checked_pictures(required=True):
         for image in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
@@ -139,32 +137,31 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     condition = Condition(unit.condition, listed_ms=unit.offsets_ms)
     try:
         with checked_pictures(required=False):
-            result = msgspec.to_builtins(method.make([session], folder, condition))
+            result = msgspec.to_builtins(method.make([scene], folder, condition))
     except NotApplicableError as error:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
         write_atomic(folder / RESULT, pretty_json(record))
         return
-    for name in TIMES:
-        del result[name]
+    del result["seconds"]  # it differs from run to run
     # PatchMatch leaves one, which is large.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     (folder / method.result_file).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
     if unit.splats:
-        result["splat"] = _make_splat(unit, folder, condition)
+        result["splat"] = _make_splat(scene, unit, folder, condition)
     write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
 
 
-def _make_splat(unit: Unit, folder: Path, condition: Condition) -> dict[str, object]:
+def _make_splat(scene: Scene, unit: Unit, folder: Path, condition: Condition) -> dict[str, object]:
     """Write splat.ply of a unit, and return its facts, or why there is none."""
     method = find_method(SPLAT_METHOD, instant=unit.instant, time_shifts_ms=unit.time_shifts_ms)
     part = folder / SPLAT_METHOD
     try:
         with checked_pictures(required=False):
-            made = method.make([Path(unit.session)], part, condition)
+            made = method.make([scene], part, condition)
         (splat,) = made.instants
         (part / splat.file).replace(folder / SPLAT)
-    except (NotApplicableError, IncompleteError) as error:
+    except NotApplicableError as error:
         return {"not_applicable": str(error)}
     finally:
         shutil.rmtree(part, ignore_errors=True)

@@ -116,7 +116,7 @@ def completed_row(unit: Unit, root: Path) -> UnitRow:
     """Return the row of a unit with a result."""
     record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes())
     views = record.get("views", ())
-    picture = next((one["picture"] for one in views if one["camera"] == record["reference"]), "")
+    picture = next((view["picture"] for view in views if view["camera"] == record["reference"]), "")
     return unit_row(
         unit,
         not_applicable=record.get("not_applicable", ""),
@@ -228,7 +228,7 @@ def _html(root: Path, result: BatchResult) -> str:
         "groups": _table(
             "Medians over the instants",
             "Instants",
-            [_row(one, f"{one.instants}", note=", ".join(_unmade(one))) for one in result.groups],
+            [_row(group, f"{group.instants}", note=", ".join(_unmade(group))) for group in result.groups],
         ),
         "units": _table(
             "Every unit",

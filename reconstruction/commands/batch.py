@@ -12,7 +12,6 @@ from reconstruction.commands.command_options import (
     CONDITION,
     CONDITION_HELP,
     matcher_option,
-    memory_option,
     out_option,
     parse_instants,
     time_shift_option,
@@ -84,10 +83,9 @@ from reconstruction.scene.conditions import SYNCED
 @click.option(
     "--splats",
     is_flag=True,
-    help="Also make a Gaussian splat of each instant. Needs a calibration.",
+    help="Also make a Gaussian splat of each instant.",
 )
 @out_option
-@memory_option
 @json_option
 def batch(
     sessions: tuple[Path, ...],

@@ -11,11 +11,11 @@ from capture_app.board.boards import CharucoBoard, Checkerboard, board_options
 from capture_app.common.errors import SimulshotError
 from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
-from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
-    from reconstruction.scene.calibration.calibration_run import CalibrateResult
+    from reconstruction.scene.calibration_run import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
 
@@ -113,8 +113,6 @@ def _parse_mark(text: str) -> Mark:
     show_default="store if --from is sfm or board, or the scale or ground is set",
     help="Store the calibration for later sessions of the same cameras in the same modes.",
 )
-@memory_option
-@checksums_option
 @json_option
 def calibrate(
     session: Path,
@@ -131,8 +129,8 @@ def calibrate(
     Print a board first (reconstruct board), and show it to all cameras in a burst; `capture-app coverage`
     counts the views.
     """
-    from reconstruction.scene.calibration.calibration_run import CalibrateOptions, CalibrationSource, cover
-    from reconstruction.scene.calibration.calibration_run import calibrate as run
+    from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
+    from reconstruction.scene.calibration_run import calibrate as run
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")

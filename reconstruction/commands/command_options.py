@@ -1,23 +1,20 @@
 """Options shared by several commands, and the parsing of their values."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from enum import StrEnum
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 import msgspec
 
-from capture_app.console.terminal import FiniteRange, ParsedType, talk
+from capture_app.console.terminal import FiniteRange, ParsedType
 from reconstruction.common.matchers import MATCHER_HELP, Matcher
-from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.common.options import Described, Pair, described
 from reconstruction.common.options import flag as flag
 from reconstruction.scene.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
-from reconstruction.scene.picture_checksums import checked_pictures
 
 MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
@@ -62,7 +59,7 @@ def parse_all_or_some(text: str) -> tuple[int, ...]:
 
 def click_options(options: type[msgspec.Struct], *, own: bool = False) -> Iterator[click.Option]:
     """Yield the options of a method's `Options` for `reconstruct compare`, or for its `own` command."""
-    defaults = {one.name: one.default for one in msgspec.structs.fields(options)}
+    defaults = {field.name: field.default for field in msgspec.structs.fields(options)}
     for one in described(options):
         if one.own == own:
             default = defaults[one.field]
@@ -97,41 +94,11 @@ def _click_type(one: Described) -> dict[str, Any]:
     return {"type": kind(min=low, min_open="gt" in one.bounds, max=one.bounds.get("le"))}
 
 
-def memory_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `--memory` to a command, limit its dense work, and report what the limit changed.
-
-    Also checks images as `checksums_option` asks, and reports those that changed since they were saved.
-    """
-
-    @click.option(
-        "--memory",
-        type=ParsedType("size", parse_size),
-        metavar="SIZE",
-        show_default="half of what is free, at most 3 GiB",
-        help="Memory for pictures and dense work, as in 800MB or 8GB. Larger work is reduced in size.",
-    )
-    @wraps(command)
-    def limited(
-        *arguments: Any, memory: int | None, require_checksums: bool | None = None, **options: Any
-    ) -> None:
-        with limited_memory(memory) as budget, checked_pictures(required=bool(require_checksums)) as checks:
-            command(*arguments, **options)
-        for note in (*(checks.notes if require_checksums is not None else ()), *budget.notes):
-            talk(note)
-
-    return limited
-
-
 PAIR: dict[str, Any] = {
     "type": parse_pair,
     "metavar": "CAMERA,CAMERA",
     "show_default": "chosen automatically",
 }
-checksums_option = click.option(
-    "--require-checksums",
-    is_flag=True,
-    help="Refuse pictures that changed since they were saved, instead of only naming them.",
-)
 session_argument = click.argument("session", type=click.Path(path_type=Path))
 matcher_option = click.option(
     "--matcher",

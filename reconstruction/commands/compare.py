@@ -72,8 +72,6 @@ class _CompareCommand(click.Command):
     help="Also compare with another session of the same cameras, such as one without synchronization.",
 )
 @command_options.out_option
-@command_options.memory_option
-@command_options.checksums_option
 @json_option
 def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images taken at different times.
@@ -105,8 +103,6 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     metavar="DIR",
     help="Folder for the curve, the numbers and a report.",
 )
-@command_options.memory_option
-@command_options.checksums_option
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""

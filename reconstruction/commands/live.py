@@ -51,9 +51,9 @@ def live(width: int) -> None:
         try:
             if engine is None:
                 raise NotApplicableError("the rig is not calibrated", hint=HINT)
-            found = engine.compute(images, given.camera)
-            jpeg = encode_image(colour_depth(found.depth, *found.depth_range))
-            answer = msgspec.structs.replace(answer, jpeg=jpeg, moving_confirmed=found.moving_confirmed)
+            depth = engine.compute(images, given.camera)
+            jpeg = encode_image(colour_depth(depth.depth, *depth.depth_range))
+            answer = msgspec.structs.replace(answer, jpeg=jpeg, moving_confirmed=depth.moving_confirmed)
             if is_first:
                 os.nice(LATER_NICENESS)
                 is_first = False

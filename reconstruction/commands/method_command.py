@@ -10,9 +10,7 @@ from capture_app.console.usage import examples
 from reconstruction.commands.command_options import (
     CONDITION,
     CONDITION_HELP,
-    checksums_option,
     click_options,
-    memory_option,
     out_option,
     time_shift_option,
 )
@@ -32,8 +30,6 @@ def method_command(method: type[Method]) -> click.Command:
     @click.option("--condition", type=CONDITION, metavar="CONDITION", default=SYNCED, help=CONDITION_HELP)
     @time_shift_option
     @out_option
-    @memory_option
-    @checksums_option
     @json_option
     def command(
         sources: tuple[Path, ...] | Path, condition: Condition, out: Path, as_json: bool, **chosen: Any

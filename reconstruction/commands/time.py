@@ -8,7 +8,7 @@ import click
 
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from reconstruction.time_offsets.camera_time import CameraTime
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Pair the images of an imported session again where a camera dropped or repeated frames.",
 )
-@memory_option
-@checksums_option
 @json_option
 def time_command(
     session: Path, reference: str | None, apply: bool, repair_drops: bool, as_json: bool
@@ -58,7 +56,7 @@ def time_command(
     aligned = f"{session}: aligned by motion" if result.applied else ""
     repaired = f"{session}: images paired again" if result.repaired else _advice(result)
     changes = change_lines(result.reference, result.cameras)
-    answer(as_json, result, filter(None, (*_lines(result), *changes, aligned, repaired)))
+    answer(as_json, result, filter(None, (*time_lines(result), *changes, aligned, repaired)))
 
 
 def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
@@ -73,11 +71,12 @@ def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterato
 
 
 def _advice(result: "TimeResult") -> str:
-    dropped = any(one.change and one.change.steps for one in result.cameras.values())
+    dropped = any(camera.change and camera.change.steps for camera in result.cameras.values())
     return f"pair them again: reconstruct time {result.session} --repair-drops" if dropped else ""
 
 
-def _lines(result: "TimeResult") -> Iterator[str]:
+def time_lines(result: "TimeResult") -> Iterator[str]:
+    """Yield each camera's offset, or why it is unknown."""
     for name, found in result.cameras.items():
         if found.offset_ms is None or found.sd_ms is None:
             yield f"{name}: unknown: {found.reason}"
@@ -91,6 +90,6 @@ def _lines(result: "TimeResult") -> Iterator[str]:
                 more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:
                 more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
-            if found.planned_ms:
-                more += f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
-            yield f"{name}: {found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            plan = f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
+            said = f"{found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
+            yield f"{name}: {said}{plan if found.planned_ms else ''}"

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from itertools import combinations, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.camera_order import order_on_arc
 from reconstruction.common.geometry import Array, View
 
 RING_DEG = 100.0
@@ -77,7 +77,7 @@ def frame_of(views: Mapping[str, View], subject: Array) -> Frame:
     ranges = np.linalg.norm(rays, axis=1)
     across = np.arctan2(rays @ right, -(rays @ ahead))
     below = np.arcsin(np.clip(rays @ down / ranges, -1, 1))
-    half = [MARGIN * float(np.ptp(one)) / 2 for one in (across, below)]
+    half = [MARGIN * float(np.ptp(axis)) / 2 for axis in (across, below)]
     scales, spots = [], []
     for view, distance in zip(views.values(), ranges, strict=True):
         at = view.rotation @ subject + view.translation
@@ -137,7 +137,7 @@ def read_path(path: Path) -> list[View]:
         if b'"camera_path"' in data:
             return _nerfstudio_views(json.loads(data))
         cameras = msgspec.json.decode(data, type=Calibration).cameras.values()
-        views = [View.from_calibration(one, one.width, one.height).undistorted for one in cameras]
+        views = [View.from_calibration(camera, camera.width, camera.height).undistorted for camera in cameras]
         if not views:
             raise ValueError("no cameras")
     except (ValueError, LookupError, TypeError, msgspec.MsgspecError) as error:
@@ -151,13 +151,18 @@ def read_path(path: Path) -> list[View]:
 def _nerfstudio_views(content: Mapping[str, object]) -> list[View]:
     width, height = int(content["render_width"]), int(content["render_height"])  # type: ignore[call-overload]
     views = []
-    for one in content["camera_path"]:  # type: ignore[attr-defined]
-        pose = np.array(one["camera_to_world"], np.float64).reshape(4, 4)
-        focal = height / 2 / np.tan(np.radians(float(one["fov"])) / 2)
+    for camera in content["camera_path"]:  # type: ignore[attr-defined]
+        pose = np.array(camera["camera_to_world"], np.float64).reshape(4, 4)
+        focal = height / 2 / np.tan(np.radians(float(camera["fov"])) / 2)
         rotation = (pose[:3, :3] * [1.0, -1.0, -1.0]).T
         matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
         views.append(View(width, height, matrix, np.zeros(5), rotation, -rotation @ pose[:3, 3]))
     return views
+
+
+def order_of_views(views: Mapping[str, View]) -> tuple[str, ...]:
+    """Return the cameras' names along their arc; see `order_on_arc`."""
+    return order_on_arc({name: view.to_calibration() for name, view in views.items()})
 
 
 def _stand_around(views: Mapping[str, View], subject: Array) -> bool:
@@ -168,7 +173,7 @@ def _stand_around(views: Mapping[str, View], subject: Array) -> bool:
 
 def _through_cameras(views: Mapping[str, View], along: Array) -> list[Array]:
     """Return places on a smooth path through the cameras in order; `along` runs from 0 to 1."""
-    centres = np.array([views[name].centre for name in order_by_place(views)])
+    centres = np.array([views[name].centre for name in order_of_views(views)])
     at = along * (len(centres) - 1)
     left = np.clip(at.astype(int), 0, len(centres) - 2)
     before, after = np.maximum(left - 1, 0), np.minimum(left + 2, len(centres) - 1)
@@ -180,50 +185,3 @@ def _through_cameras(views: Mapping[str, View], along: Array) -> list[Array]:
         + (3 * p[1] - p[0] - 3 * p[2] + p[3]) * t**3
     )  # fmt: skip
     return list(places)
-
-
-def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
-    """Return the shortest path along all cameras, from left to right as they see it.
-
-    The distance of two cameras combines their positions, relative to the rig's size, with their viewing
-    directions. The path thus follows a row or an arc, a ring from its largest gap, and the directions of
-    cameras at one spot.
-    """
-    names = sorted(views)
-    if len(names) < 2:
-        return tuple(names)
-    centres = np.array([views[name].centre for name in names])
-    size = float(np.linalg.norm(centres[:, None] - centres[None], axis=2).max())
-    axes = np.array([views[name].axis for name in names])
-    places = np.hstack([centres / size, axes]) if size > 1e-9 else axes
-    distance = np.linalg.norm(places[:, None] - places[None], axis=2)
-    paths = [_uncrossed(_nearest_neighbour_path(distance, start), distance) for start in range(len(names))]
-    path = min(paths, key=lambda steps: (round(_path_length(steps, distance), 9), steps))
-    first, last = views[names[path[0]]], views[names[path[-1]]]
-    right = np.mean([view.rotation[0] for view in views.values()], axis=0)
-    # If all cameras are at one spot, the one that looks farthest left is the first.
-    across = (last.centre - first.centre) / size if size > 1e-9 else last.axis - first.axis
-    return tuple(names[i] for i in (reversed(path) if float(across @ right) < 0 else path))
-
-
-def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
-    path = [start]
-    while left := set(range(len(distance))) - set(path):
-        path.append(min(left, key=lambda there: (distance[path[-1], there], there)))
-    return path
-
-
-def _uncrossed(path: list[int], distance: Array) -> list[int]:
-    """Shorten the path by reversing sections until none helps (2-opt)."""
-    shorter = True
-    while shorter:
-        shorter = False
-        for i, j in combinations(range(len(path)), 2):
-            turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
-            if _path_length(turned, distance) < _path_length(path, distance) - 1e-9:
-                path, shorter = turned, True
-    return path
-
-
-def _path_length(path: Sequence[int], distance: Array) -> float:
-    return float(sum(distance[a, b] for a, b in pairwise(path)))

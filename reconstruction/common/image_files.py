@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError, reading
 from capture_app.session.reading.decoding import picture_size, size_of
 from reconstruction.common.geometry import Array
-from reconstruction.common.memory import gigabytes, memory_budget
+from reconstruction.common.memory import MEMORY, gigabytes, memory_budget
 from reconstruction.common.native_libraries import opencv_calls, silenced_output
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 0)
@@ -44,7 +44,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         raise BadInputError(
             f"{path} is {found[0]}x{found[1]} pixels: decoded it takes {gigabytes(decoded)} of memory, "
             f"and a picture may take {gigabytes(DECODED_FRACTION * memory_budget().limit_bytes)}",
-            hint="make it smaller, or give more with --memory",
+            hint=f"make it smaller, or give it more: {MEMORY}=8GB in the environment",
         )
     # Decoders write warnings about broken files to stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):
@@ -87,13 +87,13 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
         BadInputError: it is not an image, its format is not supported, or its shape is unusable.
     """
     with reading(path):
-        found = picture_size(path) if data is None else size_of(data)
-    if found is None:
+        size = picture_size(path) if data is None else size_of(data)
+    if size is None:
         raise BadInputError(
             f"{path} is not an image, or its format is not supported", hint="convert it to JPEG or PNG"
         )
-    refuse_odd_shape(str(path), *found)
-    return found
+    refuse_odd_shape(str(path), *size)
+    return size
 
 
 def refuse_odd_shape(what: str, width: int, height: int) -> None:

@@ -44,7 +44,7 @@ def gain_and_bias_of_shades(a: Array, b: Array) -> tuple[float, float]:
     """
     if a.size < 700:
         return 1.0, 0.0
-    mine, target = (np.percentile(one[::7], (5, 25, 50, 75, 95)) for one in (b, a))
+    mine, target = (np.percentile(image[::7], (5, 25, 50, 75, 95)) for image in (b, a))
     if np.ptp(mine) < 4:
         return 1.0, 0.0
     gain = float(np.clip(np.polyfit(mine, target, 1)[0], 0.5, 2.0))

@@ -28,6 +28,8 @@ DEFAULT_FRACTION = 0.5
 MAX_BY_DEFAULT = 3 << 30
 """Maximum default budget, bytes; results do not depend on the free memory above it."""
 MIN_BYTES = 128 << 20
+MEMORY = "SIMULSHOT_MEMORY"
+"""Environment variable with a budget that is asked for, such as 800MB or 8GB."""
 SCALE_STEP = 2**-0.25
 MIN_SCALE = 1 / 16
 _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
@@ -45,8 +47,8 @@ def free_memory() -> int:
 
 def _machine_memory() -> int:
     with suppress(OSError):
-        if found := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
-            return int(found[1]) << 10
+        if matched := re.search(r"^MemAvailable: +(\d+)", Path("/proc/meminfo").read_text(), re.MULTILINE):
+            return int(matched[1]) << 10
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
 
 
@@ -77,8 +79,8 @@ def _group_folders(root: Path) -> list[Path]:
 
 
 def _cached_files(stat: Path) -> int:
-    found = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
-    return int(found[1]) if found else 0
+    matched = re.search(r"^(?:total_)?inactive_file (\d+)", stat.read_text(), re.MULTILINE)
+    return int(matched[1]) if matched else 0
 
 
 def _process_memory() -> int:
@@ -120,12 +122,12 @@ class MemoryBudget:
             if scale < MIN_SCALE:
                 raise BadInputError(
                     f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
-                    hint="give it more with --memory",
+                    hint=f"give it more: {MEMORY}=8GB in the environment",
                 )
         if scale < 1.0:
             self._notes[
                 f"{what} is done at {100 * scale:.0f} % of the full size, which would take "
-                f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used (--memory)"
+                f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used ({MEMORY})"
             ] = None
         return scale
 
@@ -151,18 +153,21 @@ class MemoryBudget:
 
 
 def memory_budget() -> MemoryBudget:
-    """Return the running command's or session's budget; outside of both, one from the free memory."""
-    return _budget.get(None) or MemoryBudget(default_budget())
+    """Return the running command's or session's budget; outside of both, the default one."""
+    return _budget.get(None) or _new_budget()
 
 
 def limited_memory(limit_bytes: int | None = None) -> AbstractContextManager[MemoryBudget]:
-    """Set the budget for code in this context; None = `default_budget`."""
-    return running(
-        _budget,
-        MemoryBudget(
-            default_budget() if limit_bytes is None else limit_bytes, asked_for=limit_bytes is not None
-        ),
-    )
+    """Set the budget for code in this context; None = the default one."""
+    return running(_budget, _new_budget(limit_bytes))
+
+
+def _new_budget(asked: int | None = None) -> MemoryBudget:
+    """Return a budget: that asked for here or by `MEMORY`, else half of the free memory, within limits."""
+    if asked is None and (text := os.environ.get(MEMORY)):
+        asked = parse_size(text)
+    free = min(int(DEFAULT_FRACTION * free_memory()), MAX_BY_DEFAULT)
+    return MemoryBudget(free if asked is None else asked, asked_for=asked is not None)
 
 
 _budget: ContextVar[MemoryBudget] = ContextVar("budget")
@@ -178,20 +183,15 @@ def running(variable: ContextVar[T], value: T) -> Iterator[T]:
         variable.reset(token)
 
 
-def default_budget() -> int:
-    """Return half of the free memory, at most `MAX_BY_DEFAULT`; bytes."""
-    return min(int(DEFAULT_FRACTION * free_memory()), MAX_BY_DEFAULT)
-
-
 def parse_size(text: str) -> int:
     """Parse a size such as 800MB, 4G or 2GiB into bytes.
 
     Raises:
-        ValueError: it is not a size.
+        BadInputError: it is not a size.
     """
-    if (found := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)) is None:
-        raise ValueError(f"{text!r} is not a size of memory, as in 800MB or 4GB")
-    return int(float(found[1]) * _UNITS[found[2]])
+    if (matched := re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)) is None:
+        raise BadInputError(f"{text!r} is not a size of memory", hint=f"{MEMORY}=800MB, or 4GB")
+    return int(float(matched[1]) * _UNITS[matched[2]])
 
 
 def gigabytes(size: float) -> str:

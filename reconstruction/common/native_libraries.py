@@ -39,7 +39,7 @@ def foreign_calls(library: str, purpose: str) -> Iterator[None]:
     except MemoryError as error:
         raise ForeignError(
             f"{library} has too little memory for {purpose}",
-            hint="give it less with --memory, or end other programs",
+            hint="set a smaller SIMULSHOT_MEMORY in the environment, or end other programs",
         ) from error
     except Exception as error:
         raise ForeignError(f"{library} failed at {purpose}: {_first_words(error)}") from error
@@ -63,7 +63,7 @@ def opencv_calls(purpose: str) -> Iterator[None]:
 def unexpected_error(error: Exception) -> SimulshotError:
     """Convert an unexpected exception into an error that says where it came from."""
     if isinstance(error, MemoryError):
-        return ForeignError("there is too little memory", hint="see --memory, or end other programs")
+        return ForeignError("there is too little memory", hint="set SIMULSHOT_MEMORY, or end other programs")
     if _is_opencv(error):
         return ForeignError(f"OpenCV failed: {_first_words(error)}")
     frames = [frame for frame in extract_tb(error.__traceback__) if "site-packages" not in frame.filename]
@@ -171,13 +171,13 @@ def load_open3d() -> ModuleType:
 
 def library_versions() -> dict[str, str]:
     """Return the versions of the libraries that determine the results, for the record."""
-    found = {"python": platform.python_version()}
+    versions = {"python": platform.python_version()}
     for name in ("simulshot", "numpy", "opencv-python-headless", "pycolmap"):
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "not installed"
-    return found
+            versions[name] = "not installed"
+    return versions
 
 
 def load_guarded(name: str, purpose: str, hint: str = "") -> ModuleType:

@@ -57,7 +57,7 @@ def described(options: type[msgspec.Struct]) -> Iterator[Described]:
         if get_origin(hint) is Annotated:
             kind, *metas = get_args(hint)
             if get_origin(kind) in (Union, UnionType):
-                kind = next(one for one in get_args(kind) if one is not type(None))
+                kind = next(choice for choice in get_args(kind) if choice is not type(None))
             for settings in (dict(meta.extra) for meta in metas if getattr(meta, "extra", None)):
                 own, names = settings.pop("own", False), settings.pop("names")
                 bounds = {key: settings.pop(key) for key in BOUNDS if key in settings}
@@ -66,7 +66,7 @@ def described(options: type[msgspec.Struct]) -> Iterator[Described]:
 
 def compare_keywords(options: type[msgspec.Struct]) -> dict[str, str]:
     """Return the keywords of the options in a comparison, each with its field."""
-    return {one.keyword: one.field for one in described(options) if not one.own}
+    return {option.keyword: option.field for option in described(options) if not option.own}
 
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -84,10 +84,10 @@ def checked(options: S) -> S:
         result = msgspec.convert(_plain(msgspec.structs.asdict(options)), type(options))
     except msgspec.ValidationError as error:
         raise BadInputError(f"{name}: {error}", hint=hint) from error
-    for one in described(type(options)):
-        value = getattr(result, one.field)
-        if value is not None and not all(BOUNDS[key](value, end) for key, end in one.bounds.items()):
-            raise BadInputError(f"{name}: {one.field} cannot be {value}", hint=hint)
+    for option in described(type(options)):
+        value = getattr(result, option.field)
+        if value is not None and not all(BOUNDS[key](value, end) for key, end in option.bounds.items()):
+            raise BadInputError(f"{name}: {option.field} cannot be {value}", hint=hint)
     return result
 
 

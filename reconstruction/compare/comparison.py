@@ -16,7 +16,7 @@ from capture_app.console.terminal import Progress, talk
 from capture_app.session.files.output_folder import OutputFolder
 from reconstruction.common.memory import usable_cores
 from reconstruction.common.options import compare_keywords
-from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.method.comparison_results import CompareResult, ConditionResult
@@ -32,7 +32,6 @@ from reconstruction.scene.conditions import (
     evenly_spaced,
     nearest_frame_offset,
 )
-from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import fixed_offsets_ms
 from reconstruction.scene.provenance import with_provenance
 from reconstruction.scene.scene import Scene
@@ -79,11 +78,6 @@ class CompareOptions:
                 hint=f"studies have {', '.join(dict.fromkeys(known))}",
             )
         return cls(**own, of_studies=options)
-
-
-def installed_studies() -> list[type[Score]]:
-    """Return the classes of the studies that a comparison makes, in order."""
-    return list(study_reports().values())
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
@@ -141,12 +135,13 @@ class Comparison:
         """Open the session, and check everything that can be refused before it takes long; see `compare`."""
         self._began_s = time.monotonic()
         scene = Scene.open(session, options.time_shifts_ms)
+        self.against = None if options.against is None else Scene.open(options.against)
+        for opened in filter(None, (scene, self.against)):
+            opened.given  # noqa: B018  (refuses one that does not fit the images)
         dataset = scene.dataset
-        scene = scene.staged(output.folder / STAGES)
         offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
         for condition in options.conditions:
             condition.check(dataset)
-        self.against = None if options.against is None else Scene(Dataset.open(options.against))
         self.output, self.options = output, options
         self.context = Context(
             scene=scene,
@@ -159,23 +154,25 @@ class Comparison:
             folder=output.folder,
             progress=Progress(CORE_STEPS),
         )
-        self.studies = {kind.text.name: kind(self.context) for kind in installed_studies()}
+        self.studies = {name: kind(self.context) for name, kind in study_reports().items()}
         self.chosen = _chosen(self.studies, options.studies)
         for study in self.chosen.values():
             study.check()
-        self.known = CompareResult(
-            session=str(session),
-            origin=dataset.session.manifest.origin,
-            camera_count=len(dataset.cameras),
-            instant_count=len(dataset.instants_ns),
-            offset_ms=offset.asked_ms,
-            offset_frames=offset.frames,
-            actual_offset_ms=offset.actual_ms,
-            unsynchronized=dataset.unsynchronized,
-            staggered=dataset.staggered,
-            sync_residual_us=dataset.worst_residual_us(),
-            sync_bound_us=dataset.worst_hard_bound_us(),
-        )
+        self.known: dict[str, Any] = {
+            "session": str(session),
+            "origin": dataset.session.manifest.origin,
+            "camera_count": len(dataset.cameras),
+            "instant_count": len(dataset.instants_ns),
+            "offset_ms": offset.asked_ms,
+            "offset_frames": offset.frames,
+            "actual_offset_ms": offset.actual_ms,
+            "unsynchronized": dataset.unsynchronized,
+            "staggered": dataset.staggered,
+            "sync_residual_us": dataset.worst_residual_us(),
+            "sync_bound_us": dataset.worst_hard_bound_us(),
+            "studies": (),
+        }
+        """Fields of the result, as far as they are found."""
 
     def calibrate(self) -> None:
         """Detect motion and calibrate; without a calibration, studies that need one are skipped."""
@@ -183,16 +180,14 @@ class Comparison:
         progress.total += sum(study.steps for study in self.chosen.values()) + len(self.options.conditions)
         progress.total += (self.against is not None) + (len(scene.dataset.cameras) > 2)
         progress.step(f"detecting motion in {scene.dataset.name}")
-        moving = self.context.compared.moving_share(
-            [k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)]
-        )
-        self.known = structs.replace(self.known, moving_share=moving)
+        shown = [k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)]
+        self.known["moving_share"] = self.context.compared.moving_share(shown)
         progress.step("calibration")
         if not scene.problem:
             with suppress(BadInputError):
                 check = check_rig(scene.views, self.context.compared.features.middle)
                 px = None if check.error_px is None else round(check.error_px, 3)
-                self.known = structs.replace(self.known, rest_error_px=px, rest_points=check.points)
+                self.known |= {"rest_error_px": px, "rest_points": check.points}
         progress.step("choosing cameras")
 
     def measure_studies(self) -> Generator[tuple[str, ...], None, None]:
@@ -204,36 +199,51 @@ class Comparison:
         # A pair's depth gives the first pictures soon; the others begin with the last, which are quick.
         pairs = [name for name, study in self.chosen.items() if study.of_pair]
         names = [*pairs, *(name for name in reversed([*self.chosen]) if name not in pairs)]
-        needs = {name: [one for one in self.chosen[name].needs if one in (*names, TIMING)] for name in names}
+        known = (*names, TIMING)
+        needs = {name: [need for need in self.chosen[name].needs if need in known] for name in names}
         left = {name: self.chosen[name].text.subject for name in names} | {TIMING: "time offsets"}
         with closing(run_in_order(needs | {TIMING: pairs}, self._measure)) as steps:
             for name, found in steps:
                 del left[name]
-                made = self.known.studies + found.pop("studies", ())
-                self.known = structs.replace(self.known, studies=made, **found)
+                added = found if name == TIMING else {"studies": (*self.known["studies"], found)}
+                self.known = self.known | added  # a new one: studies that run read the one before
                 yield tuple(left.values())
         if not self._has_measures:
             with suppress(BadInputError):
                 self.context.scene.calibration  # noqa: B018  (raises why there is none)
-        unasked = [study.found for name, study in self.studies.items() if name not in self.chosen]
-        self.known = structs.replace(self.known, studies=(*self.known.studies, *unasked))
+        self.known["studies"] += tuple(
+            study.found for name, study in self.studies.items() if name not in self.chosen
+        )
 
-    def _measure(self, name: str) -> dict[str, Any]:
-        """Return the fields of the result that one study adds, or the measurement of time offsets."""
+    def _measure(self, name: str) -> Any:
+        """Return the result of one study, or the fields that the measurement of time offsets adds."""
         if name == TIMING:
             return _measure_timing(self.context, self.chosen)
         study = self.chosen[name]
-        return {"studies": (study.run(_limited(self.known, study)),)}
+        return study.run(_limited(self.known, study))
 
     @property
     def _has_measures(self) -> bool:
-        return any(one.measures for one in self.known.studies)
+        return any(study.measures for study in self.known["studies"])
 
     def measure_further_conditions(self) -> None:
         """Compare the requested conditions, and another session, with every study."""
-        studies = list(self.chosen.values())
-        conditions = _further_conditions(self.context, studies, self.options.conditions, self.against)
-        self.known = structs.replace(self.known, conditions=conditions)
+        made = [study for study in self.chosen.values() if study.has_conditions and not study.found.skipped]
+        scene, step, against = self.context.scene, self.context.progress.step, self.against
+        compared = []
+        for condition in self.options.conditions:
+            step(f"condition {condition.name}")
+            studies = tuple(study.compare_condition(condition) for study in made)
+            offsets_ms = fixed_offsets_ms(condition, scene.dataset)
+            compared.append(ConditionResult(name=condition.name, offsets_ms=offsets_ms, studies=studies))
+        if against is not None:
+            name, folder = against.dataset.name, str(against.dataset.session.folder)
+            step(f"session {name}")
+            # The other session uses its own calibration if it has one, else this session's.
+            known = against.given or (None if scene.problem else scene.calibration)
+            studies = tuple(study.compare_session(against.calibrated(known)) for study in made)
+            compared.append(ConditionResult(name=name, session=folder, studies=studies))
+        self.known["conditions"] = tuple(compared)
 
     def write_page(self, running: Sequence[str]) -> bool:
         """Write the page if something is measured, and show it in the target; return whether it is new.
@@ -255,13 +265,10 @@ class Comparison:
 
     def _result(self, **more: Any) -> CompareResult:
         """Return everything found so far, in the studies' order, and its words."""
-        result = structs.replace(
-            self.known,
-            studies=tuple(sorted(self.known.studies, key=lambda one: [*self.studies].index(one.name))),
-            calibration=self.context.scene.source,
-            **more,
-        )
-        result = with_provenance(result, self._began_s, self.options.time_shifts_ms)
+        order = [*self.studies]
+        made = tuple(sorted(self.known["studies"], key=lambda study: order.index(study.name)))
+        found = self.known | {"studies": made, "calibration": self.context.scene.source}
+        result = with_provenance(CompareResult(**found, **more), self._began_s, self.options.time_shifts_ms)
         return structs.replace(result, verdict=verdict(result), words=report_words(result))
 
 
@@ -272,16 +279,16 @@ def _chosen(studies: Mapping[str, Score], names: Sequence[str]) -> dict[str, Sco
             f"{unknown[0]!r} is not a study of a comparison", hint=f"installed: {', '.join(studies)}"
         )
     requested = set[str](names or studies)
-    while needed := {one for name in requested & studies.keys() for one in studies[name].needs} - requested:
+    while needed := {need for name in requested & studies.keys() for need in studies[name].needs} - requested:
         requested |= needed
     return {name: study for name, study in studies.items() if name in requested}
 
 
-def _limited(known: CompareResult, study: Score) -> CompareResult:
+def _limited(known: Mapping[str, Any], study: Score) -> CompareResult:
     """Return the known results without those that a study does not need."""
-    needed = tuple(one for one in known.studies if one.name in study.needs)
-    unneeded = {} if TIMING in study.needs else dict.fromkeys(("timing", "rig_timing", "tolerance"))
-    return structs.replace(known, studies=needed, **unneeded)
+    unneeded = () if TIMING in study.needs else ("timing", "rig_timing", "tolerance")
+    needed = tuple(other for other in known["studies"] if other.name in study.needs)
+    return CompareResult(**{k: v for k, v in known.items() if k not in unneeded} | {"studies": needed})
 
 
 def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str, Any]:
@@ -292,7 +299,7 @@ def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str,
     if context.scene.problem:
         return {}
     offsets = PairOffsets(context.compared)
-    pairs = (one for one in studies.values() if one.of_pair and not one.found.skipped)
+    pairs = (study for study in studies.values() if study.of_pair and not study.found.skipped)
     study = next(pairs, None)
     found: dict[str, Any] = {}
     with worker_pool(1) as pool:
@@ -325,30 +332,3 @@ def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -
         curve = measure_curve(type(study), quiet, study.pair, steps, timing)
         return {"tolerance": curve, "timing": curve.timing}
     return {"timing": timing}
-
-
-def _further_conditions(
-    context: Context, studies: Sequence[Score], conditions: Sequence[Condition], against: Scene | None
-) -> tuple[ConditionResult, ...]:
-    """Compare the requested conditions, and another session, with every study."""
-    made = [one for one in studies if one.has_conditions and not one.found.skipped]
-    found = []
-    for condition in conditions:
-        context.progress.step(f"condition {condition.name}")
-        compared = tuple(study.compare_condition(condition) for study in made)
-        found.append(
-            ConditionResult(
-                name=condition.name,
-                offsets_ms=fixed_offsets_ms(condition, context.scene.dataset),
-                studies=compared,
-            )
-        )
-    if against is not None:
-        other = against.dataset
-        context.progress.step(f"session {other.name}")
-        # The other session uses its own calibration if it has one, else this session's.
-        known = against.given or (None if context.scene.problem else context.scene.calibration)
-        scene = against.staged(context.scene.stages.folder).calibrated(known)
-        compared = tuple(study.compare_session(scene) for study in made)
-        found.append(ConditionResult(name=other.name, session=str(other.session.folder), studies=compared))
-    return tuple(found)

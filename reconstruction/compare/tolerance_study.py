@@ -1,8 +1,8 @@
 """`reconstruct tolerance`: a pair's depth against offset in both directions, and the tolerated delay."""
 
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,7 +14,7 @@ from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.common.outputs import REPORT, STAGES, comparison_folder, write_metrics
+from reconstruction.common.outputs import REPORT, comparison_folder, write_metrics
 from reconstruction.method.comparison_results import InstantTolerance, OffsetTolerance
 from reconstruction.method.score import Context, Score, study_reports
 from reconstruction.method.study_result import Interval, StudyResult
@@ -66,7 +66,9 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
         widest,
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
         measures=tuple(
-            structs.replace(one, offset=one.synced, difference=None) for one in widest.measures if one.synced
+            structs.replace(measure, offset=measure.synced, difference=None)
+            for measure in widest.measures
+            if measure.synced
         ),
         per_instant=(),
         facts={"offset_frames": 0},
@@ -149,13 +151,10 @@ def measure_tolerance(
         SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
     began = time.monotonic()
-    opened = Scene.open(session, time_shifts_ms)
-    steps = whole_frame_offsets(opened.dataset, max_offset_ms)
-    with (
-        tempfile.TemporaryDirectory(prefix="simulshot-") if out is None else comparison_folder(out) as output
-    ):
-        folder = Path(output) if isinstance(output, str) else output.folder
-        scene = opened.staged(folder / STAGES)
+    scene = Scene.open(session, time_shifts_ms)
+    scene.given  # noqa: B018  (refuses one that does not fit the images)
+    steps = whole_frame_offsets(scene.dataset, max_offset_ms)
+    with nullcontext() if out is None else comparison_folder(out) as output:
         scene.check_pair(pair)
         progress = Progress(4)
         progress.step("calibration")
@@ -191,9 +190,9 @@ def measure_tolerance(
             report="" if out is None else REPORT,
         )
         result = with_provenance(result, began, time_shifts_ms)
-        if out is not None:
-            write_tolerance_report(result, folder)
-            write_metrics(folder, result)
+        if output is not None:
+            write_tolerance_report(result, output.folder)
+            write_metrics(output.folder, result)
     return result
 
 
@@ -262,7 +261,7 @@ def measure_curve(
     ]
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
-    of_instants = {one.instant: one.peak_ms for one in instants if one.peak_ms is not None}
+    of_instants = {moment.instant: moment.peak_ms for moment in instants if moment.peak_ms is not None}
     peaks, spacing_ms = [*of_instants.values()], min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(with_depth_runs(timing, of_instants, spacing_ms), peaks, spacing_ms)
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
@@ -294,7 +293,7 @@ def _speed_px_per_ms(motion: SceneMotion, camera: str, nows: list[int]) -> float
         moving = motion.moving(camera, now)
         near = next((k for k in (now + 1, now - 1) if dataset.has_image(camera, k)), None)
         if near is not None and moving.any():
-            found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
-            lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))
+            flows = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
+            lengths.append(np.linalg.norm(flows, axis=1) / (abs(times[near] - times[now]) / 1e6))
     every = np.concatenate(lengths)
     return float(np.median(every)) if len(every) else None

@@ -37,9 +37,9 @@ def library_of(source: Path = SOURCE) -> Path:
 def find_compiler() -> list[str]:
     """Return the C compiler's command: the system's, or that of PyPI's ziglang; empty if there is none."""
     named = os.environ.get("CC", "cc"), "cc", "gcc", "clang"
-    if found := next(filter(None, map(shutil.which, named)), None):
+    if compiler := next(filter(None, map(shutil.which, named)), None):
         # Gathers are worth it from Haswell on; generic tuning avoids them.
-        return [found, "-mtune=haswell"] if platform.machine() == "x86_64" else [found]
+        return [compiler, "-mtune=haswell"] if platform.machine() == "x86_64" else [compiler]
     # Without a processor ziglang compiles for this one alone, and with -mtune for none older than that.
     return [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"] if find_spec("ziglang") else []
 

@@ -47,10 +47,10 @@ def move_edges(
         dx, dy = off_px * right, off_px * down
         level, *slopes = around[:, off_px + dy :, off_px + dx :][:, :height, :width]
         level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
-        found = cost_along(level, source_views, engine)
+        costs = cost_along(level, source_views, engine)
         for part, moved in zip(best, (level, *slopes), strict=True):
-            np.copyto(part, moved, where=found < cost)
-        cost = np.minimum(found, cost)
+            np.copyto(part, moved, where=costs < cost)
+        cost = np.minimum(costs, cost)
     return best
 
 
@@ -158,8 +158,8 @@ class PlaneSweep:
         source_views = [SourceView(reference, source_view.source) for source_view in source_views]
         engine, grey = self.engine, reference.grey
         place, cost = engine.find_cheapest(engine.cost_volume(source_views, None, levels), grey, *PENALTIES)
-        found = (levels[0] + place * step).astype(np.float32)
-        planes = engine.fit_planes(found, 2 * TOLERANCE * step, stride=2, rounds=3)
+        inverse_depth = (levels[0] + place * step).astype(np.float32)
+        planes = engine.fit_planes(inverse_depth, 2 * TOLERANCE * step, stride=2, rounds=3)
         return Surface._make((*planes, cost / WORST_COST))
 
     def _refine(
@@ -182,8 +182,8 @@ class PlaneSweep:
             offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
             costs = engine.cost_volume(source_views, planes[0], offsets)
             place, cost = engine.find_cheapest(costs, reference.grey, *FINE_PENALTIES)
-            found = planes[0] + (place - steps) * np.float32(step * step_fraction)
-            planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
+            inverse_depth = planes[0] + (place - steps) * np.float32(step * step_fraction)
+            planes = engine.fit_planes(inverse_depth, TOLERANCE * step, slopes=planes[1:], stride=2)
             surface = Surface._make((*planes, cost / WORST_COST))
         return surface
 

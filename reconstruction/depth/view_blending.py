@@ -57,7 +57,7 @@ def render(view: View, moment: Moment) -> Rendered:
     depth = surface_seen(view, moment)
     rays = floats(np.array([*view.matrix[[0, 1], [0, 1]], *view.matrix[:2, 2]]))
     colours, weights = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
-    held = [(np.ascontiguousarray(one.colours), floats(one.depth)) for one in moment.values()]
+    held = [(np.ascontiguousarray(seen.colours), floats(seen.depth)) for seen in moment.values()]
     sources = (_SeenFrom * len(held))(
         *(_seen_from(view, *one) for one in zip(moment.values(), held, strict=True))
     )

@@ -145,8 +145,10 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
         """Return whether any of these cameras was found to show a different instant from another of them."""
         asked = frozenset(cameras)
         measured = (self.timing, *(self.rig_timing.cameras if self.rig_timing is not None else ()))
-        return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)
+        return any(
+            timing is not None and timing.offset and asked.issuperset(timing.cameras) for timing in measured
+        )
 
     def study(self, name: str) -> StudyResult[Any] | None:
         """Return the result of a study; None if it was skipped."""
-        return next((one for one in self.studies if one.name == name and not one.skipped), None)
+        return next((study for study in self.studies if study.name == name and not study.skipped), None)

@@ -75,7 +75,7 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
     def command_line(self, session: Path, condition: Condition, out: str) -> str:
         """Return the command line that writes the results of `run`, in a loop if it takes one instant."""
-        flags = {one.field: one for one in described(type(self)) if one.own}
+        flags = {option.field: option for option in described(type(self)) if option.own}
         loop = "instants" not in flags and getattr(self, "instants", None)
         words = ["reconstruct", self.name, str(session)]
         for name, one in flags.items():
@@ -136,11 +136,11 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
         return comparison_folder(out)
 
-    def make(self, sources: Sequence[Path], out: Path, condition: Condition = SYNCHRONIZED) -> Any:
+    def make(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition = SYNCHRONIZED) -> Any:
         """Check the options, and write the result of a session, or of images, to `out`; see `write`."""
         return checked(self).write(sources, out, condition)
 
-    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+    def write(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition) -> Any:
         """Run on a session, or on images; write the result to `out` atomically, and return it.
 
         Raises:
@@ -157,19 +157,19 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
             write_atomic(output.folder / self.result_file, pretty_json(result))
         return result
 
-    def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
+    def compute(self, sources: "Sequence[Path | Scene]", condition: Condition, output: "OutputFolder") -> Any:
         """Open the session and run on it; a method that takes images overrides this."""
         return self.save(self.open_scene(sources[0], condition), condition, output)
 
-    def open_scene(self, session: Path, condition: Condition) -> "Scene":
-        """Open the session that it runs on, and check the condition.
+    def open_scene(self, session: "Path | Scene", condition: Condition) -> "Scene":
+        """Open the session that it runs on, unless it is open, and check the condition.
 
         Raises:
             SimulshotError: the session, its calibration or the condition cannot be used.
         """
         from reconstruction.scene.scene import Scene
 
-        scene = Scene.open(session, self.time_shifts_ms)
+        scene = session if isinstance(session, Scene) else Scene.open(session, self.time_shifts_ms)
         condition.check(scene.dataset)
         return scene
 
@@ -202,7 +202,7 @@ def scored() -> Sequence[type[Check]]:
 
 def study_names() -> list[str]:
     """Return the names of all scores that a comparison can make, without loading them."""
-    return sorted(one.name for one in scored())
+    return sorted(kind.name for kind in scored())
 
 
 def find_method(name: str, **options: Any) -> Method:

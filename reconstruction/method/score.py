@@ -245,11 +245,12 @@ class Score:
         """
         first, late, tally = self.cameras[0], condition.kept_at(self.cameras[0]), Tally()
         complete = {
-            one.instant: one for one in complete_instants(self.dataset, condition, first, self.cameras)
+            moment.instant: moment
+            for moment in complete_instants(self.dataset, condition, first, self.cameras)
         }
         nows = choose_moving_instants(self.motion, (first,), list(complete), self.context.max_instants)
         method = msgspec.structs.replace(self.options, instants=tuple(nows))
-        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
         for now, *results in zip(nows, *both, strict=True):
             measured = {
                 side: self.measure_instant(result, complete[now], side)
@@ -306,12 +307,12 @@ class Score:
         twin = type(self)(replace(context, middle=len(scene.dataset.instants_ns) // 2))
         twin.condition = SYNCHRONIZED
         twin.adopt(self)
-        found = twin.run(self.known)
-        if found.skipped:
-            return found
-        names = dict.fromkeys(one.name for one in (*self.found.measures, *found.measures))
-        measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
-        return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())
+        results = twin.run(self.known)
+        if results.skipped:
+            return results
+        names = dict.fromkeys(measure.name for measure in (*self.found.measures, *results.measures))
+        measures = (Measure(name=n, synced=self.found.interval(n), offset=results.interval(n)) for n in names)
+        return msgspec.structs.replace(results, measures=tuple(measures), per_instant=())
 
     def compare_instants(
         self,
@@ -336,15 +337,15 @@ class Score:
         The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
         `words` replace names in braces in the captions.
         """
-        texts = [one for one in self.text.pictures if one.key in drawn[CONDITIONS[0]]]
-        suffixes = {one.key: "png" if one.key == flat else "jpg" for one in texts}
+        texts = [picture for picture in self.text.pictures if picture.key in drawn[CONDITIONS[0]]]
+        suffixes = {text.key: "png" if text.key == flat else "jpg" for text in texts}
         paths = {
             key: {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
             for key, suffix in suffixes.items()
         }
-        captions = {one.key: one.caption.format(**words) for one in texts}
+        captions = {text.key: text.caption.format(**words) for text in texts}
         return tuple(
-            msgspec.structs.replace(one, caption=captions[one.key], **paths[one.key]) for one in texts
+            msgspec.structs.replace(text, caption=captions[text.key], **paths[text.key]) for text in texts
         )
 
     def late_condition(self, condition: Condition, offsets_ms: Mapping[str, float]) -> Condition:
@@ -392,11 +393,11 @@ class Score:
 @cache
 def study_reports() -> Mapping[str, type[Score]]:
     """Return all installed scores by name, in their order."""
-    found: list[type[Score]] = [resolve_name(one.study) for one in scored()]
-    found.sort(key=lambda one: (one.text.place, one.text.name))
-    return {one.text.name: one for one in found}
+    kinds: list[type[Score]] = [resolve_name(kind.study) for kind in scored()]
+    kinds.sort(key=lambda one: (one.text.place, one.text.name))
+    return {score.text.name: score for score in kinds}
 
 
 def reported(result: CompareResult) -> list[tuple[type[Score], StudyResult[Any]]]:
     """Return the studies that were made, each with its result."""
-    return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]
+    return [(study_reports()[study.name], study) for study in result.studies if not study.skipped]

@@ -104,14 +104,14 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
 
     def interval(self, name: str, side: str = "synced") -> Interval | None:
         """Return a measure's interval in one condition; None if it was not measured."""
-        return next((one.side(side) for one in self.measures if one.name == name), None)
+        return next((measure.side(side) for measure in self.measures if measure.name == name), None)
 
     def value(self, name: str, side: str = "synced") -> float | None:
         """Return a measure's median in one condition; None if it was not measured."""
-        found = self.interval(name, side)
-        return None if found is None else found.value
+        interval = self.interval(name, side)
+        return None if interval is None else interval.value
 
     def first_known(self, *names: str) -> tuple[str, float, float] | None:
         """Return the first measure that both conditions have, with both values; None if there is none."""
-        found = ((name, self.value(name), self.value(name, "offset")) for name in names)
-        return next(((name, a, b) for name, a, b in found if a is not None and b is not None), None)
+        values = ((name, self.value(name), self.value(name, "offset")) for name in names)
+        return next(((name, a, b) for name, a, b in values if a is not None and b is not None), None)

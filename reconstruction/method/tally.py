@@ -70,7 +70,7 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     Unknown depth is 0; unknown grey-level differences and unknown true depth (same unit) are NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
-    found = Measurements(
+    measured = Measurements(
         shares={"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))},
         medians={"photometric_error": seen[:: max(1, len(seen) // MAX_DIFFERENCES)]},
     )
@@ -78,8 +78,8 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
             right = right_depth(depth[known], truth[known], tolerance)
-            found.shares[name] = int(right.sum()), right.size
-    return found
+            measured.shares[name] = int(right.sum()), right.size
+    return measured
 
 
 @dataclass
@@ -108,7 +108,9 @@ class Tally:
     @property
     def measures(self) -> tuple[Measure, ...]:
         """Medians over the instants with intervals; measures without a value are left out."""
-        return tuple(one for one in map(self._measure, self.names) if one.synced or one.offset)
+        return tuple(
+            measure for measure in map(self._measure, self.names) if measure.synced or measure.offset
+        )
 
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:

@@ -21,7 +21,7 @@ from reconstruction.time_offsets.crossings import (
 from reconstruction.time_offsets.instant_votes import UNCHANGED, Change
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
-from reconstruction.time_offsets.single_images import SingleImages
+from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -118,15 +118,17 @@ def measure_pair_timing(
     timing = judge_timing(
         cameras, fit or offsets.measure(*cameras), float(np.median(apart or [0.0])), spacing_ms, moving
     )
-    timing = with_repeats(timing, {name: offsets.repeated(name) for name in cameras})
+    timing = with_repeats(
+        timing, {name: offsets.repeated(name) for name in cameras}, stalled_images(dataset, cameras)
+    )
     timing = without_common_times(timing, dataset.unsynchronized)
     return with_planned_delay(timing, dataset.planned_delay_ms(first, second))
 
 
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
-    found = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
-    first = next(name for name, one in found.items() if one.sd_ms == 0)
+    rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
+    first = next(name for name, one in rig_offsets.items() if one.sd_ms == 0)
     judged = (
         measure_pair_timing(
             offsets,
@@ -135,7 +137,7 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionT
                 one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px, change=one.change or UNCHANGED
             ),
         )
-        for name, one in found.items()
+        for name, one in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))
@@ -184,11 +186,14 @@ def judge_timing(
             offset=True,
             reason=fit.change.describe(other, reference),
         )
-    odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
+    odd = sum(
+        abs(instant.late_ms - late) > max(ODD_INSTANT_SIGMAS * instant.sd_ms, limit_ms)
+        for instant in instants
+    )
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:
-        low, high = (end(one.late_ms for one in instants) for end in (min, max))
+        low, high = (end(instant.late_ms for instant in instants) for end in (min, max))
         reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, by clocks or a wrong calibration"
         return structs.replace(unknown, reason=f"{reason}: check that with a board")
     offset = abs(late) > ODD_SIGMAS * sd
@@ -211,7 +216,7 @@ def judge_timing(
     reason = next((text for text, holds in doubts.items() if holds), "")
     # The frame needs far less evidence: only its neighbours must be excluded.
     same = is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms) and all(
-        abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
+        abs(instant.late_ms) - ODD_SIGMAS * instant.sd_ms < spacing_ms / 2 for instant in instants
     )
     # If measured images disagree, others may be farther off.
     same &= not unknown.disagreeing and (not odd or is_same_instant(possible_ms, spacing_ms))
@@ -248,8 +253,8 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     """
     if not instants:
         return 0.0
-    variances = np.array([one.sd_ms for one in instants]) ** 2
-    scatter = np.array([one.late_ms - late_ms for one in instants]) ** 2
+    variances = np.array([instant.sd_ms for instant in instants]) ** 2
+    scatter = np.array([instant.late_ms - late_ms for instant in instants]) ** 2
     # The 5 % quantile of chi-squared (Wilson and Hilferty 1931).
     part = 2 / (9 * len(instants))
     least = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
@@ -271,12 +276,18 @@ def without_common_times(timing: Timing, problem: str) -> Timing:
     )
 
 
-def with_repeats(timing: Timing, repeated: Mapping[str, tuple[int, ...]]) -> Timing:
-    """Return the judgement of cameras that repeat images at some instants: never synchronized."""
-    timing = structs.replace(timing, images=structs.replace(timing.images, repeated=repeated[timing.other]))
-    if not (names := [name for name, instants in repeated.items() if instants]) or timing.offset:
+def with_repeats(
+    timing: Timing, repeated: Mapping[str, tuple[int, ...]], stalled: Mapping[str, tuple[int, ...]]
+) -> Timing:
+    """Return the judgement of cameras that repeat images, or show a moment twice: never synchronized."""
+    images = structs.replace(timing.images, repeated=repeated[timing.other], stalled=stalled[timing.other])
+    timing = structs.replace(timing, images=images)
+    names = [name for name in repeated if repeated[name] or stalled[name]]
+    if not names or timing.offset:
         return timing
-    return _denied(timing, timing.reason or f"{' and '.join(names)} repeats images")
+    odd = {k for name in names for k in (*repeated[name], *stalled[name])}.union(timing.disagreeing)
+    reason = timing.reason or f"{' and '.join(names)} repeats images, or shows a moment twice"
+    return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(odd)))
 
 
 def with_planned_delay(timing: Timing, planned_ms: float) -> Timing:
@@ -379,4 +390,4 @@ class SessionTiming(Struct, frozen=True, kw_only=True):
     @property
     def together(self) -> frozenset[str]:
         """Cameras that show the same instant as the reference, including the reference."""
-        return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
+        return frozenset({self.reference, *(camera.other for camera in self.cameras if camera.synchronized)})

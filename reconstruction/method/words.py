@@ -91,14 +91,14 @@ class StudyText:
 
     def unit(self, measure: str) -> str:
         """Return the unit of a measure by its full name."""
-        return next(one.unit for one in self.measures if measure.endswith(one.key))
+        return next(text.unit for text in self.measures if measure.endswith(text.key))
 
 
 def read_words(package: str) -> StudyText:
     """Read the words of a method from the files in its package: `WORDS`, and `SECTION` and `WHY` if there."""
     folder = files(package)
-    found = tomllib.loads((folder / WORDS).read_text("utf-8"))
+    words = tomllib.loads((folder / WORDS).read_text("utf-8"))
     for name, file in (("section", SECTION), ("why", WHY)):
         if (template := folder / file).is_file():
-            found[name] = template.read_text("utf-8")
-    return msgspec.convert(found, StudyText)
+            words[name] = template.read_text("utf-8")
+    return msgspec.convert(words, StudyText)

@@ -44,11 +44,11 @@ def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict
             f"the report lacks the picture {path}: {error.strerror or error}",
             hint="compare the session again",
         ) from error
-    if (found := _as_webp(data, max_px * panels)) is None:
+    if (packed := _as_webp(data, max_px * panels)) is None:
         raise BadInputError(
             f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
         )
-    return found
+    return packed
 
 
 @lru_cache(maxsize=MAX_ENCODED)

@@ -74,11 +74,11 @@ def write_page(page: str, out: Path) -> Path:
 @cache
 def _environment(package: str) -> Environment:
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(one, TEMPLATES) for one in dict.fromkeys((package, PACKAGE))]),
+        loader=ChoiceLoader([PackageLoader(name, TEMPLATES) for name in dict.fromkeys((package, PACKAGE))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update({one.__name__: one for one in FILTERS})
+    environment.filters.update({function.__name__: function for function in FILTERS})
     return environment

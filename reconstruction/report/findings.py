@@ -84,7 +84,9 @@ def _offset_sentences(timing: Timing, by: str) -> str:
 
 def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
-    if not (late := [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]):
+    paired = () if pair is None else pair.cameras
+    late = [camera for camera in rig.cameras if camera.offset and camera.other not in paired]
+    if not late:
         return ""
     shown = [one.reason if one.change else f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
     more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
@@ -220,9 +222,9 @@ def _misfit_sentence(result: CompareResult) -> str:
 def _skipped_sentence(result: CompareResult) -> str:
     """Return a sentence on requested studies that could not be made, with reasons; empty if all were made."""
     skipped = [
-        f"{study_reports()[one.name].text.subject} ({one.skipped})"
-        for one in result.studies
-        if one.skipped and not one.unasked
+        f"{study_reports()[study.name].text.subject} ({study.skipped})"
+        for study in result.studies
+        if study.skipped and not study.unasked
     ]
     return f"Not made: {'; '.join(skipped)}." if skipped else ""
 
@@ -300,8 +302,14 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
 
 def _is_vague(found: StudyResult[Any], claim: Claim) -> bool:
     """Return whether a claimed fraction's interval is too wide for a headline."""
-    known = (one.synced for one in found.measures if one.synced and one.synced.value == claim.values[0])
-    return claim.unit == wording.PERCENT and any(one.ends[1] - one.ends[0] > VAGUE_FRACTION for one in known)
+    known = (
+        measure.synced
+        for measure in found.measures
+        if measure.synced and measure.synced.value == claim.values[0]
+    )
+    return claim.unit == wording.PERCENT and any(
+        interval.ends[1] - interval.ends[0] > VAGUE_FRACTION for interval in known
+    )
 
 
 def describe_exactness(result: CompareResult) -> dict[str, str]:
@@ -309,7 +317,7 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 
     Both have a `*_source` that says how they were determined. Unknown values are stated as such.
     """
-    offset = [one for one in timings_of(result) if one.offset]
+    offset = [timing for timing in timings_of(result) if timing.offset]
     furthest = max(offset, key=_largest_offset_ms, default=None)
     shown = furthest or result.timing
     measured = offset_text(shown) if shown is not None else ""
@@ -337,9 +345,9 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 
 def _largest_offset_ms(timing: Timing) -> float:
     """Return the size of the offset; if it changes, the largest, of its instants or between two steps."""
-    late_ms = [one.late_ms for one in timing.instants] if timing.change.drift else []
+    late_ms = [instant.late_ms for instant in timing.instants] if timing.change.drift else []
     for step in timing.change.steps:
-        later = [one.late_ms for one in timing.instants if one.instant >= step.instant]
+        later = [moment.late_ms for moment in timing.instants if moment.instant >= step.instant]
         late_ms += [median(later)] if later else []
     return max(map(abs, [*late_ms, timing.late_ms or 0.0]))
 
@@ -347,13 +355,13 @@ def _largest_offset_ms(timing: Timing) -> float:
 def timings_of(result: CompareResult) -> list[Timing]:
     """Return the judgements of the pair and of all cameras."""
     rig = result.rig_timing.cameras if result.rig_timing is not None else ()
-    return [one for one in (result.timing, *rig) if one is not None]
+    return [timing for timing in (result.timing, *rig) if timing is not None]
 
 
 def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
     """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
-    apart = any(one.offset for one in timings_of(result))
+    apart = any(timing.offset for timing in timings_of(result))
     unknown = {
         "whether the pictures show one instant was not measured": result.timing is None,
         "the pictures do not show one instant": apart,

@@ -66,8 +66,10 @@ class Table:
     @property
     def groups(self) -> list[tuple[str, int]]:
         """Groups of neighbouring columns with their column counts; empty if no column has a group."""
-        found = [(group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)]
-        return found if any(group for group, _ in found) else []
+        groups = [
+            (group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)
+        ]
+        return groups if any(group for group, _ in groups) else []
 
 
 def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -> Cell:
@@ -90,18 +92,20 @@ def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
     text, placeholders = reported.text, reported.placeholders(study)
     groups = WITH_CONTROL if text.control else (("", ""),)
     sides = [(prefix, side) for prefix, _ in groups for side in CONDITIONS]
-    known = {one.name for one in study.measures if one.synced or one.offset}
+    known = {measure.name for measure in study.measures if measure.synced or measure.offset}
     rows = [
         Row(
-            one.name,
+            measure.name,
             [
-                interval_cell(study.interval(prefix + one.key, side), one.unit, control=prefix == "static_")
+                interval_cell(
+                    study.interval(prefix + measure.key, side), measure.unit, control=prefix == "static_"
+                )
                 for prefix, side in sides
             ],
-            details=one.text.format(**placeholders),
+            details=measure.text.format(**placeholders),
         )
-        for one in text.measures
-        if any(prefix + one.key in known for prefix, _ in groups)
+        for measure in text.measures
+        if any(prefix + measure.key in known for prefix, _ in groups)
     ]
     columns = [Column(head, group, tone) for _, group in groups for tone, head in names.heads.items()]
     return Table(text.caption.format(**placeholders), columns, rows, kind="twin")
@@ -149,10 +153,10 @@ def conditions_table(result: CompareResult) -> Table:
 def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str, str], Interval]:
     """Return the value and interval of every measure in one condition (`side`), by study and measure."""
     return {
-        (one.name, measure.name): found
-        for one in studies
-        for measure in one.measures
-        if (found := measure.side(side)) is not None
+        (study.name, measure.name): interval
+        for study in studies
+        for measure in study.measures
+        if (interval := measure.side(side)) is not None
     }
 
 
@@ -195,8 +199,8 @@ def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames)
 def timing_table(rig: SessionTiming) -> Table:
     """Return every camera's time offset against the reference, measured by motion, and the judgement."""
     rows = [
-        Row(one.other, [Cell(offset_text(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
-        for one in rig.cameras
+        Row(camera.other, [Cell(offset_text(camera) or wording.NOT_AVAILABLE), Cell(rig_judgement(camera))])
+        for camera in rig.cameras
     ]
     return Table(
         f"Time offset of each camera against {rig.reference}, by what moves; 95 %",

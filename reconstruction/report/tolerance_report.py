@@ -52,9 +52,9 @@ def tolerance_heading(tolerance: OffsetTolerance) -> str:
 
 def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
     found = [
-        f"{wording.offset_text(ms)}, for {_found(tolerance, one)}"
-        for one in (tolerance.points[0], tolerance.points[-1])
-        if (ms := one.late_ms)
+        f"{wording.offset_text(ms)}, for {_found(tolerance, point)}"
+        for point in (tolerance.points[0], tolerance.points[-1])
+        if (ms := point.late_ms)
     ]
     directions = f"; with the second picture {'; '.join(dict.fromkeys(found))}" if found else ""
     return f"{_found_as_recorded(tolerance)}{directions}."
@@ -106,8 +106,12 @@ def _table(tolerance: OffsetTolerance) -> Table:
 
 def _instants(tolerance: OffsetTolerance) -> Table:
     """Return a row for each instant: the second camera's time offset by motion, and the instant's curve."""
-    texts = {one.instant: one for one in tolerance.timing.instants} if tolerance.timing is not None else {}
-    known = {one.instant: one for one in tolerance.per_instant}
+    texts = (
+        {moment.instant: moment for moment in tolerance.timing.instants}
+        if tolerance.timing is not None
+        else {}
+    )
+    known = {row.instant: row for row in tolerance.per_instant}
     rows = []
     for instant in sorted(texts.keys() | known.keys()):
         late, curve = texts.get(instant), known.get(instant)

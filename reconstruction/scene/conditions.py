@@ -93,11 +93,11 @@ class Condition:
         Drawn delays depend only on the instant and the number of the draw. They all differ if possible:
         cameras with equal offsets agree with each other and hide the effect.
         """
-        found = self._offsets_ms(cameras, instant, draw)
-        if not self.anchor or not found:
-            return found
-        own_ms = found[cameras.index(self.anchor)]
-        return tuple(ms - own_ms for ms in found)
+        offsets = self._offsets_ms(cameras, instant, draw)
+        if not self.anchor or not offsets:
+            return offsets
+        own_ms = offsets[cameras.index(self.anchor)]
+        return tuple(ms - own_ms for ms in offsets)
 
     def _offsets_ms(self, cameras: Sequence[str], instant: int, draw: int) -> tuple[float, ...]:
         if self.drawn:

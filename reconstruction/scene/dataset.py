@@ -21,7 +21,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import image_size, read_image, refuse_odd_shape
 from reconstruction.common.memory import ByteCache, memory_budget
-from reconstruction.scene.picture_checksums import picture_checks
+from reconstruction.common.picture_checksums import picture_checks
 
 CACHE_FRACTION = 0.12
 """Fraction of the memory budget for cached decoded images."""

@@ -1,5 +1,8 @@
 """Features of a session's images, detected once: all of them, and those at rest."""
 
+from collections.abc import Callable
+from typing import Self
+
 from reconstruction.common.worker_pool import computed_once
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import FAINT_CONTRAST, Features, detect_features
@@ -11,9 +14,12 @@ MAX_IMAGES, MAX_INSTANTS = 64, 9
 class SceneFeatures:
     """Features by camera and instant; threads that ask for the same ones compute them once."""
 
-    def __init__(self, motion: SceneMotion) -> None:
+    def __init__(self, motion: SceneMotion, same_images: Self | None = None) -> None:
+        """`same_images`: features of the same images, for another motion."""
         self.dataset, self.motion = motion.dataset, motion
-        self.of_image = computed_once(self._detect, MAX_IMAGES)
+        self.of_image: Callable[[str, int], Features] = (
+            same_images.of_image if same_images else computed_once(self._detect, MAX_IMAGES)
+        )
         """The features of an image, including those of moving objects."""
         self.at_rest = computed_once(self._at_rest, MAX_INSTANTS)
         """Each camera's features at rest in the image nearest to an instant."""

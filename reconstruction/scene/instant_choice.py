@@ -107,9 +107,9 @@ def complete_instants(
                 found.append(ShownInstant(instant, with_images))
     if not found:
         raise ValueError(problem)
-    max_cameras = max(len(one.shown) for one in found)
-    complete = [one for one in found if len(one.shown) == max_cameras]
-    refuse_synchronized(condition, [(one.instant, one.shown) for one in complete])
+    max_cameras = max(len(moment.shown) for moment in found)
+    complete = [moment for moment in found if len(moment.shown) == max_cameras]
+    refuse_synchronized(condition, [(moment.instant, moment.shown) for moment in complete])
     return complete
 
 
@@ -138,9 +138,9 @@ def pair_instants(
     """
     offset = None if condition.drawn else _pair_offset(dataset, condition, first, second)
     pairs = offset.pairs if offset else _drawn_pairs(dataset, condition, first, second)
-    if not (found := pairs_with_images(dataset, pairs, first, second)):
+    if not (complete := pairs_with_images(dataset, pairs, first, second)):
         raise ValueError(f"{first} and {second} have no images at this offset")
-    return found, offset.actual_ms if offset else None
+    return complete, offset.actual_ms if offset else None
 
 
 def _drawn_pairs(
@@ -157,10 +157,10 @@ def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str
     if asked_ms == 0:
         raise ValueError(f"{first} and {second} are equally late, which is synchronized for these two")
     try:
-        found = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
+        offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
     except BadInputError as error:
         raise ValueError(str(error)) from error
-    return found if asked_ms > 0 else found.reversed
+    return offset if asked_ms > 0 else offset.reversed
 
 
 def choose_moving_instants(

@@ -180,8 +180,8 @@ def measure_camera_motion(dataset: Dataset, camera: str) -> tuple[float, float, 
         return None
     # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
     for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
-        if found := _follow_pairs(dataset, camera, max(1, apart_ns)):
-            still_fraction, px, ms = map(float, np.median(found, axis=0))
+        if followed := _follow_pairs(dataset, camera, max(1, apart_ns)):
+            still_fraction, px, ms = map(float, np.median(followed, axis=0))
             return still_fraction, px, ms
     return None
 

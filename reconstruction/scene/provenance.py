@@ -9,7 +9,7 @@ from msgspec import Struct, structs
 
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.scene.picture_checksums import picture_checks
+from reconstruction.common.picture_checksums import picture_checks
 
 
 class Provenance(Struct, frozen=True, kw_only=True):

@@ -8,10 +8,9 @@ from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 
-from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import View
-from reconstruction.common.outputs import StageCache
 from reconstruction.scene.calibration.soundness import calibrated_views
 from reconstruction.scene.calibration.stored import choose_calibration
 from reconstruction.scene.calibration.structure_from_motion import guess_calibration
@@ -30,59 +29,46 @@ class Scene:
     """
 
     def __init__(
-        self,
-        dataset: Dataset,
-        calibration: Calibration | None = None,
-        *,
-        stages: Path | None = None,
-        scale_error: float = 0.0,
+        self, dataset: Dataset, calibration: Calibration | None = None, scale_error: float = 0.0
     ) -> None:
-        """`calibration` replaces the session's own; `stages` is the folder of the stage cache, None = none.
+        """`calibration` replaces that of the session or its rig.
 
-        `scale_error` is the relative standard deviation of the calibration's
-        scale; 0 = as exact as its poses.
+        `scale_error` is the relative standard deviation of the calibration's scale; 0 = as exact as its
+        poses.
         """
-        self.dataset = dataset
-        self.given = calibration or dataset.session.calibration()
-        """The calibration of the session or its rig; None if there is none."""
-        self.scale_error = scale_error
-        self.stages = StageCache(stages, dataset.fingerprint(self.given))
+        self.dataset, self.scale_error = dataset, scale_error
         self.motion = SceneMotion(dataset, 1)
-        self.features = SceneFeatures(self.motion)
-        self._made = dict[Hashable, Any]()
-        self._lock = threading.RLock()
+        self.features = self._features = SceneFeatures(self.motion)
+        self._replaced = calibration
+        self._made, self._locks = dict[Hashable, Any](), dict[Hashable, threading.RLock]()
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return what `make` returns for a key; runs of one scene share it."""
-        with self._lock:
+        with self._locks.setdefault(key, threading.RLock()):
             if key not in self._made:
                 self._made[key] = make()
-            return cast("T", self._made[key])
+        return cast("T", self._made[key])
 
     @classmethod
-    def open(cls, folder: Path, shifts_ms: Mapping[str, float] | None = None, **settings: Any) -> Self:
-        """Open a session's folder, and choose its calibration; `shifts_ms` is as in `Dataset`.
-
-        `settings` are as in the constructor.
+    def open(cls, folder: Path, shifts_ms: Mapping[str, float] | None = None) -> Self:
+        """Open a session's folder; `shifts_ms` is as in `Dataset`.
 
         Raises:
-            SimulshotError: the session, its images or its calibration cannot be used.
+            SimulshotError: the session or its images cannot be used.
         """
-        dataset = Dataset.open(folder, shifts_ms)
-        return cls(dataset, choose_calibration(dataset), **settings)
+        return cls(Dataset.open(folder, shifts_ms))
+
+    @property
+    def given(self) -> Calibration | None:
+        """The calibration of the session or its rig, None without; raises as `choose_calibration`."""
+        return self._replaced or self.once("given", lambda: choose_calibration(self._features))
 
     def calibrated(self, calibration: Calibration | None, scale_error: float = 0.0) -> "Scene":
         """Return the same session with another calibration; None = without a change."""
-        return Scene(
-            self.dataset,
-            calibration or self.given,
-            stages=self.stages.folder,
-            scale_error=scale_error,
-        )
-
-    def staged(self, stages: Path | None) -> "Scene":
-        """Return the scene with a stage cache in a folder."""
-        return Scene(self.dataset, self.given, stages=stages, scale_error=self.scale_error)
+        other = copy(self)
+        other._replaced, other.scale_error = calibration or self.given, scale_error
+        other._made, other._locks = {}, {}
+        return other
 
     def moving_over(self, step: int) -> "Scene":
         """Return the scene in which moves what moves within `step` instants: for scores, not for methods."""
@@ -92,22 +78,17 @@ class Scene:
             other.motion = SceneMotion(self.dataset, step)
             # What stands still is the same over any time.
             other.motion.background = self.motion.background
-            other.features = SceneFeatures(other.motion)
+            other.features = SceneFeatures(other.motion, self.features)
             return other
 
-        return self.once(("moving over", step), make)
+        return self if step == self.motion.step else self.once(("moving over", step), make)
 
     def fitted(self, **work: Any) -> "Scene":
         """Return the scene at a size that fits the memory budget; see `Dataset.fitted`."""
         dataset = self.dataset.fitted(**work)
         if dataset is self.dataset:
             return self
-        return Scene(
-            dataset,
-            self.given,
-            stages=self.stages.folder,
-            scale_error=self.scale_error,
-        )
+        return Scene(dataset, self.given, self.scale_error)
 
     @property
     def calibration(self) -> Calibration:
@@ -137,8 +118,8 @@ class Scene:
     @property
     def problem(self) -> str:
         """Why no calibration can be found; empty if one is."""
-        found = self._calibrated
-        return str(found) if isinstance(found, Exception) else ""
+        calibrated = self._calibrated
+        return str(calibrated) if isinstance(calibrated, Exception) else ""
 
     @property
     def source(self) -> str:
@@ -155,30 +136,18 @@ class Scene:
         return self.once("calibrated", self._calibrate)
 
     def _require(self) -> tuple[Calibration, dict[str, View]]:
-        found = self._calibrated
-        if isinstance(found, Exception):
-            raise found
-        return found
+        calibrated = self._calibrated
+        if isinstance(calibrated, Exception):
+            raise calibrated
+        return calibrated
 
     def _calibrate(self) -> tuple[Calibration, dict[str, View]] | BadInputError | NotAvailableError:
         try:
-            found = self.given or self.stages.record("calibration", Calibration, self._guess)
-            return found, calibrated_views(self.dataset, found)
+            # Every command calibrates a session by the same points at rest, whatever images it compares.
+            calibration = self.given or guess_calibration(self._features.motion)
+            return calibration, calibrated_views(self.dataset, calibration)
         except (BadInputError, NotAvailableError) as error:
             return error
-
-    def _guess(self) -> Calibration:
-        # Every command calibrates a session by the same points at rest, whatever images it compares.
-        return guess_calibration(self.motion if self.motion.step == 1 else SceneMotion(self.dataset, 1))
-
-    def require_calibration(self) -> Calibration:
-        """Return the given calibration; raise IncompleteError if there is none."""
-        if self.given is None:
-            raise IncompleteError(
-                f"{self.dataset.name} has no calibration, which a view from elsewhere needs",
-                hint=f"reconstruct calibrate {self.dataset.session.folder}",
-            )
-        return self.given
 
     def check_pair(self, pair: tuple[str, str] | None) -> None:
         """Raise BadInputError if the session does not have these two different cameras."""

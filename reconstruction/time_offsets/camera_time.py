@@ -8,7 +8,6 @@ from msgspec import Struct, structs
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.scene.dataset import Dataset
-from reconstruction.time_offsets.crossings import InstantOffset
 from reconstruction.time_offsets.instant_votes import Change
 from reconstruction.time_offsets.single_images import SingleImages
 
@@ -49,8 +48,6 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Standard deviation of single images' own offsets, if it is certainly not zero."""
     images: SingleImages = SingleImages()
     """Single images that are not at this offset, or do not show whether they are."""
-    votes: tuple[InstantOffset, ...] = ()
-    """Delay of single instants' images, by what moves in front of this camera and the one nearest to it."""
     planned_ms: float = 0.0
     """Delay against the reference that was planned (staggered cameras); `offset_ms` is what is beyond it."""
     rate_ppm: float | None = None

@@ -149,11 +149,11 @@ class PairOffsets:
         others = {
             other: times.at_ms(second, other) + near_ms
             for other in self.dataset.instants(second)
-            if not self._is_repeated(second, other)
+            if other not in self.repeated(second)
         }
         all_moves = bool(self.moving((first, second)))
         cameras = (first, second) if rough is None else (first,)
-        asked = tuple(k for k in self.dataset.instants(*cameras) if not self._is_repeated(first, k))
+        asked = tuple(k for k in self.dataset.instants(*cameras) if k not in self.repeated(first))
         if rough is not None:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             asked = tuple(k for k in asked if low <= times.at_ms(first, k) <= high)
@@ -211,9 +211,6 @@ class PairOffsets:
                 ]
             )
         return self._placed(fit.later(near_ms).examined_at(chosen), (first, second))
-
-    def _is_repeated(self, camera: str, instant: int) -> bool:
-        return instant in self.repeated(camera)
 
     def _why_unmeasurable(self, first: str, second: str) -> str:
         """Return why the calibration shows no offset between two cameras; empty if it does."""
@@ -286,7 +283,7 @@ class PairOffsets:
 
         def near(k: int) -> bool:
             """Return whether there is an image, near enough in time for tracking."""
-            if not data.has_image(camera, k) or self._is_repeated(camera, k):
+            if not data.has_image(camera, k) or k in self.repeated(camera):
                 return False
             apart_ns = data.record(camera, k).leader_ns - data.record(camera, instant).leader_ns
             return abs(apart_ns) <= MAX_TRACK_PERIODS * data.period_ns

@@ -134,30 +134,21 @@ def with_changes(
 def _single(
     name: str, found: Mapping[str, CameraTime], known: Mapping[Pair, OffsetFit], period_ms: float
 ) -> dict[str, Any]:
-    """Return a camera's jitter, its `SingleImages`, and the votes of its pair with the most instants.
+    """Return a camera's jitter and its `SingleImages`, as fields of `CameraTime`.
 
     An image is off if it is in all pairs. A lone pair blames the camera that is not the reference.
     """
     its = {pair: fit for pair, fit in known.items() if name in pair and {*pair} <= {*found}}
-    if not its:
+    if not its or (found[name].source == REFERENCE and len(its) == 1):
         return {}
-    sides = {pair: 1 if pair[1] == name else -1 for pair in its}
     jitter_ms = min(fit.jitter_ms(period_ms) or 0.0 for fit in its.values())
-    if found[name].source == REFERENCE and len(its) == 1:
-        return {}
     images = SingleImages(
         glitches_ms=common_glitches([fit.glitches_ms[pair[1] == name] for pair, fit in its.items()]),
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
         examined=max(fit.examined for fit in its.values()),
         period_ms=period_ms,
     )
-    best = max(its, key=lambda pair: len(its[pair].instants))
-    (other,) = (one for one in best if one != name)
-    votes = tuple(
-        structs.replace(one, late_ms=round(sides[best] * one.late_ms + (found[other].offset_ms or 0.0), 3))
-        for one in its[best].instants
-    )
-    return {"jitter_ms": jitter_ms or None, "images": images, "votes": votes}
+    return {"jitter_ms": jitter_ms or None, "images": images}
 
 
 def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]:

@@ -10,12 +10,13 @@ from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
 from capture_app.session.importing.realigning import repair_drops as repair_drops_of
+from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
 from reconstruction.time_offsets.motion_alignment import align_cameras
 from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets, with_own_changes
-from reconstruction.time_offsets.single_images import repeated_images
+from reconstruction.time_offsets.single_images import repeated_images, stalled_images
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
@@ -87,10 +88,14 @@ def measure_times(
             {name: [(one.instant, one.frames) for one in of] for name, of in steps.items()},
         )
     reference = next(name for name, one in cameras.items() if one.source == REFERENCE)
+    stalled = stalled_images(dataset, list(cameras))
     return TimeResult(
         session=str(session),
         reference=reference,
-        cameras={name: _whole(scene, reference, name, one).rounded() for name, one in cameras.items()},
+        cameras={
+            name: _whole(dataset, reference, name, one, stalled[name]).rounded()
+            for name, one in cameras.items()
+        },
         calibration=calibration,
         seconds=time.monotonic() - began,
         applied=apply,
@@ -117,10 +122,12 @@ def _common_times(
     return lit, scene.source
 
 
-def _whole(scene: Scene, reference: str, name: str, found: CameraTime) -> CameraTime:
-    """Return a camera's time with what its session says: its planned delay, and its repeated images."""
-    images = structs.replace(found.images, repeated=repeated_images(scene.dataset, name))
-    return structs.replace(found, images=images, planned_ms=scene.dataset.planned_delay_ms(reference, name))
+def _whole(
+    dataset: Dataset, reference: str, name: str, found: CameraTime, stalled: tuple[int, ...]
+) -> CameraTime:
+    """Return a camera's time with its planned delay, and its repeated and stalled images."""
+    images = structs.replace(found.images, repeated=repeated_images(dataset, name), stalled=stalled)
+    return structs.replace(found, images=images, planned_ms=dataset.planned_delay_ms(reference, name))
 
 
 def _calibrate(scene: Scene, progress: Progress) -> None:

@@ -3,9 +3,13 @@
 from collections.abc import Collection, Iterator, Mapping
 from itertools import pairwise
 
+import cv2
+import numpy as np
 from msgspec import Struct
 
 from capture_app.common.text import count
+from reconstruction.common.geometry import Array
+from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
 WHOLE_FRAMES = 0.25
@@ -14,6 +18,12 @@ MAX_UNVOTED = 0.2
 """Maximum fraction of instants without an offset of their own that is not worth a sentence."""
 MAX_NAMED = 8
 """Maximum number of instants named in a sentence."""
+PARTS, BESIDE = 6, 4
+"""Number of parts of a take searched for stalled images, and instants to either side of each middle."""
+STALLED, MOVING = 0.25, 0.5
+"""Change of a stalled image at most, and of the others' images at least, relative to the camera's median."""
+NOISE_PX, CHANGED = 1.5, 99.9
+"""Blur against noise, and percentile of the difference of two images that is their change."""
 
 
 class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -23,6 +33,8 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Instants whose points agree on another offset, and how much later the camera's image is there."""
     repeated: tuple[int, ...] = ()
     """Instants whose image has the same bytes as the one before; they are left out of the measurement."""
+    stalled: tuple[int, ...] = ()
+    """Instants whose image shows nothing moved since the one before, though other cameras' images do."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
     examined: int = 0
@@ -42,6 +54,11 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
         if self.repeated:
             images = count(len(self.repeated), "image")
             yield f"{camera} repeats {images}, at {_named(self.repeated)}: the same bytes as the image before"
+        if self.stalled:
+            yield (
+                f"{camera}'s images at {_named(self.stalled)} show the moment of the image before: "
+                "frames were repeated, or one of each two is a frame off"
+            )
         if len(self.unvoted) > MAX_UNVOTED * self.examined:
             yield (
                 f"{len(self.unvoted)} of {self.examined} instants do not show {camera}'s offset: "
@@ -70,6 +87,45 @@ def repeated_images(dataset: Dataset, camera: str) -> tuple[int, ...]:
     """
     again = {name: _equal_images(dataset, name) for name in dataset.cameras}
     return tuple(k for k in sorted(again[camera]) if any(k not in others for others in again.values()))
+
+
+def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tuple[int, ...]]:
+    """Return each camera's instants at which nothing moved since its image before, though it did for another.
+
+    A repeated frame that was compressed anew is one, or an image of the moment of its neighbour. Something
+    moves in the camera's own images before and after. Long takes are searched in parts.
+    """
+    changes = {name: _changes(dataset, name) for name in cameras}
+    found = dict[str, tuple[int, ...]]()
+    for name, own in changes.items():
+        others = [of for other, of in changes.items() if other != name]
+        found[name] = tuple(
+            k
+            for k in own
+            if own[k] < STALLED
+            and any(of.get(k, 0.0) > MOVING for of in others)
+            and all(max(own.get(k + side, 0.0), own.get(k + 2 * side, 0.0)) > MOVING for side in (-1, 1))
+        )
+    return found
+
+
+def _changes(dataset: Dataset, camera: str) -> dict[int, float]:
+    """Return how much images differ from the ones before, relative to the median."""
+    known = dataset.instants(camera)
+    middles = evenly_spaced(known, PARTS)
+    near = {k for middle in middles for k in range(middle - BESIDE, middle + BESIDE + 1)}
+    blurred = dict[int, Array]()
+    for k in sorted(near.intersection(known)):
+        if dataset.has_image(camera, k):
+            image = dataset.grey(camera, k).astype(np.float32)
+            blurred[k] = cv2.GaussianBlur(image, (0, 0), NOISE_PX)
+    sizes = {
+        k: float(np.percentile(np.abs(image - blurred[k - 1]), CHANGED))
+        for k, image in blurred.items()
+        if k - 1 in blurred
+    }
+    usual = max(float(np.median([*sizes.values()] or [0.0])), 1e-6)
+    return {k: size / usual for k, size in sizes.items()}
 
 
 def _equal_images(dataset: Dataset, camera: str) -> set[int]:

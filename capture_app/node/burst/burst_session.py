@@ -56,7 +56,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.format.marks import Mark
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, Burst, is_open_ended
 
 SAID_AFTER_S = 1.0
 """A wait for the disk or for cameras that takes longer is reported."""
@@ -96,7 +96,7 @@ class BurstSession:
         """Order the cameras to end a streamed burst now, and return the number of instants until then."""
         self._broken_off: int | None = None
         """Number of instants until an error of the disk ended it: its cameras have frames of all of them."""
-        self._is_closing = False
+        self.is_closing = False
         """Whether nothing more is awaited, though all cameras of a streamed burst may come back."""
         self._writer, self._disk, self._lost = writer, disk, lost
         self._is_of_this_run = lost is None
@@ -509,7 +509,7 @@ class BurstSession:
 
         Without any image, a session is made only if `silent`: the cameras may still have their images.
         """
-        self._is_closing = True
+        self.is_closing = True
         for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
@@ -562,7 +562,8 @@ class BurstSession:
         """
         deliveries = self._deliveries.values()
         silent = [of for of in deliveries if of.silent]
-        if not self.burst.streamed or self._lost is not None or self._is_closing or not silent:
+        # One that was finished before is only opened for what its cameras bring.
+        if not self.burst.streamed or self.session is not None or self.is_closing or not silent:
             return []
         waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
         until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS
@@ -619,21 +620,26 @@ class BurstSession:
         A camera that learns late of the burst's end has seen more instants than the burst has now. In a
         resumed burst the number is not limited, because the leader's clock of the earlier run may differ.
         """
-        first_ns, *further_ns = self.burst.instants_ns[:2]
-        step_ns = further_ns[0] - first_ns if further_ns else self.burst.period_ns
-        passed = (now_ns + AFTER_LAST_INSTANT_NS - first_ns) // step_ns + 1
+        passed = (now_ns + AFTER_LAST_INSTANT_NS - self.burst.instants_ns[0]) // self._step_ns + 1
         return max(0, passed) if self._lost is None else MAX_STREAMED_FRAMES
 
     @property
-    def _ends_ns(self) -> int:
-        """Leader time of the last instant; a resumed burst lasts as long again, as its times may differ.
+    def _step_ns(self) -> int:
+        first_ns, *further_ns = self.burst.instants_ns[:2]
+        return further_ns[0] - first_ns if further_ns else self.burst.period_ns
 
-        Cameras end a recording themselves when they lose its leader.
+    @property
+    def _ends_ns(self) -> int:
+        """Leader time of the last instant; a resumed burst lasts no longer again, as its times may differ.
+
+        Cameras end one without an ordered end themselves when another run of the leader comes.
         """
         first_ns, last_ns = self.burst.instants_ns[0], self.burst.instants_ns[-1]
         if self._lost is None:
             return last_ns
-        return self._began_ns if self.burst.video else min(last_ns, self._began_ns + last_ns - first_ns)
+        if is_open_ended(len(self.burst.instants_ns), self._step_ns):
+            return self._began_ns
+        return min(last_ns, self._began_ns + last_ns - first_ns)
 
     @property
     def _reported_plans(self) -> dict[str, CameraPlan | None]:

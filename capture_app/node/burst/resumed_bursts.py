@@ -44,15 +44,17 @@ class ResumedBursts:
     async def resume_all(
         self, now_ns: int, *, folders: Sequence[Path] | None = None, wait_ns: int = RETURN_NS
     ) -> None:
-        """Resume these sessions, else all interrupted ones; nodes have `wait_ns` to reconnect to them."""
-        if folders is None:
-            folders = await asyncio.to_thread(lambda: list(interrupted_folders(self._root)))
-        for folder in folders:
+        """Resume all interrupted sessions, which nodes have `wait_ns` to reconnect to; recordings last until
+        their ordered end. With `folders`, resume only these, and do not wait for that end.
+        """
+        interrupted = await asyncio.to_thread(lambda: folders or [*interrupted_folders(self._root)])
+        for folder in interrupted:
             async with self._opening:
                 # A session that cannot be resumed is left unchanged; `sessions repair` says why.
                 with suppress(SimulshotError):
                     key = (await asyncio.to_thread(read_plan, folder)).key
                     session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
+                    session.is_closing = folders is not None
                     await session.finish_if_complete()
         self._all_resumed.set()
 

@@ -353,6 +353,12 @@ class ActiveBursts:
         if number is not None and 0 < number <= self._last_number and number not in numbers:
             return
         found = [of for of in under_way if of.burst.streamed and number in (None, of.burst.number)]
+        earlier = [of.status.name for of in self.resumed.sessions() if of.burst.streamed]
+        if not found and not number and earlier:
+            raise BadInputError(
+                f"{earlier[-1]} was begun before the leader was restarted, and goes on to its ordered end",
+                hint="to end it now, stop its nodes and start them again",
+            )
         if not found:
             what = "no recording is" if number is None else f"burst {number} is not a recording"
             raise BadInputError(f"{what} under way", hint="capture-app status shows the current one")
@@ -444,8 +450,8 @@ class ActiveBursts:
             )
 
     def _take_up(self, session: BurstSession) -> None:
-        """Follow a session that was opened again, which may be the newest one."""
-        if self.newest is not None and self.newest.folder == session.folder:
+        """Follow a session that was opened again, which is the newest one in a run that has ordered none."""
+        if self.newest is None or self.newest.folder == session.folder:
             self.newest = session
         self._background.start(self._follow(session))
 

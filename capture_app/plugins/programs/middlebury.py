@@ -6,15 +6,18 @@ cx1 - cx0. ETH3D's two-view scenes have the same file.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import View, Views, numbers
 
+MAX_OFFSET_ERROR_PX = 0.1
+"""Maximum difference of `doffs` from the principal points' distance: both are rounded."""
 _HINT = "give the calib.txt of the scene as it was downloaded"
 
 
@@ -44,7 +47,20 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         )
         for n, label in enumerate(cameras if len(cameras) == 2 else ("cam0", "cam1"))
     }
+    _check_disparity(str(path), content, [view.matrix[0, 2] for view in views.values()])
     return Views(views, path.name, "mm")
+
+
+def _check_disparity(where: str, content: Mapping[str, list[str]], middles: Sequence[float]) -> None:
+    """Raise BadInputError if the offset of disparities is not that of the cameras' principal points."""
+    if "doffs" not in content:
+        return
+    offset = float(numbers(where, content, "doffs", 1, hint=_HINT)[0])
+    if abs(offset - (middles[1] - middles[0])) > MAX_OFFSET_ERROR_PX:
+        raise BadInputError(
+            f"{where}: doffs is {offset:g}, but cx of cam1 and cam0 differ by {middles[1] - middles[0]:g}",
+            hint=_HINT,
+        )
 
 
 IMPORTER = Importer(

@@ -12,6 +12,7 @@ from capture_app.common.text import Progress
 from capture_app.session.files.durable import link_or_copy
 from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE, read_regular
 from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import MANIFEST, FrameRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image, encode_image, size_of
@@ -75,6 +76,16 @@ class ExportedBurst:
         self.origin_ns = min(image.leader_ns for image in self.images.values())
         """Leader time of the earliest image, which is zero in exports with relative times."""
         self._progress, self._done = progress, 0
+        self._mask_folders: dict[str, str] = {}
+
+    def mask_folder(self, masks: Path, camera: str) -> Path:
+        """Return the folder of a camera's masks, paired by its label; what was paired is said once."""
+        if not self._mask_folders:
+            labels = sorted(folder.name for folder in masks.glob("*/"))
+            self._mask_folders = pair_labels(labels, self.cameras)
+            if said := describe_pairs(str(masks), self._mask_folders, labels):
+                self.warn(said)
+        return masks / self._mask_folders.get(camera, camera)
 
     def warn(self, note: str) -> None:
         """Add a note that the user should read before anything is written."""
@@ -244,7 +255,8 @@ def write_mask(
 
     if masks is None:
         return
-    path = mask_path(masks, image.camera, image.instant)
+    folder = burst.mask_folder(masks, image.camera)
+    path = mask_path(folder.parent, folder.name, image.instant)
     if not path.is_file():
         raise IncompleteError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
     width, height = burst.size(image.camera)

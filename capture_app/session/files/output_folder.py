@@ -26,7 +26,6 @@ from capture_app.common.errors import BadInputError, DiskFullError, SimulshotErr
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import (
     PART,
-    copy_tree,
     exchange_folders,
     free_name,
     link_or_copy,
@@ -64,17 +63,14 @@ def replaces_nothing(target: Path) -> None:
 class OutputFolder:
     """A working `folder` that replaces `target` when its context ends without an error."""
 
-    def __init__(self, target: Path, check: Check, *, reuse: str = "", wait: bool = False) -> None:
-        """Check that `target` may be written.
-
-        `reuse` names a folder of the earlier result that is carried over; its files are shared. `wait`: wait
-        for another run to the same target instead of being refused.
+    def __init__(self, target: Path, check: Check, *, wait: bool = False) -> None:
+        """Check that `target` may be written; `wait` for another run to it instead of being refused.
 
         Raises:
             BadInputError: `target` is a file, a mount point or, by `check`, not an earlier result.
         """
         self.target = Path(os.path.realpath(target))
-        self._check, self._reuse, self._wait = check, reuse, wait
+        self._check, self._wait = check, wait
         self._discarded = False
         self._early: Path | None = None
         """The target's file that was shown before the result was complete."""
@@ -100,8 +96,6 @@ class OutputFolder:
                     self._clear_leftovers()
                     self._check_target()
                     self.folder.mkdir()
-                    if self._reuse and (self.target / self._reuse).is_dir():
-                        copy_tree(self.target / self._reuse, self.folder / self._reuse)
                 except BaseException:
                     self._release()
                     raise

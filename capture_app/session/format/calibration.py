@@ -57,8 +57,10 @@ def check_lens(where: str, camera: CameraCalibration) -> None:
         raise BadInputError(f"{where} has numbers that are not finite", hint=_AGAIN)
     if camera.fx <= 0 or camera.fy <= 0:
         raise BadInputError(f"{where} has no camera matrix with positive focal lengths", hint=_AGAIN)
-    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3:
         raise BadInputError(f"{where} has a rotation matrix that is not orthonormal", hint=_AGAIN)
+    if np.linalg.det(rotation) < 0:
+        raise BadInputError(f"{where} has a rotation matrix with left-handed axes: it mirrors", hint=_AGAIN)
     if any(distortion[5:]):
         raise BadInputError(
             f"{where} has {len(distortion)} distortion coefficients; 5 are supported",

@@ -57,10 +57,6 @@ class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     hard_bound_ns: Count
     round_trip_ns: Count
     samples: Count
-    reference_correction_ns: TimeNs | None = None
-    """Only in old sessions: the part of the offset that came from agreement with other cameras."""
-    relative_uncertainty_ns: Count | None = None
-    """Only in old sessions: 95 % error against the clocks of those cameras."""
     device_uncertainty_ns: Count | None = None
     """95 % error of the camera's own clock, such as a phone's, against the clock of its node."""
     device_hard_bound_ns: Count | None = None

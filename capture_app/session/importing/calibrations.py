@@ -16,8 +16,8 @@ from capture_app.session.format.calibration import (
     Matrix3,
     check_lens,
 )
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.lens import Array
-from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 

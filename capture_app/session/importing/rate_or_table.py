@@ -11,8 +11,8 @@ from pathlib import Path
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.manifest import MAX_WRITTEN
-from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Picture = NDArray[np.uint8]
 
-PARALLEL = 1e3
-"""Condition number of the equations for the point they look at above which optical axes count as parallel."""
 GAP, HEAD, GUTTER = 6, 26, 84
 GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
 """Colours, BGR."""
@@ -37,37 +35,11 @@ def arc_order(session: Session) -> tuple[str, ...]:
     """
     names = sorted((camera.name for camera in session.manifest.cameras), key=natural_order)
     calibration = session.calibration()
-    if calibration is None or len(names) < 3 or not all(name in calibration.cameras for name in names):
+    if calibration is None or not all(name in calibration.cameras for name in names):
         return tuple(names)
-    import numpy as np  # heavy: imported only if there are poses
+    from capture_app.session.format.camera_order import order_on_arc  # heavy: only if there are poses
 
-    poses = [calibration.cameras[name] for name in names]
-    rotations = np.array([pose.rotation for pose in poses])
-    centres = -np.einsum("nij,ni->nj", rotations, np.array([pose.translation for pose in poses]))
-    angles = _angles(centres, rotations[:, 2])
-    order = np.argsort(angles)
-    # The arc starts after its widest gap.
-    gaps = np.diff(angles[order], append=angles[order[0]] + 2 * np.pi)
-    found = tuple(names[index] for index in np.roll(order, -int(gaps.argmax()) - 1))
-    # Of the two directions, choose the one that starts with the earlier name.
-    return found if natural_order(found[0]) <= natural_order(found[-1]) else found[::-1]
-
-
-def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -> "NDArray[np.float64]":
-    """Return the cameras' angles around the point that they look at, in the plane of their optical axes.
-
-    The point is the one nearest to all optical axes; for parallel axes it is far in front of the cameras.
-    """
-    import numpy as np
-
-    from capture_app.session.format.lens import nearest_point
-
-    middle = centres.mean(axis=0)
-    if (target := nearest_point(centres, directions, PARALLEL)) is None:
-        target = middle + 1000 * np.abs(centres - middle).max() * directions.mean(axis=0)
-    from_target = centres - target
-    _, _, axes = np.linalg.svd(np.r_[from_target, centres - middle], full_matrices=False)
-    return np.asarray(np.arctan2(from_target @ axes[1], from_target @ axes[0]), np.float64)
+    return order_on_arc({name: calibration.cameras[name] for name in names})
 
 
 class TakeSheet:

@@ -62,6 +62,11 @@ class TimeMap:
         """Return the maximum error of `leader_from_local(local_ns)` in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
 
+    def agrees_with(self, other: "TimeMap", local_ns: int) -> bool:
+        """Return whether both may map to the same clock, by their hard bounds at a local time in ns."""
+        apart_ns = self.leader_from_local(local_ns) - other.leader_from_local(local_ns)
+        return abs(apart_ns) <= self.hard_bound_at(local_ns) + other.hard_bound_at(local_ns)
+
     def chained_to(self, upstream: "TimeMap") -> "TimeMap":
         """Return the map to the clock that a relay follows; `upstream` maps the relay's clock to that clock.
 

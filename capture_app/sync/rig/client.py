@@ -15,6 +15,7 @@ from msgspec import structs
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
@@ -123,6 +124,8 @@ class Client(TimeClient, Generic[F]):
         self._root: int | None = None
         self._foreign_leader: int | None = None
         self._bursts: FrameSelection[F] = FrameSelection()
+        self._earlier: list[tuple[FrameSelection[F], CameraGrid, TimeMap]] = []
+        """Bursts of lost leaders that go on to their ordered end, with the grid and the time in holdover."""
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
 
@@ -181,7 +184,7 @@ class Client(TimeClient, Generic[F]):
     @property
     def has_burst_pending(self) -> bool:
         """Whether frames of a burst are still to be selected."""
-        return bool(self._bursts)
+        return bool(self._bursts) or bool(self._earlier)
 
     def report(self, now_ns: int) -> Report:
         """Return the report of this client for its leader."""
@@ -225,14 +228,14 @@ class Client(TimeClient, Generic[F]):
     @property
     def can_change_leader(self) -> bool:
         """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self._bursts
+        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self.has_burst_pending
 
     # In
 
     def receive_message(self, message: Message, now_ns: int) -> None:
         """Process a message of the leader that arrived at `now_ns`."""
         super().receive_message(message, now_ns)
-        if self.followed is not None and self.followed.delays_ns is not None and not self._bursts:
+        if self.followed is not None and self.followed.delays_ns is not None and not self.has_burst_pending:
             self.delay_ns = self.followed.delays_ns.get(camera_key(self.name), 0)
         match message:
             case HeartbeatAck() if self.is_addressed(message) and self._reported and not self._answered:
@@ -269,13 +272,16 @@ class Client(TimeClient, Generic[F]):
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this welcome; return False if it cannot be followed."""
+        grid, time_map = self._grid, self.time_map
         if is_followed := super().follow(welcome, now_ns):
             # Another leader does not know the phase yet.
             self._reported = self._answered = False
             if welcome.config.path[0] != self._root:
-                # Bursts belong to the root and use its time: another relay of the root does not end them.
-                self._events.extend(self._bursts.clear())
-                self._root = welcome.config.path[0]
+                # Bursts belong to the root and use its time: another relay of the root changes nothing.
+                self._events.extend(self._bursts.keep_ordered())
+                if self._bursts and grid is not None and time_map is not None:
+                    self._earlier.append((self._bursts, grid, time_map))
+                self._bursts, self._root = FrameSelection(), welcome.config.path[0]
         return is_followed
 
     def change_leader(self, reason: str, now_ns: int) -> None:
@@ -285,7 +291,8 @@ class Client(TimeClient, Generic[F]):
 
     def forget_burst(self, leader: int, burst: int) -> None:
         """Stop selecting frames of a burst: its leader has what it needs, or has cancelled it."""
-        self._bursts.forget(leader, burst)
+        for bursts in (self._bursts, *(earlier[0] for earlier in self._earlier)):
+            bursts.forget(leader, burst)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
@@ -349,7 +356,7 @@ class Client(TimeClient, Generic[F]):
             time_map,
             grid.grid_of_stamps,
             now_ns,
-            hold=self._waits_for_others(grid),
+            hold=bool(self._earlier) or self._waits_for_others(grid),
             burst_leader_ns=self._bursts.first_before(
                 time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
             ),
@@ -388,8 +395,16 @@ class Client(TimeClient, Generic[F]):
 
     def _finish_bursts(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
-        if grid is None or time_map is None:
-            return
+        for bursts, held_grid, held_map in self._earlier:
+            if time_map is not None and held_map.agrees_with(time_map, now_ns):
+                # The leader was restarted on the same machine, or another one continues its time.
+                self._bursts.take_over(bursts)
+            self._select(bursts, held_grid, held_map, now_ns)
+        self._earlier = [earlier for earlier in self._earlier if earlier[0]]
+        if grid is not None and time_map is not None:
+            self._select(self._bursts, grid, time_map, now_ns)
+
+    def _select(self, bursts: FrameSelection[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> None:
         self._events.extend(
-            self._bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
+            bursts.select_due(self.ring, self.aligner, grid, time_map, now_ns, is_member=self.is_member)
         )

@@ -169,6 +169,11 @@ def burst_limits(*, streamed: bool) -> tuple[int, int]:
     return (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
 
 
+def is_open_ended(count: int, step_ns: int) -> bool:
+    """Return whether a streamed burst of `count` instants goes on until an operator ends it."""
+    return count >= min(MAX_STREAMED_FRAMES, MAX_STREAMED_NS // max(1, step_ns))
+
+
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
     """Whether a burst of that many frames, `step_ns` apart, is within the limits."""
     max_frames, max_ns = burst_limits(streamed=streamed)
@@ -336,17 +341,25 @@ class FrameSelection(Generic[F]):
         """Whether frames of any burst are still to be selected."""
         return bool(self._pending)
 
-    def clear(self) -> list[FramesSelected[F]]:
-        """Drop all bursts, which are in the time of another root; return the ends of streamed ones."""
-        ends = []
-        for burst in self._pending.values():
-            if burst.trigger.streamed and burst.time_map is not None:
+    def keep_ordered(self) -> list[FramesSelected[F]]:
+        """Keep only the streamed bursts with an ordered end; return the ends of the other streamed ones."""
+        ends, kept = [], {}
+        for key, burst in self._pending.items():
+            if not burst.trigger.streamed:
+                continue
+            if not is_open_ended(burst.trigger.count, burst.trigger.step_ns):
+                kept[key] = burst
+            elif burst.time_map is not None:
                 burst.trigger = structs.replace(burst.trigger, count=burst.reported)
                 burst.picked.clear()
                 ends.append(burst.report((), burst.time_map, None))
-        self._pending.clear()
-        self._done.clear()
+        self._pending = kept
         return ends
+
+    def take_over(self, other: "FrameSelection[F]") -> None:
+        """Take the bursts out of another selection, whose time is the same."""
+        self._pending |= other._pending
+        other._pending = {}
 
     def add(self, trigger: Trigger) -> None:
         """Add a burst; a repeated trigger can only end a streamed burst earlier."""

@@ -62,11 +62,6 @@ class RelaySummary:
         """Numbers at the parent of the members that acknowledged, by leader, burst and refusal."""
         self._outbox: list[bytes] = []
 
-    @property
-    def remembered(self) -> int:
-        """Number of clients whose admission the parent has not answered yet, or has refused."""
-        return len(self._introduced) + len(self._refused)
-
     # Up
 
     def refusal(self, hello: Hello) -> str:

@@ -35,7 +35,7 @@ from capture_app.sync.wire.datagrams import (
     TriggerAck,
 )
 
-MAGIC, VERSION, TOKEN_BYTES = b"sS", 7, 8
+MAGIC, VERSION, TOKEN_BYTES = b"sS", 8, 8
 """First bytes of each datagram, version of the protocol, and length of the token by which an answer to a
 version query is matched; nobody guesses 64 bits while one query is open."""
 KIND_VERSION, _ASKING = 0, 0

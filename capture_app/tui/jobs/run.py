@@ -91,7 +91,7 @@ _STUDIES = (
         "one wide picture, synchronized and offset",
         RECONSTRUCT,
         ("panorama",),
-        "--instant 0 --offset-ms 66",
+        "--instant 0 --condition 66",
         result="metrics.json",
     ),
     Command(

@@ -15,9 +15,9 @@ from capture_app.common.text import NO_VALUE, clock_offset, count, duration, pri
 from capture_app.protocol.orders import DetailRequest
 from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
 from capture_app.rig.rig_link import RigLink
-from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
+from capture_app.tui.widgets.dialog import Dialog
 from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, log_lines
 from capture_app.tui.widgets.picture import Picture

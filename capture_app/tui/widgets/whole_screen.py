@@ -2,7 +2,7 @@
 
 from textual.widget import Widget
 
-from capture_app.tui.question import Dialog, Result
+from capture_app.tui.widgets.dialog import Dialog, Result
 from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 

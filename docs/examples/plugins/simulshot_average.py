@@ -1,7 +1,6 @@
 """The average of the cameras' pictures at an instant: a method with its score."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 from reconstruction.common.options import command_flag
@@ -10,7 +9,6 @@ from reconstruction.scene.provenance import Provenance
 
 
 class AverageResult(Provenance, frozen=True, kw_only=True):
-    cameras: int
     picture: str
 
 
@@ -37,8 +35,4 @@ class Average(Method, frozen=True, kw_only=True):
         from reconstruction.common.image_files import save_picture
 
         (mean,) = self.run(scene, condition)
-        picture = save_picture(output.folder, "average.png", mean)
-        return AverageResult(cameras=min(self.count, len(scene.dataset.cameras)), picture=picture)
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        yield f"{result.cameras} cameras: {out / result.picture}"
+        return AverageResult(picture=save_picture(output.folder, "average.png", mean))

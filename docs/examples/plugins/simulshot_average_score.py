@@ -14,9 +14,7 @@ CONTRAST = MeasureText("contrast", "Contrast", "Scatter of the grey levels. More
 
 
 class AverageScore(Score):
-    text = StudyText(
-        name="average", subject="the average", term="Average", measures=(CONTRAST,), control=False
-    )
+    text = StudyText(name="average", subject="the average", measures=(CONTRAST,), control=False)
     Options = Average
 
     def measure_instant(self, result: Any, one: Any, side: str) -> Measurements:

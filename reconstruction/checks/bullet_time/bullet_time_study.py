@@ -18,7 +18,7 @@ from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
 from reconstruction.checks.bullet_time.between_cameras import film_between
 from reconstruction.checks.bullet_time.bullet_time_check import BulletTimeSweep
 from reconstruction.common import wording
-from reconstruction.common.camera_paths import order_by_place
+from reconstruction.common.camera_paths import order_of_views
 from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
@@ -253,7 +253,7 @@ def render_camera_sweep(
     """
     dataset, motion = scene.dataset, scene.motion
     calibrated = dict(scene.known_views)
-    order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
+    order = order_of_views(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
     order = order[:: -(-len(order) // MAX_CAMERAS)]
     if (chosen := _choose_instant(dataset, motion, order)) is None:
         return None
@@ -362,7 +362,7 @@ def _stabilized_views(
         triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
         for middle in (_largest_centroid, _centroid)
     )
-    if not (placed := [one for one in subjects if one is not None]):
+    if not (placed := [place for place in subjects if place is not None]):
         return {}
     point, _ = min(placed, key=itemgetter(1))
     return stabilize_views(ours, point, *canvas) or {}

@@ -16,7 +16,6 @@ from reconstruction.common import wording
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.common.native_libraries import library_versions
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, percent
 from reconstruction.method.score import UNASKED, Score
@@ -264,9 +263,9 @@ class PoseStudy(Score):
         )
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.scene.views, Path(scratch))
-            for one in evenly_spaced(instants, MAX_INSTANTS):
-                measured = {side: self._measure(finder, shown) for side, shown in one.by_condition.items()}
-                tally.add(measured, {"instant": one.instant})
+            for moment in evenly_spaced(instants, MAX_INSTANTS):
+                measured = {side: self._measure(finder, shown) for side, shown in moment.by_condition.items()}
+                tally.add(measured, {"instant": moment.instant})
         found = StudyResult(
             name=self.text.name,
             cameras=self.cameras,
@@ -290,14 +289,7 @@ class PoseStudy(Score):
             true = {name: (view.rotation, view.translation) for name, view in views.items()}
             return len(poses), relative_pose_errors(poses, true)
 
-        placed, found = self.scene.stages.record(
-            "placed_pairs",
-            tuple[int, list[tuple[float, float]]],
-            make,
-            tuple(shown.items()),
-            repr(views),
-            library_versions()["pycolmap"],
-        )
+        placed, found = self.scene.once(("poses", *shown.items()), make)
         right = sum(max(error) <= TOLERANCE_DEG for error in found)
         errors = np.array(found, float).reshape(-1, 2)
         return Measurements(

@@ -13,7 +13,7 @@ import numpy as np
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import foreign_calls, library_versions
+from reconstruction.common.native_libraries import foreign_calls
 from reconstruction.method.score import Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
@@ -74,16 +74,16 @@ def triangulate(scene: Scene, shown: Mapping[str, int]) -> SeenPoints:
         ForeignError: COLMAP failed.
     """
     colmap = load_pycolmap(PURPOSE)
-    found = {camera: scene.features.of_image(camera, instant) for camera, instant in shown.items()}
+    features = {camera: scene.features.of_image(camera, instant) for camera, instant in shown.items()}
     limit = MAX_ERROR_PX * max(size_above_features(*scene.dataset.size(camera)) for camera in shown)
     with (
         tempfile.TemporaryDirectory(prefix="simulshot-") as scratch,
         foreign_calls("COLMAP", PURPOSE),
     ):
         database = Path(scratch) / "database.db"
-        model = _write_database(colmap, database, scene.views, found)
+        model = _write_database(colmap, database, scene.views, features)
         _match(colmap, database, model, limit)
-        return _rig_points(_place_points(colmap, database, model, limit), found)
+        return _rig_points(_place_points(colmap, database, model, limit), features)
 
 
 def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: Mapping[str, Features]) -> Any:
@@ -160,7 +160,7 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
 def _rig_points(model: Any, found: Mapping[str, Features]) -> SeenPoints:
     positions = [features.positions for features in found.values()]
     points = [point for _, point in sorted(model.points3D.items())]
-    seen = [(index, one) for index, point in enumerate(points) for one in point.track.elements]
+    seen = [(index, element) for index, point in enumerate(points) for element in point.track.elements]
     pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
     return SeenPoints(
         points=np.array([point.xyz for point in points], float).reshape(-1, 3),
@@ -224,15 +224,15 @@ class TriangulationStudy(Score):
         """
         tally = Tally()
         found, most, pictures = 0, -1.0, tuple[Picture, ...]()
-        for one in self._instants(condition):
-            self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
-            points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
+        for moment in self._instants(condition):
+            self.progress.step(f"points by COLMAP from {len(moment.shown)} cameras, instant {moment.instant}")
+            points = {side: self._points(pictures) for side, pictures in moment.by_condition.items()}
             found += len(points["synced"].points)
-            measured = {side: self._measure(points[side], one, side) for side in points}
-            tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
+            measured = {side: self._measure(points[side], moment, side) for side in points}
+            tally.add(measured, {"instant": moment.instant, **moment.delays_ms(self.dataset)})
             moving = float(np.sum(measured["synced"].means["mover_points"]))
             if folder and moving > most:
-                most, pictures = moving, self._draw(one, points, folder)
+                most, pictures = moving, self._draw(moment, points, folder)
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
         return StudyResult(
@@ -270,7 +270,7 @@ class TriangulationStudy(Score):
         limit = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
         limit = min(limit, self.context.max_instants)
         first = list(complete[0].shown)[:2]
-        by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
+        by_instant = {moment.instant: moment for moment in complete if moment.shown.keys() >= set(first)}
         return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
 
     def _draw(self, one: ShownInstant, points: Mapping[str, SeenPoints], folder: Path) -> tuple[Picture, ...]:
@@ -291,14 +291,7 @@ class TriangulationStudy(Score):
         return self.write_pictures(drawn, folder)
 
     def _points(self, shown: Mapping[str, int]) -> SeenPoints:
-        return self.scene.stages.arrays(
-            "triangulation",
-            SeenPoints,
-            lambda: triangulate(self.compared, shown),
-            tuple(shown.items()),
-            [repr(self.scene.views[camera]) for camera in shown],
-            library_versions()["pycolmap"],
-        )
+        return self.scene.once(("points", *shown.items()), lambda: triangulate(self.compared, shown))
 
     def _measure(self, found: SeenPoints, one: ShownInstant, side: str) -> Measurements:
         """Measure points on moving objects (in at least half of their images) and on the still control."""

@@ -264,8 +264,8 @@ def _patches(
 
     `gap_px` is 1 for pixels that touch along their sides; larger gaps are bridged in all directions.
     """
-    for one in np.unique(number[number != AS_FOUND]):
-        mine = number == one
+    for plane in np.unique(number[number != AS_FOUND]):
+        mine = number == plane
         wide = cv2.dilate(mine.astype(np.uint8), np.ones((gap_px, gap_px), np.uint8))
         _, patches = cv2.connectedComponents(wide, connectivity=4 if gap_px == 1 else 8)
         count = np.bincount(patches[mine])
@@ -275,8 +275,8 @@ def _patches(
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
     """Return the sources' matching cost along a surface, and where enough of them see it (bool)."""
-    warped = [CPU.warp(one, level) for one in source_views]
-    seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
+    warped = [CPU.warp(source_view, level) for source_view in source_views]
+    seeing = len(warped) - np.sum([picture < 0 for picture in warped], axis=0)
     # Areas outside an image are neutral rather than a mismatch: wide windows often reach there.
     shown = [
         SourceView(
@@ -305,7 +305,9 @@ def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: Pl
     """Return the surface with the chosen planes in blank areas (`mask`) without other evidence."""
     size = image.view.width, image.view.height
     gradients, *small = choice
-    number, evident = (cv2.resize(np.uint8(one), size, interpolation=cv2.INTER_NEAREST) for one in small)
+    number, evident = (
+        cv2.resize(np.uint8(values), size, interpolation=cv2.INTER_NEAREST) for values in small
+    )
     level, slope_x, slope_y, cost = (part.copy() for part in surface)
     laid = mask & (number != AS_FOUND) & (cost >= EVIDENT_COST)
     gradient = gradients[number[laid]]
@@ -365,7 +367,7 @@ def fit_blank_walls(
 
     def sample(name: str) -> list[Array]:
         part, surface = parts[name], surfaces[name]
-        level, cost = (_shrunk(one, part.image) for one in (surface.inverse_depth, surface.cost))
+        level, cost = (_shrunk(values, part.image) for values in (surface.inverse_depth, surface.cost))
         near = sample_surface(part.image, level, cost < EVIDENT)
         others = [parts[other].image for other in sources[name]]
         wide = WIDE_SWEEP.sweep(part.image, others, depth_ranges[name])

@@ -55,6 +55,9 @@ ASSUMED_MISFIT_PX = 0.2
 MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.08, 1.2
 """Standard deviations of a match and of a perfect calibration's misfit, and that of errors by the calibration
 relative to the rest of its misfit."""
+UNSEEN_PX = {2: 0.3}
+"""Standard deviation of errors that no point shows, by the number of cameras: a turn sideways of one of two
+shifts all disparities."""
 
 
 class DepthSupport(NamedTuple):
@@ -80,12 +83,13 @@ class DepthSupport(NamedTuple):
 
         Points show errors across their epipolar lines only, depth suffers from those along them, and few
         cameras have few errors: the misfit tells the size of the others with an uncertainty that Student's t
-        has, with a degree of freedom for each camera.
+        has, with a degree of freedom for each camera. Two cameras' points show none along the lines, which is
+        taken to be `UNSEEN_PX`.
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
         pose_px = POSE_FACTOR * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px, UNSEEN_PX.get(self.cameras, 0.0)))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
         freedom = self.cameras * (sigma_px / max(pose_px, 1e-3)) ** 4
         # Student's t as a normal deviate (Wallace 1959).
@@ -117,11 +121,14 @@ def _votes(surface: Surface, voters: Sequence[tuple[SourceView, Surface]]) -> tu
     """Return the evidence by other views, and the motion in them by `TOLERANCE` of the depth, px."""
     level = surface.inverse_depth
     agreeing, close, able, worth = (np.zeros(level.shape, np.float32) for _ in range(4))
+    cosine = float(np.cos(np.radians(MAX_ANGLE_DEG)))
     for view, other in voters:
-        same, sees = CPU.compare(level, view, other.inverse_depth, _agreement(TOLERANCE))
+        same, sees = CPU.compare(
+            level, view, other.inverse_depth, Agreement(TOLERANCE, TOLERANCE, 0.0, cosine)
+        )
         agreeing += same
         able += sees
-        close += CPU.compare(level, view, other.inverse_depth, _agreement(CLOSE))[0]
+        close += CPU.compare(level, view, other.inverse_depth, Agreement(CLOSE, CLOSE, 0.0, cosine))[0]
         np.maximum(worth, _moved_px(view, level), out=worth)
     return (agreeing + CLOSELY * close) / (able + AGAINST), worth
 
@@ -139,10 +146,6 @@ def _surroundings(view: ViewDepth, surface: Surface) -> Array:
         + HOLES * holes
         + UNEVEN * np.minimum(uneven / MAX_UNEVEN, 1)
     )
-
-
-def _agreement(relative: float) -> Agreement:
-    return Agreement(relative, relative, 0.0, float(np.cos(np.radians(MAX_ANGLE_DEG))))
 
 
 def _moved_px(view: SourceView, level: Array) -> Array:

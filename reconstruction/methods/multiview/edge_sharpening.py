@@ -59,9 +59,9 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     around, small = np.ones((2 * REACH_PX - 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
     jumps = where & (cv2.dilate(level, small) > (1 + MIN_JUMP) * cv2.erode(level, small))
     pixels = np.flatnonzero(cv2.dilate(jumps.astype(np.uint8), around)).astype(np.int32)
-    found = floats(np.stack(surface))
+    sharpened = floats(np.stack(surface))
     near, far = np.empty(len(pixels), np.float32), np.empty((3, len(pixels)), np.float32)
-    given = *level.shape, found, ctypes.c_int64(len(pixels)), pixels, REACH_PX
+    given = *level.shape, sharpened, ctypes.c_int64(len(pixels)), pixels, REACH_PX
     call_kernel("edge_sides", *given, near, far)
     apart = (far[0] > 0) & (near > (1 + MIN_DIFFERENCE) * far[0])
     pixels, near, far = pixels[apart], near[apart], far[:, apart]
@@ -74,14 +74,14 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: A
     sums = np.empty((4, len(pixels)), np.float32)
     call_kernel(
         "weigh_sides",
-        *(*level.shape, found[0], gain, source_views[0].reference.coloured),
+        *(*level.shape, sharpened[0], gain, source_views[0].reference.coloured),
         *(ctypes.c_int64(len(pixels)), pixels, (near + far[0]) / 2, NEIGHBOURHOOD_PX, LIKENESS, sums),
     )
     farther, nearby, gained, judged = sums
     likely = np.log((farther + FEW) / (nearby + FEW)) + GAIN_WEIGHT * gained / np.maximum(judged, 1e-3)
     moved = likely > -FAR_PRIOR
-    found.reshape(4, -1)[:3, pixels[moved]] = far[:, moved]
-    return Surface(*found)
+    sharpened.reshape(4, -1)[:3, pixels[moved]] = far[:, moved]
+    return Surface(*sharpened)
 
 
 def _differences(level: Array, pixels: Array, extended: Array, source_views: Sequence[SourceView]) -> Array:

@@ -102,13 +102,13 @@ def fuse_posed_maps(
     given = [_Map.of(view, *parts) for (view, *_), parts in zip(maps, arrays, strict=True)]
     most = sum(depth.size for depth, *_ in arrays) // required + 1
     points, seen = np.empty((most, 9), np.float32), np.empty((most, len(maps)), bool)
-    found = ctypes.c_int64()
+    number = ctypes.c_int64()
     call_kernel(
         "fuse",
         *(len(maps), (_Map * len(maps))(*given), required, ctypes.c_float(error), ctypes.c_float(cosine)),
-        *(points, seen, ctypes.byref(found)),
+        *(points, seen, ctypes.byref(number)),
     )
-    return points[: found.value], seen[: found.value]
+    return points[: number.value], seen[: number.value]
 
 
 def surface_points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -140,7 +140,7 @@ def find_denied(
     maps = [(views[name], floats(found.depth)) for name, found in depth_views.items()]
     call_kernel(
         "deny",
-        *(len(maps), (_Map * len(maps))(*(_Map.of(*one) for one in maps))),
+        *(len(maps), (_Map * len(maps))(*(_Map.of(*view_and_depth) for view_and_depth in maps))),
         *(ctypes.c_int64(len(points)), points, normals),
         *(ctypes.c_float(SLACK), ctypes.c_float(BEHIND), denied),
     )

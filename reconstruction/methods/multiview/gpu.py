@@ -64,8 +64,10 @@ class GpuEngine(SweepEngine):
 
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Find the cheapest depths as on the CPU; `grey` is that of the volume's reference."""
-        found = self._try(lambda: self.cheapest(volume, small, large))
-        return CPU.find_cheapest(CPU.cost_volume(*volume), grey, small, large) if found is None else found
+        cheapest = self._try(lambda: self.cheapest(volume, small, large))
+        return (
+            CPU.find_cheapest(CPU.cost_volume(*volume), grey, small, large) if cheapest is None else cheapest
+        )
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Compute costs along a surface as on the CPU, except for rounding."""
@@ -88,13 +90,13 @@ class GpuEngine(SweepEngine):
 
     def costs(self, volume: GpuVolume) -> Array:
         """Return the costs (height x depths x width, uint8); errors are wgpu's."""
-        found = self._run(volume, 0, 0, scan=False).reshape(*volume[0][0].reference.grey.shape, -1)
-        return np.ascontiguousarray(found[..., : len(volume[2])].transpose(0, 2, 1))
+        costs = self._run(volume, 0, 0, scan=False).reshape(*volume[0][0].reference.grey.shape, -1)
+        return np.ascontiguousarray(costs[..., : len(volume[2])].transpose(0, 2, 1))
 
     def cheapest(self, volume: GpuVolume, small: int, large: int) -> tuple[Array, Array]:
         """Return place and cost of the cheapest depths; errors are wgpu's."""
-        found = self._run(volume, small, large).view(np.float32)
-        place, own = found.reshape(2, *volume[0][0].reference.grey.shape)
+        cheapest = self._run(volume, small, large).view(np.float32)
+        place, own = cheapest.reshape(2, *volume[0][0].reference.grey.shape)
         return place, own
 
     def _run(self, volume: GpuVolume, small: int, large: int, *, scan: bool = True) -> Array:
@@ -109,7 +111,9 @@ class GpuEngine(SweepEngine):
         band = -(-used // ALIGNED) * ALIGNED
         tops = range(0, height, rows)
         begin = 4 * height * width
-        pictures = self._buffer(PICTURES, 4 * (begin + sum(one.source.grey.size for one in source_views)))
+        pictures = self._buffer(
+            PICTURES, 4 * (begin + sum(source_view.source.grey.size for source_view in source_views))
+        )
         surface = np.zeros((height, width)) if base is None else base
         self.device.queue.write_buffer(pictures, 3 * begin, np.ascontiguousarray(surface, np.float32))
         encoder = self.device.create_command_encoder()
@@ -226,7 +230,7 @@ def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
     Raises NotAvailableError if there is none or it computes wrongly; other errors are wgpu's.
     """
     kinds = (*HARDWARE, "CPU") if named else HARDWARE
-    fitting = [one for one in adapters if one.info["adapter_type"] in kinds]
+    fitting = [adapter for adapter in adapters if adapter.info["adapter_type"] in kinds]
     fitting = [one for one in fitting if named.lower() in one.info["device"].lower()]
     if not fitting:
         raise NotAvailableError(f"no GPU named {named}" if named else "no GPU with Vulkan, Metal or DX12")

@@ -58,13 +58,9 @@ def undistort_nearest(view: View, image: Array) -> Array:
     """Undistort an image of a view's pixels by nearest neighbour."""
     if not view.distortion.any():
         return image
-    return np.asarray(cv2.remap(image, *_distorted_pixels(view), cv2.INTER_NEAREST))
-
-
-def _distorted_pixels(view: View) -> tuple[Array, Array]:
-    """Return x and y (float32) in a view's distorted image of each undistorted pixel."""
-    size = view.width, view.height
-    return cv2.initUndistortRectifyMap(view.matrix, view.distortion, None, view.matrix, size, cv2.CV_32FC1)
+    lens = view.matrix, view.distortion, None, view.matrix
+    maps = cv2.initUndistortRectifyMap(*lens, (view.width, view.height), cv2.CV_32FC1)
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_NEAREST))
 
 
 def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
@@ -175,14 +171,14 @@ class InputImages:
 
     def problem(self, camera: str, instant: int) -> str:
         """Return why there is no image to match; empty if there is one."""
-        found = self._image(camera, instant)
-        return found if isinstance(found, str) else ""
+        image = self._image(camera, instant)
+        return image if isinstance(image, str) else ""
 
     def image(self, camera: str, instant: int) -> InputImage:
         """Return the image; it must be usable."""
-        found = self._image(camera, instant)
-        assert isinstance(found, InputImage)
-        return found
+        image = self._image(camera, instant)
+        assert isinstance(image, InputImage)
+        return image
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return the mask (bool) of moving pixels of an undistorted image, for scores."""
@@ -217,7 +213,7 @@ class InputImages:
         if image.shape[1] != view.width:
             image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA)
         try:
-            found = undistort_image(camera, instant, image, view)
+            undistorted = undistort_image(camera, instant, image, view)
         except BadInputError as error:
             return error.what
         moving = None
@@ -225,4 +221,6 @@ class InputImages:
         if len(self.dataset.instants(camera)) > 1:
             moving = self.undistort_mask(camera, self.scene.motion.widened_moving(camera, instant))
         step_ns = self.dataset.steps_ns[camera]
-        return replace(found, calibrated=replace(found.calibrated, moving=moving), step_ns=step_ns)
+        return replace(
+            undistorted, calibrated=replace(undistorted.calibrated, moving=moving), step_ns=step_ns
+        )

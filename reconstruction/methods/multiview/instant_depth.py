@@ -1,18 +1,17 @@
 """Depth of one instant as its files hold it: all cameras' maps and the fused cloud."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_engine import CPU
-from reconstruction.methods.multiview.fusion import median_of_known
+from reconstruction.methods.multiview.fusion import FusedCloud, median_of_known
 from reconstruction.methods.multiview.instant_maps import InstantMaps
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 
@@ -20,45 +19,17 @@ CONFIRMING_VIEWS = 2
 """Number of other views that must find a depth for it to be called consistent."""
 
 
-@dataclass(frozen=True, eq=False)
-class InstantDepth:
-    """Depth of all cameras at an instant, and the cloud fused from it in the rig's frame.
+class InstantDepth(NamedTuple):
+    """Depth and normals (float16) of all cameras at an instant, and the cloud fused from all."""
 
-    `cameras` (n,) are names. `all_depth` (float32) and `all_normals` (float16, x 3) are their undistorted
-    maps, flat, one after the other. `points` (n, 3) are float32 with `colours` (n, 3), uint8 RGB.
-    """
-
-    cameras: Array
-    all_depth: Array
-    all_normals: Array
-    points: Array
-    colours: Array
+    maps: Mapping[str, ViewDepth]
+    cloud: FusedCloud
 
     @classmethod
     def of(cls, found: InstantMaps) -> Self:
         """Return what the files of a result hold."""
-        maps = found.maps.values()
-        return cls(
-            cameras=np.array(list(found.maps)),
-            all_depth=np.concatenate([one.depth.ravel() for one in maps]),
-            all_normals=np.concatenate([one.normals.ravel().astype(np.float16) for one in maps]),
-            points=found.cloud.points,
-            colours=found.cloud.colours,
-        )
-
-    def maps(self, views: Mapping[str, View]) -> dict[str, ViewDepth]:
-        """Return the maps by camera; `views` has the cameras' undistorted views."""
-        names = self.cameras.tolist()
-        ends = np.cumsum([views[name].width * views[name].height for name in names])[:-1]
-        depths = np.split(self.all_depth, ends)
-        normals = np.split(self.all_normals.reshape(-1, 3).astype(np.float32), ends)
-        return {
-            name: ViewDepth(
-                depth.reshape(views[name].height, views[name].width),
-                facing.reshape(views[name].height, views[name].width, 3),
-            )
-            for name, depth, facing in zip(names, depths, normals, strict=True)
-        }
+        maps = {c: ViewDepth(one.depth, one.normals.astype(np.float16)) for c, one in found.maps.items()}
+        return cls(maps, found.cloud)
 
 
 def confirm(

@@ -1,9 +1,8 @@
 """Depth of all cameras at an instant, in memory: the result that a command writes and a comparison scores."""
 
 import tempfile
-import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -21,15 +20,12 @@ from reconstruction.depth.view_choice import (
     seen_points,
     smallest_group,
 )
+from reconstruction.method.interface import SILENT
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
 from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
 from reconstruction.methods.multiview.input_images import InputImage, InputImages
-from reconstruction.methods.multiview.matcher import (
-    ChosenMatcher,
-    image_colours,
-    image_views,
-    match_cameras,
-)
+from reconstruction.methods.multiview.matcher import image_colours, image_views, match_cameras
+from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.conditions import Condition
@@ -49,8 +45,6 @@ class InstantMaps:
     """Cameras without depth, with the reasons."""
     usable: Mapping[str, InputImage]
     """All images that could be matched, also those without depth."""
-    seconds_of: Mapping[str, float] = field(default_factory=dict)
-    """Wall-clock seconds of each stage."""
 
     @property
     def reference(self) -> str:
@@ -81,10 +75,7 @@ def match_instants(
     inputs: InputImages,
     instants: Sequence[int],
     condition: Condition,
-    matcher: ChosenMatcher,
-    *,
-    without: Collection[str] = (),
-    progress: Progress,
+    options: MultiviewOptions,
 ) -> Iterator[InstantMaps]:
     """Yield the depth of each instant under a condition; several share what stands still.
 
@@ -93,39 +84,30 @@ def match_instants(
     Raises:
         BadInputError: there is no such instant, or none has depth.
     """
-    still, seen, many = StillScene(), False, len(instants) > 1
+    still, seen, many, progress = StillScene(), False, len(instants) > 1, options.progress
     if many:
         progress.total = len(instants)
     for instant in instants:
         if many:
             progress.step(f"instant {instant}")
         try:
-            found = match_instant(
-                inputs,
-                instant,
-                condition,
-                matcher,
-                still,
-                Progress(0, silent=True) if many else progress,
-                without=without,
-            )
+            maps = match_instant(inputs, instant, condition, options, still, SILENT if many else progress)
         except BadInputError:
             if seen or instant != instants[-1]:
                 continue
             raise
         seen = True
-        yield found
+        yield maps
 
 
 def match_instant(
     inputs: InputImages,
     instant: int,
     condition: Condition,
-    matcher: ChosenMatcher,
+    options: MultiviewOptions,
     still: StillScene,
     progress: Progress,
     *,
-    without: Collection[str] = (),
     later_steps: int = 0,
     workspace: Path | None = None,
     on_pair: Callable[[CalibratedImage, CalibratedImage, tuple[float, float]], None] | None = None,
@@ -139,9 +121,8 @@ def match_instant(
     Raises:
         BadInputError: no two cameras can measure depth.
     """
-    begin_s = time.monotonic()
     shown = instants_shown(inputs.dataset, condition, instant)
-    usable, left_out = inputs.usable({camera: k for camera, k in shown.items() if camera not in without})
+    usable, left_out = inputs.usable({c: k for c, k in shown.items() if c not in options.without})
     progress.total = len(usable) + later_steps
     progress.step("the scene's range of depth")
     calibrated = {camera: image.calibrated for camera, image in usable.items()}
@@ -155,18 +136,22 @@ def match_instant(
     left_out |= {c: _why_alone(c, calibrated, rough, steps_ns) for c in usable if not sources.get(c)}
     images = {camera: image for camera, image in usable.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
-    range_s = time.monotonic()
     if on_pair is not None:
         reference = choose_reference_view(image_views(images), rough.points)
         on_pair(calibrated[reference], calibrated[sources[reference][0]], rough.depth_ranges[reference])
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         maps = match_cameras(
-            matcher, workspace or Path(scratch), images, sources, rough.depth_ranges, progress, still
+            options.chosen_matcher,
+            workspace or Path(scratch),
+            images,
+            sources,
+            rough.depth_ranges,
+            progress,
+            still,
         )
-    if workspace is not None and matcher.gpu is None:
+    if workspace is not None and options.chosen_matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), maps)
-    seconds = {"range": range_s - begin_s, "matching": time.monotonic() - range_s}
-    return InstantMaps(instant, images, sources, rough, maps, left_out, usable, seconds)
+    return InstantMaps(instant, images, sources, rough, maps, left_out, usable)
 
 
 def _why_alone(

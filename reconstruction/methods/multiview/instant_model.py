@@ -1,16 +1,13 @@
 """Depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
 
-import time
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from capture_app.common.errors import NotApplicableError, NotAvailableError
-from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.files.untrusted_files import read_arrays
@@ -35,12 +32,9 @@ from reconstruction.methods.multiview.input_images import (
 )
 from reconstruction.methods.multiview.instant_maps import match_instant
 from reconstruction.methods.multiview.instant_scoring import score_moving
-from reconstruction.methods.multiview.matcher import (
-    ChosenMatcher,
-    image_colours,
-    image_views,
-)
+from reconstruction.methods.multiview.matcher import image_colours, image_views
 from reconstruction.methods.multiview.mesh import build_mesh
+from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.result import (
     CONFIDENCE,
     FILES,
@@ -55,9 +49,12 @@ from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
+from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.dataset import Dataset
 
+FIGURES = ("coverage", "expected_within_2pct", *DepthShares.__struct_fields__)
+"""Results of the reference view that represent its instant."""
 PAIR_PX = 320
 """Width of the picture of two cameras' depth (`PAIR_DEPTH`), which is there while all are matched."""
 
@@ -99,48 +96,39 @@ def model_instant(
     inputs: InputImages,
     condition: Condition,
     instant: int,
-    matcher: ChosenMatcher,
+    options: MultiviewOptions,
     part: Path,
     *,
-    without: Collection[str] = (),
-    mesh: bool = False,
-    cloud: bool = False,
-    workspace: bool = False,
-    check: bool = True,
-    quick: bool = False,
     still: StillScene | None = None,
     early: OutputFolder | None = None,
-    progress: Progress,
 ) -> MultiviewResult:
     """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
-    `cloud` also cleans the fused cloud; `workspace` writes COLMAP's; `check` checks the calibration, without
-    which maps have no confidence; `quick` does not score the cloud. `still` is the still scene found at
-    earlier instants. `early`: the output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`)
-    until all is done, and then a page.
+    Without the check of the calibration, maps have no confidence. `still` is the still scene found at earlier
+    instants. `early`: the output folder of `part`, which shows two cameras' depth (`PAIR_DEPTH`) until all is
+    done, and then a page.
 
     Raises:
         BadInputError: the instant or the condition cannot be used, or nothing was found.
     """
-    scene, dataset = inputs.scene, inputs.dataset
+    scene, dataset, progress = inputs.scene, inputs.dataset, options.progress
     found = match_instant(
         inputs,
         instant,
         condition,
-        matcher,
+        options,
         still or StillScene(),
         progress,
-        without=without,
-        later_steps=3 if mesh or cloud else 2,
-        workspace=part / WORKSPACE if workspace else None,
+        later_steps=3 if options.cleans_cloud else 2,
+        workspace=part / WORKSPACE if options.workspace else None,
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
     images, sources, rough, maps = found.images, found.sources, found.rough, found.maps
-    marks = {"begin": time.monotonic()}
-    checked = check_images(found.usable) if check else None
+    checked, confidence = None, dict[str, Array]()
+    if options.check:
+        checked = check_images(found.usable)
+        confidence = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
-    confidence = measure_confidence(images, sources, maps, misfit_px, scene.scale_error) if check else {}
-    marks["confidence"] = time.monotonic()
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
     fused = found.cloud
@@ -151,34 +139,34 @@ def model_instant(
             "and their calibration must be this rig's",
         )
     write_ply(part / FUSED, PointCloud(fused.points, fused.colours), fused.normals)
-    marks["fusion"] = time.monotonic()
     scored = tuple(
         write_view(dataset, images[c], one, confidence.get(c), sources[c], part) for c, one in maps.items()
     )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    moving_score = None if quick else score_moving(dataset, images, scene.unit, instant, fused)
-    marks["judging"] = time.monotonic()
+    moving_score = None if options.quick else score_moving(dataset, images, scene.unit, instant, fused)
     points, triangles = len(fused.points), 0
     files: tuple[str, ...] = ()
-    if mesh or cloud:
-        progress.step("cloud, mesh and pictures" if mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=mesh)
-        marks["mesh"] = time.monotonic()
+    if options.cleans_cloud:
+        progress.step("cloud, mesh and pictures" if options.makes_mesh else "cleaning the cloud")
+        points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=options.makes_mesh)
     reference = found.reference
     image, depth = images[reference], maps[reference].depth
+    own = next(view for view in scored if view.camera == reference)
+    others = [view for name, view in views.items() if name != reference]
     ranges = [rough.depth_ranges[camera] for camera in images]
     result = MultiviewResult(
         session=dataset.name,
         instant=instant,
         offsets_ms=condition.offsets_ms(dataset.cameras, instant),
-        matcher=matcher.name,
-        matcher_note=matcher.note,
+        matcher=options.chosen_matcher.name,
+        matcher_note=options.chosen_matcher.note,
         calibration=scene.source,
         unit=scene.unit,
         reference=reference,
-        **_figures(next(view for view in scored if view.camera == reference)),
+        **{name: getattr(own, name) for name in FIGURES},
         rest_error_px=None if misfit_px is None else round(misfit_px, 3),
         rest_points=0 if checked is None else checked.points,
+        turn_error=turn_error(views[reference], others[0], depth) if len(others) == 1 else None,
         scale_error=round(scene.scale_error, 4),
         movers_1cm=moving_score,
         moving_measured=measured_fraction(image, depth) if early is not None else None,
@@ -193,10 +181,9 @@ def model_instant(
             FUSED,
             *files,
             *(FILES if early is not None else ()),
-            *((WORKSPACE,) if workspace else ()),
+            *((WORKSPACE,) if options.workspace else ()),
             RESULT,
         ),
-        seconds_of={name: round(s, 3) for name, s in found.seconds_of.items()} | _stage_seconds(marks),
     )
     if early is not None:
         write_moment(result, image, depth, fused, part)
@@ -214,17 +201,6 @@ def _show_pair(
     write_image(drawn, colour_depth(depth, *display_range(depth)))
     early.show_early(PAIR_DEPTH)
     drawn.unlink()
-
-
-def _figures(view: ViewResult) -> dict[str, Any]:
-    """Return those results of the reference view that represent its instant."""
-    names = "coverage", "expected_within_2pct", *DepthShares.__struct_fields__
-    return {name: getattr(view, name) for name in names}
-
-
-def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
-    """Return the duration of each stage, from the times (s) at which the stages ended."""
-    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(marks.items())}
 
 
 def measure_confidence(

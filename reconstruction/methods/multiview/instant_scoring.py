@@ -14,7 +14,6 @@ from reconstruction.methods.multiview.fusion import FusedCloud, project_points, 
 from reconstruction.methods.multiview.input_images import InputImage, InputImages, undistorted_truth
 from reconstruction.methods.multiview.instant_depth import InstantDepth, confirm
 from reconstruction.methods.multiview.result import CloudScore
-from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import dilate
 
@@ -35,10 +34,10 @@ def count_near(points: Array, asked: Array) -> tuple[int, int]:
     The second number is that of the points asked, a sample of `MAX_SAMPLED` if there are more.
     """
     asked = floats(_sample(asked))
-    found = np.empty(len(asked), bool)
+    near = np.empty(len(asked), bool)
     sizes = ctypes.c_int64(len(points)), ctypes.c_int64(len(asked))
-    call_kernel("near", sizes[0], floats(points), sizes[1], asked, ctypes.c_float(TOLERANCE_M), found)
-    return int(found.sum()), len(asked)
+    call_kernel("near", sizes[0], floats(points), sizes[1], asked, ctypes.c_float(TOLERANCE_M), near)
+    return int(near.sum()), len(asked)
 
 
 TrueSurface = tuple[Array, Array]
@@ -189,8 +188,7 @@ class InstantScorer:
         self.unit = unit
         self.tolerance_m: float | None = None
         moving = [undistorted.moving(reference, instant) for instant in instants]
-        maps = [one.maps(undistorted.plain_views)[reference].depth for one in synced]
-        self._still = median_still_depth(maps, moving)
+        self._still = median_still_depth([maps.maps[reference].depth for maps in synced], moving)
 
     def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
@@ -211,12 +209,11 @@ class InstantScorer:
         measured = {name: Measurements() for name in maps}
         for name, found in maps.items():
             times = shown if name == "offset" else dict.fromkeys(shown, instant)
-            depth = found.maps(self.undistorted.plain_views)
-            clouds = self._measure_cloud(found.points, depth, times, hidden, surfaces)
-            images = {camera: self.undistorted.image(camera, times[camera]).calibrated for camera in depth}
-            confirmed, difference = confirm(self.reference, images, depth)
+            clouds = self._measure_cloud(found, times, hidden, surfaces)
+            images = {c: self.undistorted.image(c, times[c]).calibrated for c in found.maps}
+            confirmed, difference = confirm(self.reference, images, found.maps)
             for kind, mask in (("mover", moving), ("static", static)):
-                one = measure_depth(depth[self.reference].depth, difference, mask, truth)
+                one = measure_depth(found.maps[self.reference].depth, difference, mask, truth)
                 one.shares["consistency"] = int((confirmed & mask).sum()), int(mask.sum())
                 one.update(clouds.get(kind, Measurements()))
                 measured[name].update(one, f"{kind}_")
@@ -251,16 +248,15 @@ class InstantScorer:
 
     def _measure_cloud(
         self,
-        cloud: Array,
-        depth: Mapping[str, ViewDepth],
+        found: InstantDepth,
         times: Mapping[str, int],
         hidden: Mapping[str, Array],
         surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
         """Measure the cloud's points, precision and recall on moving objects and on the still control."""
-        views = {camera: self.undistorted.plain_views[camera] for camera in depth}
-        moving_masks = {camera: self.undistorted.moving(camera, times[camera]) for camera in depth}
-        seen = np.column_stack([visible_points(view, depth[c].depth, cloud) for c, view in views.items()])
+        cloud, views = found.cloud.points, {c: self.undistorted.plain_views[c] for c in found.maps}
+        moving_masks = {camera: self.undistorted.moving(camera, times[camera]) for camera in views}
+        seen = np.column_stack([visible_points(views[c], one.depth, cloud) for c, one in found.maps.items()])
         moving = points_on_moving(cloud, seen, views, moving_masks)
         still = ~moving & ~points_on_masks(cloud, self.undistorted.plain_views, hidden)
         measured = {}

@@ -75,7 +75,7 @@ def match_cameras(
     """
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        found = match_all_views(
+        views = match_all_views(
             calibrated,
             sources,
             depth_ranges,
@@ -84,7 +84,7 @@ def match_cameras(
             quick=matcher.quick,
             still=still,
         )
-        return {camera: _inside(images[camera], view) for camera, view in found.items()}
+        return {camera: _inside(images[camera], view) for camera, view in views.items()}
     (progress or Progress(0, silent=True)).step(f"PatchMatch on {matcher.gpu[0]}")
     whole = min(depth_ranges[c][0] for c in images), max(depth_ranges[c][1] for c in images)
     write_workspace(workspace, image_views(images), image_colours(images), depth_range=whole)

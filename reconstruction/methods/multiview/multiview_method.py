@@ -1,26 +1,19 @@
 """Depth, cloud and mesh from all cameras: the method, its options and its words."""
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import msgspec
+from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import count
-from reconstruction.common.matchers import MATCHER_HELP, Matcher
-from reconstruction.common.options import command_flag, flag
-from reconstruction.method.interface import Method
+from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
     from reconstruction.depth.seen_moment import SeenInstant
     from reconstruction.methods.multiview.instant_maps import InstantMaps
-    from reconstruction.methods.multiview.matcher import ChosenMatcher
     from reconstruction.methods.multiview.result import MultiviewResult
     from reconstruction.scene.scene import Scene
 
@@ -28,7 +21,7 @@ FEW_PIXELS = 0.1
 """Fraction of the pixels below which the result is doubtful."""
 
 
-class Multiview(Method, frozen=True, kw_only=True):
+class Multiview(MultiviewOptions, frozen=True, kw_only=True):
     """Depth of all cameras, a fused cloud and a mesh; of many instants, a cloud of each."""
 
     name = "multiview"
@@ -45,102 +38,6 @@ class Multiview(Method, frozen=True, kw_only=True):
     )
     result_file = "multiview.json"
 
-    instants: Annotated[
-        tuple[int, ...] | None,
-        command_flag(
-            "--instants",
-            metavar="all|K-L,M,...",
-            help="Compute a cloud of each of these instants instead of one. A stopped run can be resumed.",
-        ),
-    ] = None
-    """Instants of a sequence, empty = all; None = `instant` alone."""
-    without: Annotated[
-        tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
-    ] = ()
-    width: Annotated[
-        int | None,
-        command_flag(
-            "--width",
-            ge=160,
-            metavar="PX",
-            show_default="as recorded",
-            help="Reduce wider images to this width.",
-        ),
-    ] = None
-    matcher: Annotated[
-        Matcher, command_flag("--matcher", help=MATCHER_HELP), flag("--matcher", help=MATCHER_HELP)
-    ] = Matcher.AUTO
-    mesh: Annotated[
-        bool | None,
-        command_flag(
-            "--mesh/--no-mesh",
-            show_default="mesh; no mesh with --instants or --quick",
-            help="Also compute a mesh and, for a single instant, a picture of it.",
-        ),
-    ] = None
-    cloud: bool = True
-    """Whether to clean the fused cloud, which needs Open3D."""
-    workspace: bool = True
-    """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
-    check: bool = True
-    """Whether to check the calibration by points at rest in the images."""
-    quick: Annotated[
-        bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
-    ] = False
-    """Start the sweep at half the size; do not score the cloud, and clean it only for a mesh."""
-    page: Annotated[
-        bool,
-        command_flag("--page", help="Also write a page with an interactive 3D view of one instant's cloud."),
-    ] = False
-    calibrated: Annotated[
-        bool, command_flag("--calibrated", help="Refuse to run without a valid calibration of the rig.")
-    ] = False
-    refine: Annotated[
-        bool,
-        command_flag(
-            "--refine",
-            help="First fit the cameras' poses to points at rest, by COLMAP's bundle adjustment. Use it if "
-            "points at rest do not fit the calibration.",
-        ),
-    ] = False
-    depth: Annotated[bool, command_flag("--depth", help="With --instants, also save the depth maps.")] = False
-    whole: Annotated[
-        bool,
-        command_flag("--whole", help="With --instants, match the still scene again at every instant."),
-    ] = False
-    rrd: Annotated[bool, command_flag("--rrd", help="With --instants, also write a recording for Rerun.")] = (
-        False
-    )
-    max_multiview_instants: Annotated[
-        int,
-        flag(
-            "--max-multiview-instants",
-            ge=0,
-            metavar="N",
-            help="Use at most this many instants for depth from all cameras, which takes much longer; 0 for "
-            "none.",
-        ),
-    ] = 3
-    multiview_width: Annotated[
-        int,
-        flag(
-            "--multiview-width",
-            ge=160,
-            metavar="PX",
-            help="Reduce wider images to this width for depth from all cameras.",
-        ),
-    ] = 640
-
-    def __post_init__(self) -> None:
-        """Refuse options that exclude each other, with ValueError, and decide whether there is a mesh."""
-        super().__post_init__()
-        if self.instants is not None and self.page:
-            raise ValueError("--page shows one instant: leave out --instants")
-        if self.instants is None and (self.depth or self.whole or self.rrd):
-            raise ValueError("--depth, --whole and --rrd need --instants")
-        if self.mesh is None:
-            msgspec.structs.force_setattr(self, "mesh", self.instants is None and not self.quick)
-
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier result; see `Method.output_folder`."""
         from capture_app.session.files.output_folder import OutputFolder, replaces_only
@@ -154,64 +51,29 @@ class Multiview(Method, frozen=True, kw_only=True):
             require_reconstruction("pycolmap", "writing COLMAP's workspace")
         if self.refine:
             require_reconstruction("pycolmap", "refining a calibration")
-        if self.mesh:
+        if self.makes_mesh:
             require_reconstruction("open3d", "making a mesh")
         self.chosen_matcher  # noqa: B018
 
-    @cached_property
-    def chosen_matcher(self) -> "ChosenMatcher":
-        """The matcher; raises NotAvailableError if this machine cannot run it."""
-        from reconstruction.methods.multiview.matcher import choose_matcher
-
-        return choose_matcher(self.matcher, quick=self.quick)
-
-    def write(self, sources: Sequence[Path], out: Path, condition: Condition) -> Any:
+    def write(self, sources: "Sequence[Path | Scene]", out: Path, condition: Condition) -> Any:
         """Compute one instant, or a sequence, whose folder grows cloud by cloud; see `Method.write`."""
         if self.instants is None:
             return super().write(sources, out, condition)
         from reconstruction.methods.multiview.sequence import model_sequence
 
-        if self.mesh:
+        if self.makes_mesh:
             require_reconstruction("open3d", "making meshes")
         if self.rrd:
             load_optional("rerun", "rerun", "the .rrd format")
-        return model_sequence(
-            self.prepared(self.open_scene(sources[0], condition)),
-            out,
-            condition,
-            self.chosen_matcher,
-            instants=self.instants,
-            without=self.without,
-            width=self.width,
-            mesh=bool(self.mesh),
-            depth=self.depth,
-            quick=self.quick,
-            whole=self.whole,
-            rrd=self.rrd,
-            time_shifts_ms=dict(self.time_shifts_ms),
-            progress=self.progress,
-        )
+        return model_sequence(self.prepared(self.open_scene(sources[0], condition)), out, condition, self)
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "MultiviewResult":
         """Compute depth, cloud and mesh of one instant; see `Method.save`."""
         from reconstruction.methods.multiview.input_images import prepare_images
         from reconstruction.methods.multiview.instant_model import model_instant
 
-        return model_instant(
-            prepare_images(self.prepared(scene), self.width),
-            condition,
-            self.instant,
-            self.chosen_matcher,
-            output.folder,
-            without=self.without,
-            mesh=bool(self.mesh),
-            cloud=self.cloud and (bool(self.mesh) or (not self.quick and find_spec("open3d") is not None)),
-            workspace=self.workspace,
-            check=self.check,
-            quick=self.quick,
-            early=output if self.page else None,
-            progress=self.progress,
-        )
+        inputs, early = prepare_images(self.prepared(scene), self.width), output if self.page else None
+        return model_instant(inputs, condition, self.instant, self, output.folder, early=early)
 
     def prepared(self, scene: "Scene") -> "Scene":
         """Return the scene with the calibration that the options ask for.
@@ -237,13 +99,9 @@ class Multiview(Method, frozen=True, kw_only=True):
         from reconstruction.methods.multiview.input_images import prepare_images
         from reconstruction.methods.multiview.instant_maps import match_instants
 
+        inputs = prepare_images(self.prepared(scene), self.width)
         yield from match_instants(
-            prepare_images(self.prepared(scene), self.width),
-            scene.dataset.chosen_instants(self.listed_instants),
-            condition,
-            self.chosen_matcher,
-            without=self.without,
-            progress=self.progress,
+            inputs, scene.dataset.chosen_instants(self.listed_instants), condition, self
         )
 
     def see(self, scene: "Scene", condition: Condition) -> "Iterator[SeenInstant]":
@@ -258,9 +116,9 @@ class Multiview(Method, frozen=True, kw_only=True):
         if self.instants is None:
             yield from super().notes(result)
             return
-        for one in result.instants:
-            if one.reason:
-                yield f"instant {one.instant} has no cloud: {one.reason}"
+        for moment in result.instants:
+            if moment.reason:
+                yield f"instant {moment.instant} has no cloud: {moment.reason}"
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""

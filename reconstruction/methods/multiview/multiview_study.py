@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property, partial
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
@@ -69,10 +69,10 @@ def save_clouds(
     `depth`, `view` and `moving` (bool) belong to the reference camera. A page starts from its position and
     rotates about the centre of the moving objects, else of all points.
     """
-    paths = {side: f"pictures/cloud_{side}.ply" for side, found in maps.items() if len(found.points)}
+    clouds = {side: found.cloud for side, found in maps.items() if len(found.cloud.points)}
+    paths = {side: f"pictures/cloud_{side}.ply" for side in clouds}
     for side, path in paths.items():
-        write_ply(out / path, PointCloud(maps[side].points, maps[side].colours))
-    synced = maps["synced"]
+        write_ply(out / path, PointCloud(clouds[side].points, clouds[side].colours))
     known = depth > 0
     rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
     points = view.unproject(np.column_stack([columns, rows]), depth[rows, columns].astype(float))
@@ -82,7 +82,7 @@ def save_clouds(
         rotation=tuple(view.rotation.ravel().tolist()),
         centre=tuple(view.centre.tolist()),
         focal=view.focal / view.width,
-        pivot=tuple(np.median(points if len(rows) else synced.points, axis=0).tolist()),
+        pivot=tuple(np.median(points if len(rows) else clouds["synced"].points, axis=0).tolist()),
     )
 
 
@@ -238,16 +238,18 @@ class MultiviewStudy(Score):
         with worker_pool(AT_A_TIME) as pool:
             both = pool.map(self._results, [instants] * 2, (SYNCHRONIZED, late), CONDITIONS)
             synced, offset = both
-        if not (instants := [one for one in instants if one.instant in synced.keys() & offset.keys()]):
+        if not (
+            instants := [moment for moment in instants if moment.instant in synced.keys() & offset.keys()]
+        ):
             raise ValueError("no instant has depth in both conditions")
-        nows = [one.instant for one in instants]
+        nows = [moment.instant for moment in instants]
         found = [{"synced": synced[now], "offset": offset[now]} for now in nows]
         scorer = InstantScorer(
             self.shots, self.reference, self.scene.unit, nows, [maps["synced"] for maps in found]
         )
         tally = Tally()
         with worker_pool(AT_A_TIME) as pool:
-            scores = pool.map(scorer.measure, nows, [one.shown for one in instants], found)
+            scores = pool.map(scorer.measure, nows, [instant.shown for instant in instants], found)
             for one, measured in zip(instants, scores, strict=True):
                 pixels = measured["synced"].shares["mover_coverage"][1]
                 delays = one.delays_ms(self.dataset)
@@ -277,7 +279,7 @@ class MultiviewStudy(Score):
         """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.reference, self.shots.problem
         complete = complete_instants(self.dataset, condition, reference, self.cameras)
-        by_instant = {one.instant: one.shown for one in complete}
+        by_instant = {moment.instant: moment.shown for moment in complete}
         limit = self.options.max_multiview_instants
         chosen = choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
         usable = {
@@ -300,46 +302,31 @@ class MultiviewStudy(Score):
         options: Multiview = self.options
         return msgspec.structs.replace(
             options,
-            instants=tuple(one.instant for one in instants),
+            instants=tuple(moment.instant for moment in instants),
             without=tuple(c for c in self.dataset.cameras if c not in instants[0].shown),
             width=self.options.multiview_width,
             quick=True,
-            mesh=None,
             depth=True,
         )
 
     def _results(
         self, instants: Sequence[ShownInstant], condition: Condition, side: str
     ) -> dict[int, InstantDepth]:
-        """Run the method under a condition, and return what its files would hold; from the cache if there."""
+        """Run the method under a condition, once in a comparison; return what its files would hold."""
         method = self.method(instants)
-        running = method.run(self.scene, condition)
-        made: dict[int, InstantDepth] = {}
 
-        def compute(instant: int) -> InstantDepth:
-            for found in running:
-                self.progress.step(f"depth from {len(found.maps)} cameras, instant {found.instant}, {side}")
-                made[found.instant] = InstantDepth.of(found)
-                if found.instant >= instant:
-                    break
-            if instant not in made or self.reference not in made[instant].cameras:
-                raise BadInputError(f"{self.reference} has no depth at instant {instant}")
-            return made[instant]
+        def run() -> dict[int, InstantDepth]:
+            results = {}
+            with suppress(BadInputError):  # no instant has depth
+                for found in method.run(self.scene, condition):
+                    self.progress.step(
+                        f"depth from {len(found.maps)} cameras, instant {found.instant}, {side}"
+                    )
+                    if self.reference in found.maps:
+                        results[found.instant] = InstantDepth.of(found)
+            return results
 
-        results = {}
-        for place, one in enumerate(instants):
-            with suppress(BadInputError):
-                results[one.instant] = self.scene.stages.arrays(
-                    "multiview",
-                    InstantDepth,
-                    partial(compute, one.instant),
-                    [earlier.instant for earlier in instants[: place + 1]],
-                    method.without,
-                    condition,
-                    repr(self.shots.views),
-                    self.matcher.name,
-                )
-        return results
+        return self.scene.once(("multiview", method.instants, method.without, condition), run)
 
     def _show(
         self,
@@ -350,9 +337,8 @@ class MultiviewStudy(Score):
     ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
         """Write pictures and clouds of the instant with the most moving pixels found."""
         reference = self.reference
-        moving = [self.shots.moving(reference, one.instant) for one in instants]
-        views = self.shots.plain_views
-        depth = [{side: one.maps(views)[reference].depth for side, one in maps.items()} for maps in found]
+        moving = [self.shots.moving(reference, moment.instant) for moment in instants]
+        depth = [{side: one.maps[reference].depth for side, one in maps.items()} for maps in found]
         best = max(range(len(found)), key=lambda k: (moving[k] & (depth[k]["synced"] > 0)).sum())
         one, mask, maps = instants[best], moving[best], found[best]
         shot = self.shots.image(reference, one.instant)
@@ -361,10 +347,10 @@ class MultiviewStudy(Score):
         pictures = self.write_pictures(
             _draw_depth(shot.colours, depth[best], mask, truth), folder, flat="multiview_depth", judged=judged
         )
-        if len(maps["synced"].points) < MIN_POINTS:
+        if len(maps["synced"].cloud.points) < MIN_POINTS:
             return pictures, None
-        clouds = {side: (found.points, found.colours) for side, found in maps.items()}
-        places = [views[camera] for camera in one.shown]
+        clouds = {side: (of.cloud.points, of.cloud.colours) for side, of in maps.items()}
+        places = [self.shots.plain_views[camera] for camera in one.shown]
         drawn = {
             side: {"multiview_turntable": picture} for side, picture in draw_clouds(clouds, places).items()
         }
@@ -382,11 +368,10 @@ class MultiviewStudy(Score):
             return ()
         clouds = {}
         for side, shown in one.by_condition.items():
-            found = maps[side].cameras
-            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items() if camera in found}
+            depths = maps[side].maps
+            shots = {camera: self.shots.image(camera, k) for camera, k in shown.items() if camera in depths}
             views, colours = image_views(shots), image_colours(shots)
-            all_maps = maps[side].maps(views)
-            clouds[side] = fuse_by_colmap(views, colours, all_maps, min(MIN_CAMERAS, len(views)))
+            clouds[side] = fuse_by_colmap(views, colours, depths, min(MIN_CAMERAS, len(views)))
         if len(clouds["synced"][0]) < MIN_POINTS:
             return ()
         drawn = {side: {"multiview_colmap": picture} for side, picture in draw_clouds(clouds, places).items()}

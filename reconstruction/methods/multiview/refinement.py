@@ -82,11 +82,11 @@ def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) ->
         options.ceres.loss_function_scale = LOSS_PX
         pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
         poses = {name: model.images[number].cam_from_world().matrix() for name, number in numbers.items()}
-    found = {
+    refined = {
         name: replace(view, rotation=poses[name][:, :3], translation=poses[name][:, 3])
         for name, view in views.items()
     }
-    return _in_place(found, views)
+    return _in_place(refined, views)
 
 
 def _is_plausible(views: Mapping[str, View], track: Track) -> bool:

@@ -5,7 +5,7 @@ from msgspec import Struct, field
 from capture_app.session.reading.take_sheet import PAIR_DEPTH
 from reconstruction.common.outputs import REPORT
 from reconstruction.method.truth import DepthShares
-from reconstruction.scene.calibration.consistency import describe_misfit
+from reconstruction.scene.calibration.consistency import describe_misfit, describe_turn
 from reconstruction.scene.provenance import Provenance
 
 RESULT = "multiview.json"
@@ -81,6 +81,8 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     rest_error_px: float | None = None
     """Misfit of points at rest to the calibration, a standard deviation; None if they are too few."""
     rest_points: int = 0
+    turn_error: float | None = None
+    """Relative error of depth by a turn that two cameras do not show; None for more cameras."""
     scale_error: float = 0.0
     """Relative standard deviation of all distances by `--refine`, of which images do not show the scale."""
     movers_1cm: CloudScore | None = None
@@ -96,13 +98,13 @@ class MultiviewResult(Provenance, frozen=True, kw_only=True):
     cloud_points: int
     mesh_triangles: int
     files: tuple[str, ...]
-    seconds_of: dict[str, float]
-    """Wall-clock seconds of each stage."""
 
     @property
     def basis(self) -> str:
         """What the depth rests on, in words: the fit of points at rest, the scale, and what that means."""
         fit = describe_misfit(self.rest_error_px, self.rest_points, expected=self.expected_within_2pct)
+        if self.turn_error is not None:
+            fit = f"{fit}; {describe_turn(self.turn_error)}"
         if self.scale_error < UNCERTAIN_SCALE:
             return fit
         return (

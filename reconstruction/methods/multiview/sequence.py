@@ -17,7 +17,6 @@ from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import pretty_json
-from capture_app.console.terminal import Progress
 from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
@@ -26,9 +25,10 @@ from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.decoding import JPEG_BEGIN
+from reconstruction.method.interface import SILENT
 from reconstruction.methods.multiview.input_images import InputImages, prepare_images
 from reconstruction.methods.multiview.instant_model import model_instant
-from reconstruction.methods.multiview.matcher import ChosenMatcher
+from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.result import FUSED, SequenceInstant, SequenceResult
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.scene.conditions import Condition
@@ -47,6 +47,9 @@ OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RE
 OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
 """Includes partial files that a killed run leaves."""
 
+SETTINGS = "depth", "quick", "whole", "without", "width"
+"""Options that determine the clouds."""
+
 Form = TypeVar("Form", bound=Struct)
 
 
@@ -58,13 +61,13 @@ def write_recording(
     Only one instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
     """
     with rerun_recording(dataset.name, file, calibration.cameras) as (rerun, stream):
-        for one in instants:
-            set_times(stream, one.leader_ns, one.instant)
-            cloud = read_ply(out / one.cloud)
+        for made in instants:
+            set_times(stream, made.leader_ns, made.instant)
+            cloud = read_ply(out / made.cloud)
             stream.log("cloud", rerun.Points3D(cloud.points, colors=cloud.colours))
             for camera in dataset.cameras:
-                if camera in calibration.cameras and dataset.has_image(camera, one.instant):
-                    picture = dataset.image_bytes(camera, one.instant)
+                if camera in calibration.cameras and dataset.has_image(camera, made.instant):
+                    picture = dataset.image_bytes(camera, made.instant)
                     kind = "image/jpeg" if picture.startswith(JPEG_BEGIN) else "image/png"
                     stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
 
@@ -76,9 +79,9 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     pictures: str
     """Fingerprint of the images and the calibration."""
     condition: str
-    time_shifts_ms: dict[str, float]
     matcher: str
     mesh: bool = msgspec.field(name="meshes")
+    time_shifts_ms: dict[str, float]
     depth: bool
     quick: bool = False
     whole: bool = True
@@ -192,23 +195,11 @@ def model_sequence(
     scene: Scene,
     out: Path,
     condition: Condition,
-    matcher: ChosenMatcher,
-    *,
-    instants: Sequence[int] = (),
-    without: Sequence[str] = (),
-    width: int | None = None,
-    mesh: bool = False,
-    depth: bool = False,
-    quick: bool = False,
-    whole: bool = False,
-    rrd: bool = False,
-    time_shifts_ms: dict[str, float],
-    progress: Progress,
+    options: MultiviewOptions,
 ) -> SequenceResult:
-    """Compute a cloud of each of the instants (none = all) in `out`; existing clouds are reused.
+    """Compute a cloud of each of the instants in `out`; existing clouds are reused.
 
-    An instant that cannot be reconstructed is left out, with the reason. `mesh` and `depth` also write meshes
-    and maps; `whole` matches the still scene again at every instant; `rrd` writes a recording for Rerun.
+    An instant that cannot be reconstructed is left out, with the reason.
 
     Raises:
         BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
@@ -216,59 +207,58 @@ def model_sequence(
         TryAgainError: another run is writing to `out`.
     """
     began = time.monotonic()
-    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(instants)
+    dataset, chosen = scene.dataset, scene.dataset.chosen_instants(options.instants)
+    progress, matcher = options.progress, options.chosen_matcher.name
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(scene.given),
         condition=condition.name,
-        time_shifts_ms=time_shifts_ms,
-        matcher=matcher.name,
-        mesh=mesh,
-        depth=depth,
-        quick=quick,
-        whole=whole,
-        without=tuple(without),
-        width=width,
+        matcher=matcher,
+        mesh=options.makes_mesh,
+        time_shifts_ms=dict(options.time_shifts_ms),
+        **{name: getattr(options, name) for name in SETTINGS},
+    )
+    # Only saved maps have a confidence, which needs the check.
+    each = msgspec.structs.replace(
+        options, cloud=False, workspace=False, check=options.depth, progress=SILENT
     )
     with SequenceFolder.opened(out, plan) as folder:
         still = StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
-        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + rrd
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.rrd
         if missing_masks:
             write_masks(scene.motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
         scene = _calibrated(scene, folder)
-        inputs = prepare_images(scene, width)
+        inputs = prepare_images(scene, options.width)
         earlier = {k: done for k in chosen if (done := folder.done(k)) is not None}
         progress.done += len(earlier)
         every = []
         for instant in chosen:
             if instant not in earlier:
                 progress.step(f"instant {instant}")
-            if whole:
+            if options.whole:
                 still = StillScene()
-            every.append(
-                earlier.get(instant) or _make(inputs, still, matcher, plan, condition, instant, folder)
-            )
-        if not any(one.cloud for one in every):
+            every.append(earlier.get(instant) or _make(inputs, still, each, condition, instant, folder))
+        if not any(made.cloud for made in every):
             raise BadInputError(
                 f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
                 hint="choose other --instants, or calibrate the rig again",
             )
-        if rrd:
+        if options.rrd:
             progress.step("the recording")
-            clouds = [one for one in every if one.cloud]
+            clouds = [made for made in every if made.cloud]
             write_recording(folder.empty_work() / RECORDING, out, dataset, scene.calibration, clouds)
             folder.take_over(RECORDING)
         result = msgspec.structs.replace(
-            _summary(scene, plan, every),
+            _summary(scene, condition, matcher, every),
             kept=len(earlier),
             masks=masks,
             files=folder.files,
         )
-        result = with_provenance(result, began, time_shifts_ms)
+        result = with_provenance(result, began, options.time_shifts_ms)
         write_atomic(out / RESULT, pretty_json(result))
     return result
 
@@ -291,8 +281,7 @@ def _calibrated(scene: Scene, folder: SequenceFolder) -> Scene:
 def _make(
     inputs: InputImages,
     still: StillScene,
-    matcher: ChosenMatcher,
-    plan: SequencePlan,
+    options: MultiviewOptions,
     condition: Condition,
     instant: int,
     folder: SequenceFolder,
@@ -301,39 +290,26 @@ def _make(
     work, out, dataset, began_s = folder.empty_work(), folder.out, inputs.dataset, time.monotonic()
     leader_ns = dataset.instants_ns[instant]
     try:
-        found = model_instant(
-            inputs,
-            condition,
-            instant,
-            matcher,
-            work,
-            without=plan.without,
-            mesh=plan.mesh,
-            quick=plan.quick,
-            # Only saved maps have a confidence, which needs the check.
-            check=plan.depth,
-            still=still,
-            progress=Progress(0, silent=True),
-        )
+        model = model_instant(inputs, condition, instant, options, work, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:
         _place(work / FUSED, out / cloud_file(instant))
-        if plan.mesh and found.mesh_triangles:
+        if model.mesh_triangles:
             _place(work / "mesh.ply", out / MESHES / f"{instant:06d}.ply")
-        for view in found.views if plan.depth else ():
+        for view in model.views if options.depth else ():
             _place(work / view.depth, mask_path(out / DEPTH, view.camera, instant).with_suffix(".npz"))
         done = SequenceInstant(
             instant=instant,
             leader_ns=leader_ns,
             cloud=cloud_file(instant),
-            points=found.fused_points,
-            reference=found.reference,
-            coverage=found.coverage,
-            within_2pct=found.within_2pct,
-            mover_within_2pct=found.mover_within_2pct,
-            movers_1cm=found.movers_1cm,
-            left_out=found.left_out,
+            points=model.fused_points,
+            reference=model.reference,
+            coverage=model.coverage,
+            within_2pct=model.within_2pct,
+            mover_within_2pct=model.mover_within_2pct,
+            movers_1cm=model.movers_1cm,
+            left_out=model.left_out,
             seconds=round(time.monotonic() - began_s, 3),
         )
         folder.finish(done)
@@ -345,19 +321,21 @@ def _place(file: Path, target: Path) -> None:
     write_atomic(target, file.read_bytes())
 
 
-def _summary(scene: Scene, plan: SequencePlan, every: list[SequenceInstant]) -> SequenceResult:
-    scores = [one.movers_1cm.f_score for one in every if one.movers_1cm is not None]
+def _summary(
+    scene: Scene, condition: Condition, matcher: str, every: list[SequenceInstant]
+) -> SequenceResult:
+    scores = [made.movers_1cm.f_score for made in every if made.movers_1cm is not None]
     return SequenceResult(
         session=scene.dataset.name,
-        condition=plan.condition,
-        matcher=plan.matcher,
+        condition=condition.name,
+        matcher=matcher,
         calibration=scene.source,
         unit=scene.unit,
         instants=tuple(every),
-        clouds=sum(bool(one.cloud) for one in every),
+        clouds=sum(bool(made.cloud) for made in every),
         mover_f_score_1cm=_median(scores),
-        mover_within_2pct=_median([one.mover_within_2pct for one in every]),
-        within_2pct=_median([one.within_2pct for one in every]),
+        mover_within_2pct=_median([made.mover_within_2pct for made in every]),
+        within_2pct=_median([made.within_2pct for made in every]),
         files=(),
     )
 

@@ -50,7 +50,7 @@ class StillScene:
             moved, grey = known == OUTSIDE, images[name].grey
             off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
             self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
-        if not self._new or np.mean([one.mean() for one in self._new.values()]) > MAX_NEW:
+        if not self._new or np.mean([new.mean() for new in self._new.values()]) > MAX_NEW:
             self.scene, self.planes, self._new, self._pictures = None, None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:
@@ -102,7 +102,7 @@ def boxes_around(new: Array) -> list[tuple[Box, Array]]:
 
 def renewed(surface: Surface, swept: Surface, box: Box, new: Array) -> Surface:
     """Return the surface with a box's sweep copied in where `new` (bool, of the whole image) is set."""
-    found = Surface(*(part.copy() for part in surface))
-    for part, now in zip(found, swept, strict=True):
+    copied = Surface(*(part.copy() for part in surface))
+    for part, now in zip(copied, swept, strict=True):
         np.copyto(part[box], now, where=new[box])
-    return found
+    return copied

@@ -75,8 +75,10 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     if both.sum() < MIN_OVERLAP_PX:
         return None
     first, second = (
-        np.asarray(cv2.cvtColor(np.ascontiguousarray(empty.crop(one.picture, one.box)), cv2.COLOR_BGR2GRAY))
-        for one in (a, b)
+        np.asarray(
+            cv2.cvtColor(np.ascontiguousarray(empty.crop(image.picture, image.box)), cv2.COLOR_BGR2GRAY)
+        )
+        for image in (a, b)
     )
     return replace(empty, first=first, second=second, both=np.asarray(both) > 0)
 
@@ -116,8 +118,8 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
     tracked = (drift < MAX_RETURN_PX) & (_likeness(a, at, b, there) > MIN_LIKENESS)
     for lost in np.nonzero(~tracked)[0]:
-        if (found := _search(a, b, at[lost])) is not None:
-            there[lost], tracked[lost] = found, True
+        if (places := _search(a, b, at[lost])) is not None:
+            there[lost], tracked[lost] = places, True
     nearest = np.round(np.where(tracked[:, None], there, 0)).astype(int)
     inside = ((nearest >= 0) & (nearest < both.shape[::-1])).all(1)
     tracked &= inside & both[np.where(inside, nearest[:, 1], 0), np.where(inside, nearest[:, 0], 0)]

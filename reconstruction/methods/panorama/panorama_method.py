@@ -9,7 +9,7 @@ from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.method.interface import Method
-from reconstruction.scene.conditions import MAX_OFFSET_MS, SYNCHRONIZED, Condition
+from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
@@ -19,10 +19,7 @@ if TYPE_CHECKING:
 
 
 class Panorama(Method, frozen=True, kw_only=True):
-    """Panorama of one instant of a session, or of images.
-
-    `offset_ms` also composes it with every second camera delayed by this much.
-    """
+    """Panorama of one instant of a session, or of images; also of late images, under a condition."""
 
     name = "panorama"
     study = f"{__package__}.panorama_study:PanoramaStudy"
@@ -36,16 +33,6 @@ class Panorama(Method, frozen=True, kw_only=True):
     )
     takes_images = True
 
-    offset_ms: Annotated[
-        float | None,
-        command_flag(
-            "--offset-ms",
-            gt=0,
-            le=MAX_OFFSET_MS,
-            metavar="MS",
-            help="Also stitch with every second camera delayed by this much.",
-        ),
-    ] = None
     instants: tuple[int, ...] | None = None
     """Instants of `run`; None = `instant` alone."""
     register_at: Annotated[
@@ -68,14 +55,7 @@ class Panorama(Method, frozen=True, kw_only=True):
         """Stitch an instant, and also under the condition if that is another one; see `Method.save`."""
         from reconstruction.methods.panorama.panorama_run import session_input, stitch
 
-        given = session_input(
-            scene,
-            condition,
-            self.instant,
-            offset_ms=self.offset_ms,
-            pair=self.pair,
-            register_at=self.register_at,
-        )
+        given = session_input(scene, condition, self.instant, self.pair, self.register_at)
         return stitch(given, output.folder)
 
     def run(self, scene: "Scene", condition: Condition) -> "Iterator[RegisteredInstant]":
@@ -90,14 +70,14 @@ class Panorama(Method, frozen=True, kw_only=True):
             self.register_at,
         )
 
-    def compute(self, sources: Sequence[Path], condition: Condition, output: "OutputFolder") -> Any:
+    def compute(self, sources: "Sequence[Path | Scene]", condition: Condition, output: "OutputFolder") -> Any:
         """Stitch a session, or images; see `Method.compute`."""
         from reconstruction.methods.panorama.panorama_run import image_input, stitch
 
-        if len(sources) == 1 and (sources[0] / MANIFEST).exists():
+        images = [source for source in sources if isinstance(source, Path)]
+        if len(sources) == 1 and (not images or (images[0] / MANIFEST).exists()):
             return super().compute(sources, condition, output)
         needs_session = {
-            "--offset-ms": self.offset_ms is not None,
             "--condition": condition != SYNCHRONIZED,
             "--time-shift-ms": bool(self.time_shifts_ms),
             "--pair": self.pair is not None,
@@ -108,7 +88,7 @@ class Panorama(Method, frozen=True, kw_only=True):
                 f"{given[0]} needs a session: single pictures have no times",
                 hint=f"give a session, or leave out {given[0]}",
             )
-        return stitch(image_input(sources), output.folder)
+        return stitch(image_input(images), output.folder)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield nothing: the lines name what was left out."""

@@ -15,9 +15,8 @@ from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.native_libraries import opencv_calls
 from reconstruction.common.options import Pair
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
-from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
-from reconstruction.scene.conditions import SYNCHRONIZED, Condition, nearest_frame_offset
-from reconstruction.scene.dataset import Dataset
+from reconstruction.methods.panorama.registration import MAX_SIDE_PX, PanoramaStitcher, register_images
+from reconstruction.scene.conditions import Condition
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
@@ -116,7 +115,7 @@ def register_at(scene: Scene, cameras: tuple[str, ...], instant: int) -> Panoram
     def register() -> PanoramaStitcher:
         images, moving = _pictures(scene, dict.fromkeys(cameras, instant))
         known = {name: view for name, view in scene.given_views.items() if name in cameras}
-        return PanoramaStitcher(images, moving, known)
+        return register_images(images, moving, known)
 
     return scene.once(("panorama", cameras, instant), register)
 
@@ -129,7 +128,7 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
     """
     with opencv_calls("stitching"):
         try:
-            stitcher = PanoramaStitcher(*given.register, given.views)
+            stitcher = register_images(*given.register, given.views)
         except ValueError as error:
             raise BadInputError(
                 f"the pictures cannot be stitched: {error}",
@@ -144,13 +143,6 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
     left_out = given.facts["left_out"] | stitcher.left_out
     facts = given.facts | {"left_out": left_out}
     return PanoramaResult(used=stitcher.used, synced=made["synced"], offset=made.get("offset"), **facts)
-
-
-def read_registration(file: Path) -> PanoramaStitcher:
-    """Return what stitches images as those of an earlier panorama, by its `registration.json`."""
-    cameras = msgspec.json.decode(file.read_bytes(), type=Calibration).cameras
-    views = {name: View.from_calibration(one, one.width, one.height) for name, one in cameras.items()}
-    return PanoramaStitcher.registered(views)
 
 
 def _save_panorama(
@@ -200,13 +192,7 @@ def image_input(sources: Sequence[Path]) -> Input:
 
 
 def session_input(
-    scene: Scene,
-    condition: Condition,
-    instant: int,
-    *,
-    offset_ms: float | None = None,
-    pair: Pair | None = None,
-    register_at: int | None = None,
+    scene: Scene, condition: Condition, instant: int, pair: Pair | None, register_at: int | None
 ) -> Input:
     """Read an instant's images of a session, also in the other condition if one is requested.
 
@@ -221,7 +207,14 @@ def session_input(
     cameras = [name for name in asked if dataset.has_image(name, instant)]
     views = {name: view for name, view in scene.given_views.items() if name in cameras}
     shown = {"synced": dict.fromkeys(cameras, instant)}
-    delayed, actual_ms = _delayed_instants(dataset, cameras, condition, instant, offset_ms)
+    chosen, times_ns = instants_shown(dataset, condition, instant), dataset.instants_ns
+    delayed = {name: chosen[name] for name in cameras if chosen[name] != instant}
+    late_ms = max(((times_ns[k] - times_ns[instant]) / 1e6 for k in delayed.values()), key=abs, default=0.0)
+    if not dataset.has_images(delayed.items()):
+        raise BadInputError(
+            f"{dataset.session.folder} has no pictures {late_ms:.0f} ms after instant {instant}",
+            hint="choose another --instant",
+        )
     if delayed:
         shown["offset"] = shown["synced"] | delayed
     conditions = {name: _pictures(scene, of) for name, of in shown.items()}
@@ -229,41 +222,13 @@ def session_input(
         "source": str(dataset.session.folder),
         "left_out": {c: f"it has no image of instant {instant}" for c in asked if c not in cameras},
         "calibration": scene.source if views else "",
-        "actual_offset_ms": actual_ms,
+        "actual_offset_ms": late_ms,
     }
     register = conditions["synced"]
     if register_at is not None:
         there = [name for name in cameras if dataset.has_image(name, register_at)]
         register = _pictures(scene, dict.fromkeys(there, register_at))
     return Input(conditions, views, list(delayed), facts, register)
-
-
-def _delayed_instants(
-    dataset: Dataset,
-    cameras: Sequence[str],
-    condition: Condition,
-    instant: int,
-    asked_ms: float | None,
-) -> tuple[dict[str, int], float]:
-    """Return the delayed cameras with the instants that they show, and the largest delay, ms."""
-    times_ns = dataset.instants_ns
-    if asked_ms is None:
-        chosen = instants_shown(dataset, condition, instant)
-        delayed = {name: chosen[name] for name in cameras if chosen[name] != instant}
-        late_ms = [(times_ns[k] - times_ns[instant]) / 1e6 for k in delayed.values()]
-        offset_ms, hint = max(late_ms, key=abs, default=0.0), "choose another --instant"
-    elif condition != SYNCHRONIZED:
-        raise BadInputError("--offset-ms is a condition of its own", hint="leave it out, or --condition")
-    else:
-        offset = nearest_frame_offset(times_ns, dataset.period_ns, asked_ms)
-        offset_ms, hint = offset.actual_ms, "choose an earlier --instant"
-        later = dict(offset.pairs).get(instant)
-        delayed = {} if later is None else dict.fromkeys(cameras[1::2], later)
-    if (asked_ms is not None and not delayed) or not dataset.has_images(delayed.items()):
-        raise BadInputError(
-            f"{dataset.session.folder} has no pictures {offset_ms:.0f} ms after instant {instant}", hint=hint
-        )
-    return delayed, offset_ms
 
 
 def _pictures(scene: Scene, shown: Mapping[str, int]) -> Pictures:

@@ -100,7 +100,7 @@ class PanoramaStudy(Score):
         nows = tuple(now for now, _ in pairs)
         method = msgspec.structs.replace(options, pair=self.pair, instants=nows, register_at=self.register_at)
         tally, late = Tally(), self.late_condition(condition, offsets_ms)
-        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
         for synced, offset in zip(*both, strict=True):
             now, later = synced.instant, offset.shown[second]
             self.progress.step(f"panorama {first}-{second}, instant {now}")
@@ -159,7 +159,7 @@ class PanoramaStudy(Score):
             mean, count = average_layers(list(layers.values()), canvas)
             part = trim_empty_borders(count > 0)
             drawn[side] = {"panorama": self.stitcher.compose(layers)[part], "panorama_overlap": mean[part]}
-        synced, offset = (one["panorama_overlap"].astype(np.float32) for one in drawn.values())
+        synced, offset = (picture["panorama_overlap"].astype(np.float32) for picture in drawn.values())
         changed = np.where(count[part] > 1, np.abs(synced - offset).mean(2), 0)
         box = box_of_max_weight(changed * (changed > MIN_GREY_LEVELS), 0.4)
         for one in drawn.values():

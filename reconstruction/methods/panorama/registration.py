@@ -8,7 +8,7 @@ fit a homography between two images.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -60,8 +60,8 @@ class PictureOverlap:
     def confidence(self) -> float:
         """Confidence of the overlap; above 1 both images show the same place."""
         min_matches, fraction = EXPECTED_MATCHES
-        found = int(self.fits.sum())
-        return found / (min_matches + fraction * len(self.fits)) if found >= MIN_MATCHES else 0.0
+        inliers = int(self.fits.sum())
+        return inliers / (min_matches + fraction * len(self.fits)) if inliers >= MIN_MATCHES else 0.0
 
 
 def estimate_cameras(
@@ -244,7 +244,7 @@ def register_pictures(
         for a, b in combinations(points, 2)
     }
     if len(used := _largest_group(list(points), overlaps)) < 2:
-        most_shared = max((len(one.fits) for one in overlaps.values()), default=0)
+        most_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
         few = f"no two pictures share more than {most_shared} points"
         unfit = "the points that the pictures share do not fit a camera that only rotates"
         raise ValueError(few if most_shared < MIN_MATCHES else unfit)
@@ -300,73 +300,69 @@ def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str]
 class PanoramaStitcher:
     """Images registered by the still scene; `used` are included, `left_out` holds reasons for the others.
 
-    The methods take images of the same cameras and sizes, of this or another condition.
+    The methods take images of the same cameras, of this or another condition.
     """
 
-    def __init__(
-        self,
-        images: Mapping[str, Array],
-        moving: Mapping[str, Array] | None = None,
-        known: Mapping[str, View] | None = None,
-    ) -> None:
-        """Register BGR images by features outside of their `moving` (bool); `known` are calibrated views.
-
-        Raises:
-            ValueError: the images cannot be stitched.
-        """
-        if len(images) < 2:
-            raise ValueError("a panorama takes two pictures or more")
-        self._sizes = self._fit_sizes({name: image.shape[1::-1] for name, image in images.items()})
-        views = {name: resize_view(view, *self._sizes[name]) for name, view in (known or {}).items()}
-        points = {
-            name: detect_features(cv2.cvtColor(self._shrink(name, image), cv2.COLOR_BGR2GRAY))
-            for name, image in images.items()
-        }
-        if moving:
-            points = {name: of.at_rest(self._shrink_mask(name, moving[name])) for name, of in points.items()}
-        found, left_out = register_pictures(points, self._sizes, views)
-        self._use(found, left_out)
-
-    @classmethod
-    def registered(cls, views: Mapping[str, View]) -> Self:
-        """Return what stitches images of these views, as an earlier registration found them (`views`)."""
-        stitcher = cls.__new__(cls)
-        stitcher._sizes = {name: (view.width, view.height) for name, view in views.items()}
-        stitcher._use(views, {})
-        return stitcher
-
-    def _use(self, views: Mapping[str, View], left_out: Mapping[str, str]) -> None:
+    def __init__(self, views: Mapping[str, View], left_out: Mapping[str, str]) -> None:
+        """`views` are those of the included images, as `register_images` finds them."""
         self.views, self.left_out = views, left_out
         self.used, self.projection = tuple(views), Projection(views)
 
     def layers(self, images: Mapping[str, Array]) -> dict[str, Layer]:
         """Warp the used ones of the BGR images onto the panorama."""
-        return {name: self.projection.warp(name, self._shrink(name, images[name])) for name in self.used}
+        small = {name: _shrink(images[name], view.width, view.height) for name, view in self.views.items()}
+        return {name: self.projection.warp(name, image) for name, image in small.items()}
 
     def layer_mask(self, name: str, mask: Array) -> Array:
         """Warp a mask (bool) of a camera's image onto the panorama, at its layer's size."""
-        return self.projection.warp_mask(name, self._shrink_mask(name, mask))
+        return self.projection.warp_mask(
+            name, _shrink_mask(mask, self.views[name].width, self.views[name].height)
+        )
 
     def compose(self, layers: Mapping[str, Layer]) -> Array:
         """Compose all layers into the panorama (BGR); its size depends on the registration alone."""
         return compose_layers(list(layers.values()), self.projection.canvas)
 
-    def _fit_sizes(self, sizes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
-        limited = {name: np.array(size) * min(1.0, MAX_SIDE_PX / max(size)) for name, size in sizes.items()}
-        pixels = sum(float(np.prod(size)) for size in limited.values())
-        scale = memory_budget().fit_scale(
-            f"the panorama of {len(sizes)} pictures", lambda smaller: pixels * smaller**2 * BYTES_PER_PIXEL
-        )
-        return {
-            name: (max(1, round(float(width * scale))), max(1, round(float(height * scale))))
-            for name, (width, height) in limited.items()
-        }
 
-    def _shrink(self, name: str, image: Array) -> Array:
-        return np.asarray(cv2.resize(image, self._sizes[name], interpolation=cv2.INTER_AREA))
+def register_images(
+    images: Mapping[str, Array],
+    moving: Mapping[str, Array] | None = None,
+    known: Mapping[str, View] | None = None,
+) -> PanoramaStitcher:
+    """Register BGR images by features outside of their `moving` (bool); `known` are calibrated views.
 
-    def _shrink_mask(self, name: str, mask: Array) -> Array:
-        return (
-            np.asarray(cv2.resize(mask.astype(np.uint8), self._sizes[name], interpolation=cv2.INTER_NEAREST))
-            > 0
-        )
+    Raises:
+        ValueError: the images cannot be stitched.
+    """
+    if len(images) < 2:
+        raise ValueError("a panorama takes two pictures or more")
+    sizes = _fit_sizes({name: image.shape[1::-1] for name, image in images.items()})
+    views = {name: resize_view(view, *sizes[name]) for name, view in (known or {}).items()}
+    points = {
+        name: detect_features(cv2.cvtColor(_shrink(image, *sizes[name]), cv2.COLOR_BGR2GRAY))
+        for name, image in images.items()
+    }
+    if moving:
+        points = {name: of.at_rest(_shrink_mask(moving[name], *sizes[name])) for name, of in points.items()}
+    return PanoramaStitcher(*register_pictures(points, sizes, views))
+
+
+def _fit_sizes(sizes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
+    limited = {name: np.array(size) * min(1.0, MAX_SIDE_PX / max(size)) for name, size in sizes.items()}
+    pixels = sum(float(np.prod(size)) for size in limited.values())
+    scale = memory_budget().fit_scale(
+        f"the panorama of {len(sizes)} pictures", lambda smaller: pixels * smaller**2 * BYTES_PER_PIXEL
+    )
+    return {
+        name: (max(1, round(float(width * scale))), max(1, round(float(height * scale))))
+        for name, (width, height) in limited.items()
+    }
+
+
+def _shrink(image: Array, width: int, height: int) -> Array:
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def _shrink_mask(mask: Array, width: int, height: int) -> Array:
+    small = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+    return np.asarray(small > 0)

@@ -90,7 +90,7 @@ def make_gaussians(moment: Moment) -> Gaussians:
         made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
         earlier.append(seen)
         first += seen.depth.size
-    return Gaussians(**{name: np.concatenate([vars(one)[name] for one in made]) for name in vars(made[0])})
+    return Gaussians(**{name: np.concatenate([vars(part)[name] for part in made]) for name in vars(made[0])})
 
 
 def _blocks(seen: SeenView, new: Array) -> Iterator[tuple[Array, Array, float]]:
@@ -269,22 +269,16 @@ def read_splats(path: Path) -> Gaussians:
 
 def quaternions(rotations: Array) -> Array:
     """Return unit quaternions (n, 4; w, x, y, z) of rotation matrices (n, 3, 3) (Shepperd 1978)."""
-    m = rotations
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    squares = np.stack([xx + yy + zz, xx - yy - zz, yy - xx - zz, zz - xx - yy], axis=1)
-    parts = np.sqrt(np.maximum(1 + squares, 0)) / 2
-    signs = [m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]]
-    sums = {(1, 2): m[:, 0, 1] + m[:, 1, 0], (1, 3): m[:, 0, 2] + m[:, 2, 0], (2, 3): m[:, 1, 2] + m[:, 2, 1]}
-    largest = parts.argmax(axis=1)
-    found = np.empty_like(parts)
-    for k in range(4):
-        four = 4 * np.maximum(parts[:, k], 1e-12)
-        for j in range(4):
-            if j == k:
-                value = parts[:, k]
-            elif 0 in (j, k):
-                value = signs[max(j, k) - 1] / four
-            else:
-                value = sums[min(j, k), max(j, k)] / four
-            found[largest == k, j] = value[largest == k]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(rotations, 0, 2)
+    # Four times the products of the quaternion's numbers, of which the row of the largest one is exact.
+    products = np.array(
+        [
+            [1 + xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx],
+            [xz - zx, xy + yx, 1 + yy - xx - zz, yz + zy],
+            [yx - xy, xz + zx, yz + zy, 1 + zz - xx - yy],
+        ]
+    )
+    largest = np.diagonal(products).argmax(axis=1)
+    found = products[largest, :, np.arange(len(rotations))]
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))

@@ -45,7 +45,7 @@ def optimize(
     slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
     moments = {name: (np.zeros_like(one), np.zeros_like(one)) for name, one in values.items()}
     seen = list(moment.values())
-    targets = [floats(one.colours / 255) for one in seen]
+    targets = [floats(camera.colours / 255) for camera in seen]
     orders: list[Array | None] = [None] * len(seen)
     free = dict[int, Array]()
     with worker_pool() as pool:

@@ -23,7 +23,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
     made = f"{__package__}.splat_run:MadeSplat"
     help = (
         "Make a Gaussian splat of one instant of SESSION: a .ply for viewers of 3D Gaussian Splatting.\n\n"
-        "Needs no GPU. SESSION must be calibrated."
+        "Needs no GPU."
     )
     examples = (
         "splat sessions/burst-001 --instant 3 --out splat",
@@ -105,7 +105,6 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         from reconstruction.method.moments import see_moments
         from reconstruction.methods.splat.splat_run import optimize_moments
 
-        scene.require_calibration()
         chosen = scene.dataset.chosen_instants(self.listed_instants)
         seen = see_moments(
             scene, chosen, condition, without=self.without, quick=self.quick, progress=self.progress
@@ -114,13 +113,13 @@ class SplatMethod(Method, frozen=True, kw_only=True):
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
-        mean = sum(one.gaussians for one in result.instants) / len(result.instants)
-        match = min(one.psnr for one in result.instants)
+        mean = sum(instant.gaussians for instant in result.instants) / len(result.instants)
+        match = min(instant.psnr for instant in result.instants)
         yield (
             f"{count(len(result.instants), 'splat')} of {mean:,.0f} Gaussians in {result.seconds:.1f} s; "
             f"at least {match:.1f} dB to the pictures they were made from"
         )
-        yield from (f"splat: {out / one.file}" for one in result.instants[:1])
+        yield from (f"splat: {out / instant.file}" for instant in result.instants[:1])
         if self.page:
             from reconstruction.pages.walk_page import PAGE
 

@@ -1,7 +1,7 @@
 """Splats of a session's instants, each beginning with what the instant before has learned."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -63,7 +63,7 @@ class MadeSplat(Made[SplatResult]):
 
     def gaussians(self, instant: int | None = None) -> Gaussians:
         """Return the Gaussians of an instant; None = the first. Raises BadInputError if it has no splat."""
-        found = {one.instant: one.file for one in self.result.instants}
+        found = {moment.instant: moment.file for moment in self.result.instants}
         wanted = self.result.instants[0].instant if instant is None else instant
         if wanted not in found:
             raise BadInputError(f"instant {wanted} has no splat", hint=f"there are {sorted(found)}")
@@ -79,30 +79,25 @@ class MadeSplat(Made[SplatResult]):
         return self.gaussians()
 
 
-@dataclass(frozen=True, eq=False)
-class _Learned:
-    """What an optimization changed: Gaussians before and after, for the instant that follows."""
+def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> Gaussians:
+    """Return Gaussians with what an optimization changed on the same pixels' surfaces, where these are still.
 
-    before: Gaussians
-    after: Gaussians
-
-    def begin(self, gaussians: Gaussians) -> Gaussians:
-        """Return Gaussians with what was learned of the same pixels' surfaces, where these stand still."""
-        places = np.searchsorted(self.after.pixels, gaussians.pixels).clip(0, len(self.after) - 1)
-        same = self.after.pixels[places] == gaussians.pixels
-        there = self.after.places[places]
-        far = np.linalg.norm(gaussians.places, axis=1)
-        same &= np.linalg.norm(there - gaussians.places, axis=1) < SAME * far
-        # Sizes of two pixels merged into one Gaussian are not those of one pixel.
-        same &= np.abs(self.before.sizes[places, 0] / gaussians.sizes[:, 0] - 1) < 0.1
-        changed = self.after.colours[places] - self.before.colours[places]
-        grown = self.after.sizes[places] / self.before.sizes[places]
-        return replace(
-            gaussians,
-            colours=np.where(same[:, None], np.clip(gaussians.colours + changed, 0, 1), gaussians.colours),
-            opacities=np.where(same, self.after.opacities[places], gaussians.opacities),
-            sizes=np.where(same[:, None], gaussians.sizes * grown, gaussians.sizes),
-        )
+    `before` and `after` are the Gaussians of the instant before.
+    """
+    places = np.searchsorted(after.pixels, gaussians.pixels).clip(0, len(after) - 1)
+    same = after.pixels[places] == gaussians.pixels
+    far = np.linalg.norm(gaussians.places, axis=1)
+    same &= np.linalg.norm(after.places[places] - gaussians.places, axis=1) < SAME * far
+    # Sizes of two pixels merged into one Gaussian are not those of one pixel.
+    same &= np.abs(before.sizes[places, 0] / gaussians.sizes[:, 0] - 1) < 0.1
+    changed = after.colours[places] - before.colours[places]
+    grown = after.sizes[places] / before.sizes[places]
+    return replace(
+        gaussians,
+        colours=np.where(same[:, None], np.clip(gaussians.colours + changed, 0, 1), gaussians.colours),
+        opacities=np.where(same, after.opacities[places], gaussians.opacities),
+        sizes=np.where(same[:, None], gaussians.sizes * grown, gaussians.sizes),
+    )
 
 
 class SplatMoment(NamedTuple):
@@ -121,7 +116,7 @@ def optimize_moments(
 
     Pictures are reduced to `width_px`, the length of their longer side.
     """
-    learned: _Learned | None = None
+    learned: tuple[Gaussians, ...] = ()
     for number, one in enumerate(seen):
         if not number:
             progress.total = progress.done + count  # all maps are computed
@@ -129,9 +124,8 @@ def optimize_moments(
         moment = {camera: view.resized(width_px) for camera, view in one.moment.items()}
         begun = make_gaussians(moment)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
-        start = learned.begin(begun) if learned is not None else begun
-        splat, kept = optimize(start, moment, iterations)
-        learned = _Learned(begun.chosen(kept), splat)
+        splat, kept = optimize(_with_learned(begun, *learned) if learned else begun, moment, iterations)
+        learned = begun.chosen(kept), splat
         yield SplatMoment(one.instant, splat, moment, one.left_out)
 
 
@@ -160,7 +154,7 @@ def make_splats(
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     dataset = scene.dataset
     if page:
-        files = {one.instant: folder / one.file for one in made}
+        files = {moment.instant: folder / moment.file for moment in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
         session=dataset.name,

@@ -169,8 +169,8 @@ class SplatStudy(Score):
 
     def _instant(self, condition: Condition) -> ShownInstant:
         """Return the instant with most motion of those that most cameras show in both conditions."""
-        found = complete_instants(self.dataset, condition, self.reference, self.cameras, MIN_CAMERAS)
-        by_instant = {one.instant: one for one in found}
+        moments = complete_instants(self.dataset, condition, self.reference, self.cameras, MIN_CAMERAS)
+        by_instant = {moment.instant: moment for moment in moments}
         chosen = choose_moving_instants(self.motion, (self.reference,), list(by_instant), len(by_instant))
         return by_instant[
             max(chosen, key=lambda k: float(self.motion.detected_moving(self.reference, k).mean()))

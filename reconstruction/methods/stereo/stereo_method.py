@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Stereo(Method, frozen=True, kw_only=True):
     """Depth from one pair of cameras, with its confidence.
 
-    `pair` None = chosen, `other_instant` None = as the condition has it.
+    `pair` None = chosen.
     """
 
     name = "stereo"
@@ -27,16 +27,6 @@ class Stereo(Method, frozen=True, kw_only=True):
     help = "Compute a depth map from two cameras of SESSION, with its confidence and a picture."
     examples = ("stereo sessions/burst-001 --pair cam00,cam01 --out depth",)
 
-    other_instant: Annotated[
-        int | None,
-        command_flag(
-            "--other-instant",
-            ge=0,
-            metavar="K",
-            show_default="the same",
-            help="Take the second camera's image from this instant.",
-        ),
-    ] = None
     instants: tuple[int, ...] | None = None
     """Instants of `run`; None = `instant` alone."""
     pair: Annotated[
@@ -54,7 +44,6 @@ class Stereo(Method, frozen=True, kw_only=True):
             condition,
             output.folder,
             instant=self.instant,
-            other_instant=self.other_instant,
             asked=self.pair,
             progress=self.progress,
         )
@@ -79,11 +68,15 @@ class Stereo(Method, frozen=True, kw_only=True):
             yield f"left out: {describe_left_out(result.pairs_left_out)}"
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the range of the depth, and its accuracy if that is known; see `Method.lines`."""
+        """Yield the range of the depth, and its accuracy as far as that is known; see `Method.lines`."""
+        from reconstruction.scene.calibration.consistency import describe_turn
+
         yield (
             f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
             f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
         )
+        if result.turn_error is not None:
+            yield describe_turn(result.turn_error)
         if result.within_2pct is not None:
             yield f"within 2 % of the truth: {100 * result.within_2pct:.1f} %"
         yield f"depth: {out / result.depth}, picture: {out / result.picture}"

@@ -227,8 +227,7 @@ def rectify(
     )
 
 
-@dataclass(frozen=True)
-class DepthMap:
+class DepthMap(NamedTuple):
     """Depth of one pair on the reference view's pixels.
 
     `depth` (height x width) is in the calibration's unit, 0 = none or rejected. `difference` is in grey
@@ -304,9 +303,9 @@ class StereoPair:
         return self._checked_depth(self._match_both_ways(reference, other))
 
     def compute_both(self, reference: Array, other: Array) -> tuple[DepthMap, FilledDepthMap]:
-        """Return what `compute_depth` and `compute_filled_depth` do, by one match."""
-        found = self._match_both_ways(reference, other)
-        return self._checked_depth(found), self._filled_depth(found)
+        """Return what `compute_depth` does, and depth that is filled from the background, by one match."""
+        both_ways = self._match_both_ways(reference, other)
+        return self._checked_depth(both_ways), self._filled_depth(both_ways)
 
     def _checked_depth(self, found: _Match) -> DepthMap:
         checked = found.checked()
@@ -314,7 +313,7 @@ class StereoPair:
         difference = np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
         return DepthMap(self.rectification.depth(checked), difference)
 
-    def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
+    def _filled_depth(self, found: _Match) -> FilledDepthMap:
         """Return depth, depth with its holes filled from the background, and confidence.
 
         A filled pixel is part of the depth, too, if the forward match agrees with it, the other view sees
@@ -322,9 +321,6 @@ class StereoPair:
         a guess. The stricter checks of `compute_depth` would reject more right pixels than wrong ones. What
         is too far for a finite depth has its least one.
         """
-        return self._filled_depth(self._match_both_ways(reference, other))
-
-    def _filled_depth(self, found: _Match) -> FilledDepthMap:
         filled = np.maximum(fill_holes(found.surface), ACCURACY_PX)
         finite = filled > ACCURACY_PX
         seen = warp_by_disparity(found.backward, filled)

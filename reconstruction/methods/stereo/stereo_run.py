@@ -12,6 +12,7 @@ from capture_app.console.terminal import Progress
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture, write_image
+from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.common.options import Pair
 from reconstruction.common.outputs import Made
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count, worker_pool
@@ -22,8 +23,8 @@ from reconstruction.methods.stereo.stereo_pair import (
     StereoPair,
     find_disparity_range,
 )
+from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.conditions import Condition, evenly_spaced
-from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
 from reconstruction.scene.provenance import Provenance
@@ -37,6 +38,8 @@ DEPTH, FILLED, CHECKED, DIFFERENCE = (
 )
 RANGE_INSTANTS = 8
 """Number of instants whose images show the range of a pair's disparities."""
+CACHE_FRACTION = 0.12
+"""Fraction of the memory budget for the depth of a pair's instants."""
 BYTES_PER_PIXEL = 150
 """Memory of an instant's matching and checks, per pixel, beside what the matcher reserves."""
 
@@ -72,6 +75,8 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     why: str = ""
     left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Cameras without an image of the instant, with the reason."""
+    turn_error: float | None = None
+    """Relative error of the median depth by a turn that two cameras do not show."""
     pairs_left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Reasons why pairs cannot make depth, by the two names separated by a comma."""
 
@@ -118,14 +123,20 @@ def prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
 def _prepare_pair(scene: Scene, cameras: tuple[str, str]) -> StereoPair:
     dataset, views = scene.dataset, (scene.views[cameras[0]], scene.views[cameras[1]])
 
-    def find() -> tuple[float, float]:
-        chosen = evenly_spaced(dataset.instants(*cameras), RANGE_INSTANTS)
-        first, second = cameras
-        images = [(dataset.grey(first, k), dataset.grey(second, k), _moving(scene, first, k)) for k in chosen]
-        return find_disparity_range(views, images)
+    chosen, (first, second) = evenly_spaced(dataset.instants(*cameras), RANGE_INSTANTS), cameras
+    images = [(dataset.grey(first, k), dataset.grey(second, k), _moving(scene, first, k)) for k in chosen]
+    return StereoPair(*views, find_disparity_range(views, images))
 
-    disparities = scene.stages.record("disparities", tuple[float, float], find, cameras, repr(views))
-    return StereoPair(*views, disparities)
+
+def _checked_depth(scene: Scene, cameras: tuple[str, str]) -> ByteCache:
+    """Return the checked depth of a scene's pair by both instants; a comparison asks for most of it again."""
+    pair, dataset, (first, second) = prepare_pair(scene, cameras), scene.dataset, cameras
+
+    def make(now: int, later: int) -> Array:
+        return np.stack(pair.compute_depth(dataset.grey(first, now), dataset.grey(second, later)))
+
+    limit = int(CACHE_FRACTION * memory_budget().limit_bytes)
+    return scene.once(("stereo depth", cameras), lambda: ByteCache(make, limit))
 
 
 def _moving(scene: Scene, camera: str, instant: int) -> Array:
@@ -144,7 +155,7 @@ def match_pair(
     """
     dataset, (reference, other) = scene.dataset, cameras
     try:
-        pair = prepare_pair(scene, cameras)
+        pair, checked = prepare_pair(scene, cameras), _checked_depth(scene, cameras)
     except ValueError as error:
         raise BadInputError(
             f"{reference} and {other}: {error}",
@@ -153,56 +164,36 @@ def match_pair(
 
     def match(instants: tuple[int, int]) -> PairInstant:
         now, later = instants
-        images = dataset.grey(reference, now), dataset.grey(other, later)
         if not lean:
+            images = dataset.grey(reference, now), dataset.grey(other, later)
             return PairInstant(cameras, now, later, *pair.compute_both(*images), pair)
-        checked = scene.stages.arrays(
-            "depth",
-            DepthMap,
-            lambda: pair.compute_depth(*images),
-            cameras,
-            repr(pair.rectification.views),
-            (pair.min_disparity, pair.num_disparities),
-            pair.scale,
-            now,
-            later,
-        )
-        return PairInstant(cameras, now, later, checked, None, pair)
+        return PairInstant(cameras, now, later, DepthMap(*checked(now, later)), None, pair)
 
     size = BYTES_PER_PIXEL * scene.views[reference].width * scene.views[reference].height
     with worker_pool(worker_count(max(size, SWEEP_BYTES))) as pool:
         yield from pool.map(match, shown)
 
 
-def choose_pair(scene: Scene, shown: Mapping[str, set[int]], instant: int, asked: Pair | None) -> PairChoice:
-    """Return the pair to match, and the cameras without the images that they have to show.
+def choose_pair(scene: Scene, absent: Mapping[str, str], instant: int, asked: Pair | None) -> PairChoice:
+    """Return the pair to match; cameras that are `absent`, with the reasons, take no part.
 
     Raises:
         BadInputError: no pair can be matched, or it lacks an image.
     """
-    dataset, session = scene.dataset, scene.dataset.session.folder
-    absent = _without_image(dataset, shown)
-    choice = scene.choose_stereo_pair(asked, instant, set(dataset.cameras) - absent.keys())
+    session = scene.dataset.session.folder
+    choice = scene.choose_stereo_pair(asked, instant, set(scene.dataset.cameras) - absent.keys())
     if choice.cameras is None:
         why = "".join(f"; {name}: {text}" for name, text in absent.items())
         raise BadInputError(
             f"no depth can be made from {session}: {choice.why}{why}",
             hint="name two overlapping cameras with --pair, or calibrate the rig again",
         )
-    for name in choice.cameras:
-        for needed in sorted(shown[name]):
-            if not dataset.has_image(name, needed):
-                raise BadInputError(
-                    f"{session} has no image of {name} at instant {needed}",
-                    hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
-                )
+    if missing := [name for name in choice.cameras if name in absent]:
+        raise BadInputError(
+            f"{session} cannot show {missing[0]}: {absent[missing[0]]}",
+            hint="choose another --instant, or another --pair",
+        )
     return choice
-
-
-def _without_image(dataset: Dataset, needed: Mapping[str, set[int]]) -> dict[str, str]:
-    """Return the cameras that lack an image of one of the instants they need, with the instant."""
-    lacks = {name: [k for k in sorted(ks) if not dataset.has_image(name, k)] for name, ks in needed.items()}
-    return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
 def compute_stereo(
@@ -211,7 +202,6 @@ def compute_stereo(
     folder: Path,
     *,
     instant: int,
-    other_instant: int | None,
     asked: Pair | None,
     progress: Progress,
 ) -> StereoDepth:
@@ -227,17 +217,19 @@ def compute_stereo(
     progress.step("calibration")
     scene.calibration  # noqa: B018  (may take long, and may fail)
     progress.step("choosing cameras")
-    now = instants_shown(dataset, condition, instant)
-    later = {name: own if other_instant is None else other_instant for name, own in now.items()}
-    choice = choose_pair(scene, {name: {now[name], later[name]} for name in now}, instant, asked)
+    shown = instants_shown(dataset, condition, instant)
+    absent = {
+        name: f"it has no image of instant {k}" for name, k in shown.items() if not dataset.has_image(name, k)
+    }
+    choice = choose_pair(scene, absent, instant, asked)
     assert choice.cameras is not None
     reference, other = choice.cameras
-    progress.step(f"stereo {reference}-{other}, instant {now[reference]}")
-    (found,) = match_pair(scene, choice.cameras, [(now[reference], later[other])])
+    progress.step(f"stereo {reference}-{other}, instant {shown[reference]}")
+    (found,) = match_pair(scene, choice.cameras, [(shown[reference], shown[other])])
     return msgspec.structs.replace(
         _save_result(scene, found, folder),
         why=choice.why,
-        left_out=_without_image(dataset, {name: {now[name], later[name]} for name in now}),
+        left_out=absent,
         pairs_left_out=dict(choice.left_out),
     )
 
@@ -274,4 +266,5 @@ def _save_result(scene: Scene, found: PairInstant, folder: Path) -> StereoDepth:
         within_2pct=None if judged is None else fraction_right(depth, judged),
         filled_within_2pct=None if judged is None else fraction_right(filled, judged),
         calibration=scene.source,
+        turn_error=turn_error(scene.views[reference], scene.views[found.cameras[1]], depth),
     )

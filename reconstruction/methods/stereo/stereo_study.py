@@ -214,7 +214,7 @@ class StereoStudy(Score):
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
         found = []
-        both = (method.run(self.scene, one) for one in (SYNCHRONIZED, late))
+        both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
         for synced, offset in zip(*both, strict=True):
             self.progress.step(f"stereo {reference}-{other}, instant {synced.instant}")
             found.append({"synced": synced.checked, "offset": offset.checked})
@@ -260,7 +260,7 @@ class StereoStudy(Score):
         """Return the measured pixels of every instant, equal in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
-        still = median_still_depth([one["synced"].depth for one in maps], moving)
+        still = median_still_depth([sides["synced"].depth for sides in maps], moving)
         where, inside = self._projected(still.tobytes())
         instants = []
         for (now, later), found, mask in zip(pairs, maps, moving, strict=True):

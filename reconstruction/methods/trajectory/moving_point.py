@@ -22,7 +22,7 @@ def find_moving_point(image: Array, background: Array) -> Array | None:
     if number < 2:
         return None
     largest = 1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))
-    left, top, width, height = (int(one) for one in boxes[largest, :4])
+    left, top, width, height = (int(side) for side in boxes[largest, :4])
     rows, columns = image.shape
     if min(left, top) < EDGE_PX or left + width > columns - EDGE_PX or top + height > rows - EDGE_PX:
         return None

@@ -134,11 +134,6 @@ def choose_path(rays: Rays, moments: Array) -> tuple[SplinePath, float]:
     return fit_path(rays, begin_s, end_s, best), max(errors[best], FLOOR_PX)
 
 
-def outliers(path: SplinePath, rays: Rays, sd_px: float) -> Array:
-    """Return a mask (n,) of the rays that are not of the path."""
-    return path.residuals_px(rays) > OUTLIER * sd_px
-
-
 def _scatter(distances_px: Sequence[float] | Array) -> float:
     """Return the standard deviation of a coordinate, from the median of distances (Rayleigh)."""
     return float(np.median(distances_px)) / 1.1774

@@ -22,7 +22,7 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
     help = (
         "Follow the largest thing that moves in SESSION through space, such as a thrown ball.\n\n"
         "Each frame counts at its own time, so that a staggered rig of four cameras at 30 follows it at 120 "
-        "a second. SESSION must be calibrated, and its cameras must stand still."
+        "a second. The cameras must stand still."
     )
     examples = ("trajectory sessions/burst-001 --out path",)
     result_file = "trajectory.json"

@@ -12,7 +12,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.manifest import row_exposures
 from reconstruction.common.geometry import Array
 from reconstruction.methods.trajectory.moving_point import find_moving_point
-from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
+from reconstruction.methods.trajectory.spline_path import OUTLIER, Rays, choose_path
 from reconstruction.scene.calibration.consistency import REFUSED_PX
 from reconstruction.scene.pairs import size_above_features
 from reconstruction.scene.provenance import Provenance
@@ -56,7 +56,7 @@ class TrajectoryResult(Provenance, frozen=True, kw_only=True):
 
 
 def follow(
-    scene: Scene, instants: Sequence[int] | None, folder: Path, progress: Progress | None = None
+    scene: Scene, instants: Sequence[int] | None, folder: Path, progress: Progress
 ) -> TrajectoryResult:
     """Find the largest moving object in each frame, fit its path, and write it as a table to a folder.
 
@@ -64,10 +64,9 @@ def follow(
     else the frame's time.
 
     Raises:
-        IncompleteError: the session is not calibrated.
+        BadInputError: no calibration can be found.
         NotApplicableError: nothing moves, too few frames show it, or the cameras see different things.
     """
-    calibration = scene.require_calibration()
     dataset, views, motion = scene.dataset, scene.views, scene.motion
     motion.require_several_images(views)
     chosen = dataset.chosen_instants(instants)
@@ -77,8 +76,7 @@ def follow(
     )
     times_ns, projections, pixels, counted = list[int](), list[Array](), list[Array](), dict[str, int]()
     for name, view in views.items():
-        if progress is not None:
-            progress.step(name)
+        progress.step(name)
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])
         for k in (k for of, k in frames if of == name):
             point = find_moving_point(dataset.grey(name, k), motion.background(name))
@@ -102,7 +100,7 @@ def follow(
     moments = np.concatenate([[0], np.cumsum(np.diff(at_ns) > TOGETHER_NS)])
     rays = Rays((at_ns - at_ns[0]) / 1e9, np.array(projections)[order], np.array(pixels)[order])
     path, sd_px = choose_path(rays, moments)
-    odd = outliers(path, rays, sd_px)
+    odd = path.residuals_px(rays) > OUTLIER * sd_px
     max_sd_px = REFUSED_PX * max(size_above_features(view.width, view.height) for view in views.values())
     if odd.mean() > MAX_OUTLIERS or sd_px > max_sd_px:
         raise NotApplicableError(
@@ -127,7 +125,7 @@ def follow(
     kept = path.residuals_px(rays.choose(~odd))
     return TrajectoryResult(
         session=dataset.name,
-        unit=calibration.unit,
+        unit=scene.unit,
         cameras=counted,
         frames=len(odd),
         outliers=int(odd.sum()),

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import NotApplicableError
-from capture_app.console.terminal import Progress
 from capture_app.session.exporting.videos import write_video
 from capture_app.session.files.durable import PART, write_atomic
 from capture_app.session.files.output_folder import output_errors
@@ -20,6 +19,7 @@ from reconstruction.common.outputs import Made
 from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.method.moments import see_moments
+from reconstruction.methods.view.view_options import ViewOptions
 from reconstruction.methods.view.walk_page import write_moments
 from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
@@ -76,39 +76,24 @@ class MadeView(Made[ViewResult]):
         return {k: load_moment(self.folder / MAPS / f"{k:06d}") for k in self.result.instants}
 
 
-def render_views(
-    scene: Scene,
-    condition: Condition,
-    folder: Path,
-    *,
-    path: str | Sequence[CameraCalibration],
-    frames: int,
-    fps: float | None,
-    instants: Sequence[int],
-    quick: bool,
-    page: bool,
-    progress: Progress,
-) -> ViewResult:
+def render_views(scene: Scene, condition: Condition, folder: Path, options: ViewOptions) -> ViewResult:
     """Render the views of a path into a folder, and save the moments that they show.
 
-    `path` is `swing`, `orbit`, `still`, a file, or cameras; `frames` is the number of pictures of the first
-    two. `fps` None = the usual rate, or as recorded for `still`. `page` also writes a page.
-
     Raises:
-        IncompleteError: the session is not calibrated.
-        BadInputError: a file has no path, or there is no such instant.
+        BadInputError: a file has no path, there is no such instant, or no calibration can be found.
         NotApplicableError: no instant has depth.
     """
+    path, progress = options.path, options.progress
     given = _given_path(path)
-    unit, dataset = scene.require_calibration().unit, scene.dataset
+    unit, dataset = scene.calibration.unit, scene.dataset
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
     for one in see_moments(
         scene,
-        dataset.chosen_instants(instants),
+        dataset.chosen_instants(options.listed_instants),
         condition,
-        quick=quick,
+        quick=options.quick,
         progress=progress,
     ):
         for step, delay_ns in enumerate(order_ns):
@@ -120,7 +105,7 @@ def render_views(
     if not seen:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
-    number = len(seen) if path == STILL else frames
+    number = len(seen) if path == STILL else options.frames
     places = given or PATHS[str(path)](views, find_subject(moment), number)
     (folder / VIEWS).mkdir()
     shown, shares = seen[0], []
@@ -131,7 +116,7 @@ def render_views(
         picture = render(view, moment)
         write_image(folder / VIEWS / f"{number:06d}.png", picture.colours)
         shares.append(float(picture.known.mean()))
-    if page:
+    if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
         write_moments(folder, dataset.name, moments, dataset.period_ns // len(order_ns))
     return ViewResult(
@@ -144,7 +129,7 @@ def render_views(
         width=places[0].width,
         height=places[0].height,
         seen=round(float(np.mean(shares)), 4),
-        fps=fps or (_recorded_fps(dataset, seen, order_ns) if path == STILL else FPS),
+        fps=options.fps or (_recorded_fps(dataset, seen, order_ns) if path == STILL else FPS),
         left_out=left_out,
     )
 
@@ -170,7 +155,7 @@ def write_film(out: Path, folder: Path, result: ViewResult) -> None:
 
 def _given_path(path: str | Sequence[CameraCalibration]) -> Sequence[View]:
     if not isinstance(path, str):
-        return [View.from_calibration(one, one.width, one.height).undistorted for one in path]
+        return [View.from_calibration(camera, camera.width, camera.height).undistorted for camera in path]
     return [] if path in PATHS else read_path(Path(path))
 
 

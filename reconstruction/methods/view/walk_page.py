@@ -34,7 +34,7 @@ def write_moments(out: Path, name: str, moments: Mapping[int, Moment], period_ns
         out,
         name,
         frame=frame,
-        depths=(min(float(one.min()) for one in known), max(float(one.max()) for one in known)),
+        depths=(min(float(depth.min()) for depth in known), max(float(depth.max()) for depth in known)),
         views=cameras,
         still=render(frame.view(frame.place(0, 0), shape.width, shape.height), first).colours,
         period_ns=period_ns,

@@ -8,7 +8,6 @@ Adjustment - A Modern Synthesis, 2000), with OpenCV's derivatives. The errors of
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, combinations
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -63,15 +62,14 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
     return np.asarray(matrix), np.asarray(distortion).ravel()[:5]
 
 
-def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) -> dict[str, Lens]:
+def lenses_of_recordings(dataset: Dataset, board: Board, recordings: Sequence[Dataset]) -> dict[str, Lens]:
     """Calibrate lenses of a session's cameras from recordings in which single cameras see the board.
 
     Raises:
         BadInputError: a recording is of none of these cameras, of another size, or shows too little.
     """
     seen: dict[str, list[Corners]] = {}
-    for path in paths:
-        recording = Dataset.open(path)
+    for recording in recordings:
         if not (shared := [name for name in recording.cameras if name in dataset.cameras]):
             raise BadInputError(
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",

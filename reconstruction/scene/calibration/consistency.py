@@ -66,6 +66,8 @@ OTHER_RIG = 0.5, 0.05
 as a fraction of the image width."""
 INACCURATE_PX, UNMEASURED_PX = 0.5, 2.0
 """Misfit of points at rest from which depth is inaccurate, and from which it is not called measured."""
+TURN_PX = 0.5
+"""Turn for which the error of two cameras' depth is said, px."""
 RIGHT_SHARES = {0.3: "81 to 84 %", 0.6: "63 to 80 %", 1.2: "38 to 66 %", 2.0: "16 to 34 %"}
 """Pixels within 2 % of the true depth by misfit (px, up to): the sample session jumper with poses turned and
 moved at random, matched 320 px wide."""
@@ -126,6 +128,23 @@ def describe_misfit(
         return f"{fits}; {right}"
     verdict = "this depth is inaccurate" if error_px < UNMEASURED_PX else "this depth is not a measurement"
     return f"warning: {verdict}: {fits}; {right}; {remedy}"
+
+
+def turn_error(first: View, second: View, depth: Array) -> float | None:
+    """Return the relative error of the median of `depth`, in the first view, by a turn that no point shows.
+
+    A turn of `TURN_PX` about the axis across the line between two cameras moves all points along their
+    epipolar lines. None without depth.
+    """
+    known = depth[depth > 0]
+    between = first.rotation @ (second.centre - first.centre)
+    across = float(np.hypot(between[0], between[1]) * first.matrix[0, 0])
+    return TURN_PX * float(np.median(known)) / across if known.size and across > 0 else None
+
+
+def describe_turn(error: float) -> str:
+    """Describe what depth from two cameras may be off by, unseen, as `turn_error` returns it."""
+    return f"two cameras do not show a turn sideways: {TURN_PX} px of it is {100 * error:.1f} % of depth here"
 
 
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> CalibrationCheck:
@@ -246,7 +265,7 @@ def _triples(matches: Groups) -> Groups:
         pair: {tuple(x): tuple(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)}
         for pair, (a, b) in matches.items()
     }
-    found: Groups = {}
+    triples: Groups = {}
     for a, b, c in combinations(sorted({name for pair in matches for name in pair}), 3):
         if not {(a, b), (b, c), (a, c)} <= partner.keys():
             continue
@@ -256,8 +275,8 @@ def _triples(matches: Groups) -> Groups:
             if (z := partner[a, c].get(x)) is not None and partner[b, c].get(y) == z
         ]
         if len(tracks) >= MIN_TRACKS:
-            found[a, b, c] = np.array(tracks).transpose(1, 0, 2)
-    return found
+            triples[a, b, c] = np.array(tracks).transpose(1, 0, 2)
+    return triples
 
 
 def _errors_px(views: Mapping[str, View], names: Sequence[str], pixels: Array) -> Array:
@@ -282,8 +301,8 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     """
     rays = [view.rays(at) for view, at in zip(views, pixels, strict=True)]
     poses = [np.column_stack([view.rotation, view.translation]) for view in views]
-    found = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
-    points = found[:, :3] / np.where(np.abs(found[:, 3:]) < 1e-12, 1e-12, found[:, 3:])
+    homogeneous = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
+    points = homogeneous[:, :3] / np.where(np.abs(homogeneous[:, 3:]) < 1e-12, 1e-12, homogeneous[:, 3:])
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
     units = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     towards = sum(unit @ view.rotation for unit, view in zip(units, views, strict=True))

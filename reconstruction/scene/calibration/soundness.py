@@ -153,8 +153,8 @@ def refuse_faults(dataset: Dataset, views: Container[str], faults: Sequence[Faul
     """Raise BadInputError with all faults, if the whole rig has one or fewer than two cameras are left."""
     left = sum(name in views for name in dataset.cameras)
     if faults and (left < 2 or not all(name for name, _ in faults)):
-        found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
+        heading = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
         raise BadInputError(
-            found + "; ".join(text for _, text in faults),
+            heading + "; ".join(text for _, text in faults),
             hint="calibrate the rig again, or correct calibration.json",
         )

@@ -34,7 +34,6 @@ from reconstruction.scene.calibration.soundness import (
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.features_at_rest import SceneFeatures
-from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import Features, detect_features
 
 MAX_SESSIONS = 10
@@ -110,8 +109,8 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     A camera fits if it has the mode in which it was calibrated. Of equals, the newest calibration is
     returned. Files that cannot be read are ignored.
     """
-    found = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
-    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in found]
+    shelved = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
+    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in shelved]
     best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
@@ -125,15 +124,15 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
     By a new session in `folder` that has a calibration of two of these cameras, else by the stored one.
     """
     sessions = [] if folder is None else sorted(folder.glob(f"*/{MANIFEST}"), key=lambda p: p.stat().st_mtime)
-    found: list[Calibration] = []
+    calibrations: list[Calibration] = []
     for path in reversed(sessions[-MAX_SESSIONS:]):
         with suppress(SimulshotError):
             dataset = Dataset(Session.open(path.parent))
             if (own := dataset.session.calibration()) is not None:
-                found.append(_in_same_mode(own, camera_modes(dataset), modes))
+                calibrations.append(_in_same_mode(own, camera_modes(dataset), modes))
     if (stored := find_calibration(modes)) is not None:
-        found.append(stored.calibration)
-    cameras = next((one.cameras for one in found if len(one.cameras) > 1), {})
+        calibrations.append(stored.calibration)
+    cameras = next((one.cameras for one in calibrations if len(one.cameras) > 1), {})
     return {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
         for name, camera in cameras.items()
@@ -181,8 +180,10 @@ def _read(path: Path) -> StoredCalibration | None:
         return None
 
 
-def choose_calibration(dataset: Dataset) -> Calibration | None:
+def choose_calibration(features: SceneFeatures) -> Calibration | None:
     """Return a session's own calibration, checked against its images, or its rig's stored one, and say so.
+
+    `features` are the session's.
 
     Single cameras whose calibration cannot be right are left out, by name, if two or more others remain.
 
@@ -191,6 +192,7 @@ def choose_calibration(dataset: Dataset) -> Calibration | None:
     Raises:
         BadInputError: its own calibration does not fit its images; the message lists all faults.
     """
+    dataset = features.dataset
     if (own := dataset.session.calibration()) is not None:
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
@@ -207,7 +209,7 @@ def choose_calibration(dataset: Dataset) -> Calibration | None:
         return None
     try:
         views = calibrated_views(dataset, stored.calibration)
-        check = check_rig(views, SceneFeatures(SceneMotion(dataset, 1)).middle)
+        check = check_rig(views, features.middle)
         why = "" if check.holds else f"{check} (calibrate the rig again: reconstruct calibrate)"
     except BadInputError as error:
         why = error.what

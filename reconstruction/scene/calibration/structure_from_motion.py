@@ -1,11 +1,10 @@
 """Calibration of a rig by COLMAP's structure from motion, from the static part of a burst."""
 
 import math
-import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from itertools import combinations, product
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.image_files import write_image
+from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError
 from reconstruction.scene.calibration.consistency import fit_one_plane
@@ -35,10 +34,10 @@ GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
 GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
 """Hint where no lens was known."""
-MAX_INSTANTS = 3
-"""Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
 FEATURE_BYTES_PER_PIXEL = 220
 """Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
+PEAK_THRESHOLD = 0.004
+"""Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
 FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
@@ -103,8 +102,9 @@ def guess_calibration(motion: SceneMotion) -> Calibration:
 def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
     """Calibrate the rig with COLMAP from the static content of a burst; the unit of length is arbitrary.
 
-    The cameras form one rig and each instant is one frame of it. Moving pixels are masked out. The horizontal
-    field of view gives the lenses' initial values; None = from EXIF, if any.
+    Each camera has one picture, its background: the median over time has no moving objects and little noise,
+    and further instants would show the same static points again. The horizontal field of view gives the
+    lenses' initial values; None = from EXIF, if any.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
@@ -114,26 +114,34 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
         "finding the cameras' positions from the images", hint="give it a calibration.json"
     )
     dataset = motion.dataset
-    chosen = _choose_instants(dataset)
-    cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
+    cameras = [name for name in dataset.cameras if dataset.instants(name)]
     if len(cameras) < 2:
         raise NotApplicableError(
             "no calibration in the session, and fewer than two cameras with an image to find it from",
             hint="add a calibration.json",
         )
     focal_px = likely_focal_lengths(dataset, field_of_view_deg)
+    if len(focal_px) < len(cameras) < MIN_TO_SEPARATE_LENSES:
+        raise NotApplicableError(
+            "no calibration in the session, and two cameras' images do not determine their lenses",
+            hint=f"add a calibration.json, {GIVE_LENSES}",
+        )
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
-        _write_images(motion, chosen, cameras, root)
-        found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
-        try:
-            refuse_odd_lenses(found.cameras, focal_px)
-        except NotApplicableError:
-            if len(focal_px) < len(cameras):
-                raise
-            # The static scene does not determine the lenses: fix them at their likely values.
-            found = _found(pycolmap, dataset, cameras, root, focal_px, held=True)
-    return found
+        for name in cameras:
+            (root / "images" / name).mkdir(parents=True)
+            write_image(root / "images" / name / "background.png", motion.background(name), FAST_PNG)
+        if len(cameras) >= MIN_TO_SEPARATE_LENSES:
+            calibration = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+            try:
+                refuse_odd_lenses(calibration.cameras, focal_px)
+            except NotApplicableError:
+                if len(focal_px) < len(cameras):
+                    raise
+            else:
+                return calibration
+        # The static scene does not determine the lenses: fix them at their likely values.
+        return _found(pycolmap, dataset, cameras, root, focal_px, held=True)
 
 
 def _found(
@@ -147,7 +155,7 @@ def _found(
 ) -> Calibration:
     with tempfile.TemporaryDirectory(dir=root) as work:
         extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
-        rec = _solve(pycolmap, cameras, Path(work), focal_px, extraction, held=held)
+        rec = _solve(pycolmap, Path(work), focal_px, extraction, held=held)
     advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
     if rec is None:
         raise NotApplicableError(
@@ -197,69 +205,30 @@ def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
 
-    From the covariance of a bundle adjustment with one image of each camera: further images would repeat the
-    same errors of static points. Principal points count as known, and lenses as having one distortion term.
+    From the covariance of a bundle adjustment, which refines the model. Principal points count as known, and
+    lenses as having one distortion term.
     """
-    shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
+    shown = [image for image in rec.images.values() if image.has_pose]
     if len(shown) < MIN_TO_SEPARATE_LENSES:
         return []
-    plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
-    for image in shown.values():
-        plain.add_camera_with_trivial_rig(image.camera)
-        at = np.array([point.xy for point in image.points2D]).reshape(-1, 2)
-        alone = pycolmap.Image(
-            name=image.name, keypoints=at, camera_id=image.camera_id, image_id=image.image_id
-        )
-        plain.add_image_with_trivial_frame(alone, image.cam_from_world())
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in shown:
         config.add_image(image.image_id)
-    for point in rec.points3D.values():
-        track = pycolmap.Track()
-        for seen in (one for one in point.track.elements if config.has_image(one.image_id)):
-            track.add_element(seen.image_id, seen.point2D_idx)
-        if track.length() > 1:
-            plain.add_point3D(point.xyz, track, point.color)
     config.fix_gauge(pycolmap.BundleAdjustmentGauge.THREE_POINTS)
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(
-        pycolmap.BundleAdjustmentOptions(print_summary=False), config, plain
+        pycolmap.BundleAdjustmentOptions(print_summary=False), config, rec
     )
     solved = adjuster.solve().ceres_summary
-    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
+    covariance = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), rec, adjuster)
     spare = solved.num_residuals - solved.num_effective_parameters
-    lenses = [plain.cameras[number].params for number in shown]
-    covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
+    lenses = [image.camera.params for image in shown]
+    covariances = [] if covariance is None else [covariance.get_other_params_cov(lens) for lens in lenses]
     if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
     return [
         2 * math.sqrt(2 * solved.final_cost / spare * places[0, 0]) / float(lens[0])
         for places, lens in zip(covariances, lenses, strict=True)
     ]
-
-
-def _choose_instants(dataset: Dataset) -> list[int]:
-    """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
-    instants = range(len(dataset.instants_ns))
-    present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
-    max_cameras = max(map(len, present.values()))
-    most_complete = [k for k in instants if len(present[k]) == max_cameras]
-    places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
-    chosen = {most_complete[int(i)] for i in places}
-    for name in dataset.cameras:
-        there = [k for k in instants if name in present[k]]
-        if there and not chosen & set(there):
-            chosen.add(max(there, key=lambda k: len(present[k])))
-    return sorted(chosen)
-
-
-def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequence[str], root: Path) -> None:
-    dataset = motion.dataset
-    for folder, camera in product(("images", "masks"), cameras):
-        (root / folder / camera).mkdir(parents=True)
-    for camera, k in product(cameras, instants):
-        if dataset.has_image(camera, k):
-            name = f"{camera}/{k:06d}.png"
-            write_image(root / "images" / name, dataset.image(camera, k))
-            still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
-            write_image(root / "masks" / f"{name}.png", still)
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
@@ -276,12 +245,12 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
     # With several threads, the images' order in the database, and so the result, changes from run to run.
     options.num_threads = 1
+    options.sift.peak_threshold = PEAK_THRESHOLD
     return options
 
 
 def _solve(
     pycolmap: Any,
-    cameras: Sequence[str],
     work: Path,
     focal_px: Mapping[str, float],
     extraction: Any,
@@ -290,7 +259,7 @@ def _solve(
 ) -> Any | None:
     """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
-    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL", mask_path=str(root / "masks"))
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL")
     pycolmap.set_random_seed(0)
     pycolmap.extract_features(
         database,
@@ -304,24 +273,29 @@ def _solve(
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
     pycolmap.match_exhaustive(database, verification_options=verification, device=pycolmap.Device.cpu)
-    plain = work / "plain.db"
-    shutil.copy(database, plain)
+    (work / "global").mkdir()
+    (work / "incremental").mkdir()
     found = None
-    # If the rig as a whole has no solution, incremental mapping may find one.
     with suppress(ForeignError):
-        found = _map_rig(pycolmap, cameras, database, held=held)
+        if not held:
+            pycolmap.calibrate_view_graph(database)
+        mapping = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
+        mapping.mapper.bundle_adjustment.refine_focal_length = not held
+        found = _largest(pycolmap.global_mapping(database, root / "images", work / "global", mapping))
     if found is None or found.num_reg_images() < 2:
         # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
-        (work / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(
             random_seed=0,
             num_threads=1,
             multiple_models=False,
             min_model_size=2,
             ba_refine_focal_length=not held,
+            triangulation={"ignore_two_view_tracks": False},
         )
         with suppress(ForeignError):
-            found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
+            found = _largest(
+                pycolmap.incremental_mapping(database, root / "images", work / "incremental", options)
+            )
     return found
 
 
@@ -337,54 +311,20 @@ def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, flo
     opened.close()
 
 
-def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: bool) -> Any | None:
-    """Solve for the cameras as one rig of unknown geometry, which only global mapping supports."""
-    sensors = [
-        pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
-    ]
-    opened = pycolmap.Database.open(database)
-    pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=sensors)], opened)
-    opened.close()
-    if not held:
-        pycolmap.calibrate_view_graph(database)
-    work = database.parent
-    (work / "rig").mkdir()
-    options = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
-    options.mapper.bundle_adjustment.refine_focal_length = not held
-    return _largest(pycolmap.global_mapping(database, work.parent / "images", work / "rig", options))
-
-
 def _largest(models: dict[int, Any]) -> Any | None:
     return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
-    """Return the calibration of each camera with a pose, from the instant with the most such cameras.
-
-    Cameras of other instants are added if the instant shares a camera with those already placed.
-    """
-    placed: dict[str, dict[str, Any]] = {}
-    for image in rec.images.values():
-        if image.has_pose:
-            name, instant = image.name.split("/")
-            placed.setdefault(instant, {})[name] = image
-    found: dict[str, CameraCalibration] = {}
-    poses: dict[str, Any] = {}
-    for instant in sorted(placed, key=lambda instant: (-len(placed[instant]), instant)):
-        images = placed[instant]
-        link = next((name for name in images if name in poses), None)
-        if poses and link is None:
-            continue
-        for name in images.keys() - poses.keys():
-            poses[name] = images[name].cam_from_world()
-            if link is not None:
-                poses[name] = poses[name] * images[link].cam_from_world().inverse() * poses[link]
-            found[name] = _calibration(images[name], poses[name], dataset.size(name))
-    return {name: found[name] for name in dataset.cameras if name in found}
+    """Return the calibration of each camera with a pose."""
+    placed = {image.name.split("/")[0]: image for image in rec.images.values() if image.has_pose}
+    return {
+        name: _calibration(placed[name], dataset.size(name)) for name in dataset.cameras if name in placed
+    }
 
 
-def _calibration(image: Any, pose: Any, size: tuple[int, int]) -> CameraCalibration:
-    matrix = np.asarray(pose.matrix())
+def _calibration(image: Any, size: tuple[int, int]) -> CameraCalibration:
+    matrix = np.asarray(image.cam_from_world().matrix())
     focal, cx, cy, radial = (float(value) for value in image.camera.params)
     # COLMAP's first pixel has its centre at (0.5, 0.5).
     intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])

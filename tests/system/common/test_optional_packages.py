@@ -58,5 +58,5 @@ def test_what_needs_them_says_so(capture_only: dict[str, str], tmp_path: Path) -
     assert done.returncode == 6, done.stderr
     assert "needs pycolmap, which is not installed" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
-    done = run(capture_only, "-m", "reconstruction.cli", "stereo", session, "--memory", "60MB", "--out", out)
+    done = run(capture_only, "-m", "reconstruction.cli", "stereo", session, "--out", out)
     assert done.returncode == 0, done.stderr

@@ -8,11 +8,9 @@ import pytest
 
 from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.cli import run
+from reconstruction.common.memory import MEMORY
 from tests.project import SAMPLES
 from tests.unit.reconstruction.found import study, values
-
-SMALL = ("--memory", "60MB")
-"""Pictures of a third of their size."""
 
 
 def found(capsys: pytest.CaptureFixture[str], command: str, session: str, *options: object) -> dict[str, Any]:
@@ -28,15 +26,21 @@ def test_stereo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert result["coverage"] > 0.85
     assert result["within_2pct"] > 0.75
     assert (out / result["depth"]).is_file()
-    late = found(capsys, "stereo", "jumper", "--instant", 2, "--other-instant", 3, "--out", tmp_path / "late")
+    pair = f"{result['reference']},{result['other']}"
+    condition = f"{result['other']}=33"
+    options = ("--pair", pair, "--instant", 2, "--condition", condition, "--out", tmp_path / "late")
+    late = found(capsys, "stereo", "jumper", *options)
     assert (late["instant"], late["other_instant"]) == (2, 3)
     # What stands still is found all the same, what jumps is not.
     assert 0.5 < late["within_2pct"] < result["within_2pct"] - 0.02
 
 
-def test_multiview(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_multiview(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(MEMORY, "60MB")  # pictures of a third of their size
     out = tmp_path / "depth"
-    result = found(capsys, "multiview", "jumper", "--no-mesh", *SMALL, "--out", out)
+    result = found(capsys, "multiview", "jumper", "--no-mesh", "--out", out)
     assert len(result["views"]) == 5
     assert result["within_2pct"] > 0.7
     assert result["mover_within_2pct"] > 0.8
@@ -77,7 +81,7 @@ def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ("pinwheel", "--instants", 0, *SMALL, "--out", tmp_path / "batch")
+    arguments = ("pinwheel", "--instants", 0, "--out", tmp_path / "batch")
     first = found(capsys, "batch", *arguments)
     assert (first["computed"], first["reused"], first["failed"]) == (1, 0, 0)
     again = found(capsys, "batch", *arguments)

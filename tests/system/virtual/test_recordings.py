@@ -15,6 +15,7 @@ def record(monkeypatch: pytest.MonkeyPatch, *faults: Step) -> tuple[int, list[st
     saved: list[tuple[int, list[str]]] = []
 
     def look(rig: VirtualRig) -> list[str]:
+        assert [take.result for take in rig.evidence.takes] == ["saved"]
         for of in sessions_of(rig).values():
             assert of.session is not None, of.error
             manifest = of.session.manifest
@@ -67,3 +68,14 @@ def test_a_node_that_ends_in_a_cut_keeps_what_it_took_and_does_not_end_the_recor
     assert instants in (399, 400)
     assert {gap.split("/")[0] for gap in missing} == {"cam0"}
     assert len(missing) <= 0.62 * instants, "it has what it took until 2 s before"
+
+
+@pytest.mark.parametrize("how", ["kill", "power"])
+@pytest.mark.parametrize("lasts_s", [0.0, 15.0, 60.0])
+def test_a_leader_that_ends_in_a_cut_fetches_what_was_ordered_of_its_next_run(
+    monkeypatch: pytest.MonkeyPatch, how: str, lasts_s: float
+) -> None:
+    cuts = [Step(BEGINS_S + 10, "cut", "lead", 0.0, lasts_s)] if lasts_s else []
+    instants, missing = record(monkeypatch, *cuts, Step(BEGINS_S + 13, how, "lead", 0.0, 4.0))
+    assert instants in (399, 400)
+    assert missing == []

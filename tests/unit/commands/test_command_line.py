@@ -38,7 +38,6 @@ NAMES = app.list_commands(click.Context(app))
         (("status", "--leader", "127.0.0.1:1"), NETWORK, "no leader at 127.0.0.1:1"),
         (("burst", "--frames", "0"), USAGE, "--frames"),
         (("burst", "--spacing", "x"), USAGE, "--spacing"),
-        (("burst", "--consecutive", "--spare", "2"), USAGE, "--consecutive and --spare exclude each other"),
         (("burst", "--leader", "127.0.0.1:1"), NETWORK, "no leader at"),
         (("leader", "--port", "70000"), USAGE, "--port"),
         (("leader", "--fps", "0"), USAGE, "--fps"),
@@ -104,7 +103,7 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
         (("statsu",), "status"),
         (("sessions", "verfy"), "verify"),
         (("link", "--mesages"), "--messages"),
-        (("burst", "--consecutiv"), "--consecutive"),
+        (("burst", "--cancle"), "--cancel"),
     ],
 )
 def test_a_mistyped_name_is_answered_with_the_one_meant(
@@ -134,7 +133,7 @@ def test_the_shell_completes_what_is_typed() -> None:
     [
         ("capture-app ", set(NAMES)),
         ("capture-app panel s", {"show", "sketch"}),
-        ("capture-app leader --align ", {"first-row", "mid-exposure"}),
+        ("capture-app sessions import --fit ", {"exact", "crop", "scale"}),
         ("reconstruct mult", {"multiview"}),
     ],
 )

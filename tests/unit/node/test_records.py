@@ -1,6 +1,4 @@
-"""The manifest's record of a node's clock; records of sessions from before stay readable."""
-
-import msgspec
+"""The record of a node's clock in a manifest."""
 
 from capture_app.node.camera.camera_node import camera_record
 from capture_app.session.format.manifest import ClockRecord
@@ -27,15 +25,7 @@ def clock_of(time_map: TimeMap) -> ClockRecord | None:
     return camera_record("cam", make_facts(), ready, 0, 1000).clock
 
 
-def test_a_clock_is_recorded_without_the_fields_of_old_sessions() -> None:
+def test_a_clock_is_recorded() -> None:
     clock = clock_of(OWN)
     assert clock is not None
     assert clock.offset_ns == 1000
-    assert b"reference" not in msgspec.json.encode(clock)
-
-
-def test_a_clock_record_of_an_old_session_opens_and_stays_as_it_is() -> None:
-    clock = clock_of(OWN)
-    old = msgspec.to_builtins(clock) | {"reference_correction_ns": -120_000, "relative_uncertainty_ns": 7500}
-    read = msgspec.convert(old, ClockRecord)
-    assert msgspec.to_builtins(read) == old

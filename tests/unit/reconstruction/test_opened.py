@@ -9,8 +9,8 @@ import pytest
 from capture_app.console.terminal import talk
 from capture_app.console.usage import silence
 from reconstruction.common.memory import limited_memory, memory_budget
+from reconstruction.common.picture_checksums import checked_pictures, picture_checks
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.scene.picture_checksums import checked_pictures, picture_checks
 
 
 def test_two_sessions_in_two_threads_neither_silence_nor_limit_each_other(

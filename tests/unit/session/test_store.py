@@ -91,7 +91,7 @@ def test_abort_keeps_and_discard_deletes(tmp_path: Path) -> None:
         ({"suffix": "/../../x.jpg"}, "not a supported image format"),
         ({"data": b""}, "empty image"),
         ({"instant": -1}, "instant"),
-        ({"gain": float("nan"), "uncertainty_ns": -1}, "uncertainty_ns"),
+        ({"instant": 1, "gain": float("nan"), "uncertainty_ns": -1}, "uncertainty_ns"),
         ({}, "already"),
     ],
 )

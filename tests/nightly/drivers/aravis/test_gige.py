@@ -69,7 +69,7 @@ def test_lost_packets_of_pictures_cost_frames_and_no_time(rig: GigeRig) -> None:
         camera.machine.add_firewall("output", f"{CONTROL} accept", LOST)
     found, images = [], 0
     for _ in range(10):
-        session = rig.burst("--frames", "20", "--spacing", "5", "--consecutive", may_lack=True)
+        session = rig.burst("--frames", "20", "--spacing", "5", "--spare", "0", may_lack=True)
         found += spreads_ns(rig, session)
         images += len(session.manifest.images)
     found.sort()
@@ -84,7 +84,7 @@ def test_lost_packets_of_the_control_are_survived(rig: GigeRig) -> None:
         camera.machine.add_firewall("input", LOST)
         camera.machine.add_firewall("output", LOST)
     for _ in range(10):
-        session = rig.burst("--frames", "20", "--spacing", "5", "--consecutive", may_lack=True)
+        session = rig.burst("--frames", "20", "--spacing", "5", "--spare", "0", may_lack=True)
         for images, errors in zip(session.images_by_instant(), rig.true_errors_ns(session), strict=True):
             assert all(abs(errors[name]) <= (image.uncertainty_ns or 0) for name, image in images.items())
     for camera in rig.cameras.values():

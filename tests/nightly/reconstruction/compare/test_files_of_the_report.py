@@ -7,13 +7,17 @@ from types import SimpleNamespace
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
 from capture_app.session.exporting.point_cloud import read_ply
+from capture_app.session.format.calibration import Calibration
+from reconstruction.common.geometry import View
 from reconstruction.methods.multiview.multiview_method import Multiview
 from reconstruction.methods.panorama.panorama_method import Panorama
-from reconstruction.methods.panorama.panorama_run import RegisteredInstant, read_registration
+from reconstruction.methods.panorama.panorama_run import RegisteredInstant
+from reconstruction.methods.panorama.registration import PanoramaStitcher
 from reconstruction.methods.splat.gaussians import read_splats
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.stereo.stereo_method import Stereo
@@ -65,7 +69,10 @@ def panorama(
     assert method.pair is not None
     for k in method.instants:
         shown = instants_shown(scene.dataset, condition, k)
-        registered = read_registration(folder / f"{k}" / "registration.json")
+        written = (folder / f"{k}" / "registration.json").read_bytes()
+        cameras = msgspec.json.decode(written, type=Calibration).cameras
+        views = {name: View.from_calibration(one, one.width, one.height) for name, one in cameras.items()}
+        registered = PanoramaStitcher(views, {})
         yield RegisteredInstant(k, {name: shown[name] for name in method.pair}, registered)
 
 

@@ -57,22 +57,6 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_stages_are_used_again_only_where_their_inputs_are_the_same(
-    boards: Session, tmp_path: Path, reconstruct: Reconstruct
-) -> None:
-    out = tmp_path / "out"
-
-    def stages(offset_ms: float) -> dict[str, int]:
-        few = ("--max-instants", 1, *NO_MULTIVIEW)
-        done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, *few, "--out", out)
-        assert done.code == 0, done.err
-        return {path.name: path.stat().st_mtime_ns for path in (out / "stages").iterdir()}
-
-    first, again, other = stages(100), stages(100), stages(133)
-    assert first == again
-    assert first.items() < other.items()
-
-
 def test_a_damaged_file_of_true_depth_costs_only_the_studies_that_read_it(
     boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

@@ -21,9 +21,9 @@ def test_a_method_has_its_command_and_is_a_method_of_an_open_session(package: Pa
     assert "[default: 4; x>=1]" in reconstruct(package, "average", "--help").stdout
     out = tmp_path / "out"
     done = reconstruct(package, "average", SESSION, "--count", 2, "--condition", "cam00=33", "--out", out)
-    assert done.stdout == f"2 cameras: {out / 'pictures' / 'average.png'}\n"
+    assert done.stdout == f"result: {out}\n"
     result = json.loads((out / "metrics.json").read_text())
-    assert (result["cameras"], result["changed_pictures"]) == (2, [])
+    assert (result["picture"], result["changed_pictures"]) == ("pictures/average.png", [])
     assert result["versions"]["numpy"]
     code = f"from reconstruction import open_session; s = open_session({str(SESSION)!r}); "
     code += "m = s.average(instant=1, count=2); print(m.image(m.result.picture).shape, 'average' in dir(s))\n"

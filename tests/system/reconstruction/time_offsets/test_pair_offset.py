@@ -26,7 +26,7 @@ def fall(time: float) -> tuple[float, float]:
 def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path: Path, late: float) -> None:
     falling = replace(scene, boards=[*scene.boards[:-1], replace(scene.boards[-1], path=fall)])
     session = write_session(tmp_path, falling, PAIR, instants=6, truth=False, late={"right": late})
-    offsets = offsets_of(session, tmp_path / "stages")
+    offsets = offsets_of(session)
     for pair, sign in ((("left", "right"), 1), (("right", "left"), -1)):
         found = offsets.measure(*pair)
         assert found.offset_ms is not None, found.reason
@@ -41,7 +41,7 @@ def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path:
 
 def test_it_is_said_why_nothing_can_be_told(scene: Scene, tmp_path: Path) -> None:
     still = write_session(tmp_path / "still", scene, PAIR, instants=3, truth=False, frozen=True)
-    found = offsets_of(still, tmp_path / "stages").measure("left", "right")
+    found = offsets_of(still).measure("left", "right")
     assert found.offset_ms is None
     assert "too few moving points" in found.reason
 
@@ -49,7 +49,7 @@ def test_it_is_said_why_nothing_can_be_told(scene: Scene, tmp_path: Path) -> Non
 FPS = 60
 
 
-def offsets_of(session: Session, scratch: Path) -> PairOffsets:
+def offsets_of(session: Session) -> PairOffsets:
     return PairOffsets(OpenScene(Dataset.open(session.folder)))
 
 
@@ -66,7 +66,7 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
             link.symlink_to(recording / camera / names[place + step])
     options = ImportOptions(fps=FPS, calibration=(str(recording / "calibration"),), unit="in")
     session = import_recording([str(tmp_path / "ball")], tmp_path / "sessions", "ball", options)
-    return offsets_of(session, tmp_path / "stages")
+    return offsets_of(session)
 
 
 @pytest.mark.shared

@@ -12,18 +12,21 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.common.errors import DiskError, DiskFullError, TryAgainError
+from capture_app.common.address import Address
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, TryAgainError
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+from capture_app.machine.repair import repair
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.bursts import END_LEAD_NS
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ImageBatch, ImageUpload
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_NS, Burst
 from tests.unit.node.bursts import (
     CAMERA,
     DISK,
@@ -199,13 +202,48 @@ async def test_a_recording_stays_open_while_all_its_cameras_are_silent(tmp_path:
     assert session.finished.is_set()
 
 
+async def test_the_next_run_waits_for_a_recording_until_its_ordered_end(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", "b")
+    await session.write_plan(LEADER)
+    await begin(session, "a", "b")
+    await bring(session, "a", 0)
+    first_ns, last_ns = session.burst.instants_ns[0], session.burst.instants_ns[-1]
+    await session.suspend()
+    async with bursts_of(tmp_path, engine_of("a")) as bursts:
+        await until(bursts.resumed.sessions)
+        with pytest.raises(BadInputError, match="recording-001 was begun before the leader was restarted"):
+            await bursts.end()
+        assert bursts.newest is not None
+        status = bursts.newest.status
+        assert (status.name, status.recording, status.ended) == ("recording-001", True, False)
+    begun_ns = first_ns - CAMERA_DISCONNECTED_NS
+    again = await asyncio.to_thread(BurstSession.resume, session.folder, begun_ns, DISK)
+    await again.give_up_silent_cameras({}, last_ns)
+    assert not again.finished.is_set()
+    await again.give_up_silent_cameras({}, last_ns + AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS)
+    assert again.finished.is_set()
+
+
+async def test_repair_does_not_wait_for_the_ordered_end_of_a_recording(tmp_path: Path) -> None:
+    session = recording_of(tmp_path, "a", frames=MAX_STREAMED_NS // PERIOD_NS // 2)
+    await session.write_plan(LEADER)
+    await begin(session, "a")
+    await bring(session, "a", 0)
+    await session.suspend()
+    async with asyncio.timeout(20):
+        await repair(tmp_path, wait_s=0.5, address=Address("127.0.0.1", 0), log=Log())
+    assert (session.folder / MANIFEST).exists()
+
+
 def replace_instants(burst: Burst, last_ns: int) -> Burst:
     """The burst with instants until then."""
     return dataclasses.replace(burst, instants_ns=range(burst.instants_ns[0], last_ns + 1, PERIOD_NS))
 
 
-def recording_of(root: Path, *names: str, kind: type[SessionWriter] = SessionWriter) -> BurstSession:
-    instants_ns = range(INSTANTS_NS[0], INSTANTS_NS[0] + 100 * PERIOD_NS, PERIOD_NS)
+def recording_of(
+    root: Path, *names: str, kind: type[SessionWriter] = SessionWriter, frames: int = 100
+) -> BurstSession:
+    instants_ns = range(INSTANTS_NS[0], INSTANTS_NS[0] + frames * PERIOD_NS, PERIOD_NS)
     burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, streamed=True, video=True)
     return BurstSession.begin(burst, dict.fromkeys(names, CAMERA), kind.create(root, "recording-001"), DISK)
 
@@ -224,11 +262,11 @@ async def test_a_camera_that_has_more_of_a_recording_than_its_session_is_asked_f
 
 
 @pytest.mark.parametrize("picking", [False, True])
-async def test_a_recording_of_an_earlier_run_does_not_wait_for_its_ordered_end(
+async def test_the_next_run_does_not_wait_for_the_end_of_a_recording_without_an_ordered_one(
     tmp_path: Path, picking: bool
 ) -> None:
-    """That may be days away, and its cameras ended it when they lost that run."""
-    session = recording_of(tmp_path, "a", "b")
+    """That is a month away, and its cameras ended it when they joined the next run."""
+    session = recording_of(tmp_path, "a", "b", frames=MAX_STREAMED_NS // PERIOD_NS)
     await session.write_plan(LEADER)
     await begin(session, "a", "b")
     await bring(session, "a", 0, 1)

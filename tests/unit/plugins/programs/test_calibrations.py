@@ -203,7 +203,7 @@ def test_images_of_another_size(npz_folder: Path) -> None:
         ({"dist": np.arange(8.0)}, "8 distortion coefficients"),
         ({"mtx": np.array([[{}]], dtype=object)}, "cannot read"),
         ({"R": R * 2}, "rotation matrix that is not orthonormal"),
-        ({"R": -R}, "rotation matrix that is not orthonormal"),
+        ({"R": -R}, "left-handed axes"),
         ({"R": np.eye(2)}, "not the shapes of a pose"),
         ({"T": np.zeros(2)}, "not the shapes of a pose"),
     ],

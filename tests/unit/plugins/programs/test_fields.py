@@ -4,6 +4,7 @@ A field is read, so that the lens or picture changes as it must, or it is refuse
 """
 
 import json
+import pickle
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.plugins.footage.sound import read_sound
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.import_options import ImportOptions
@@ -25,6 +27,7 @@ from tests.unit.session.conftest import jpeg
 
 K = [[800.0, 0.0, 320.0], [0.0, 810.0, 240.0], [0.0, 0.0, 1.0]]
 EYE = np.eye(3).tolist()
+MIRROR = np.diag([1.0, 1.0, -1.0]).tolist()
 SIZE = (640, 480)
 Write = Callable[[Path, dict[str, Any]], Path]
 
@@ -34,6 +37,42 @@ def caliscope(folder: Path, fields: dict[str, Any]) -> Path:
     table |= {"translation": [0.0] * 3, "fisheye": False, "rotation_count": 0} | fields
     path = folder / "camera_array.toml"
     path.write_text("[cameras.0]\n" + "".join(f"{key} = {json.dumps(of)}\n" for key, of in table.items()))
+    return path
+
+
+def pose2sim(folder: Path, fields: dict[str, Any]) -> Path:
+    table: dict[str, Any] = {"name": "0", "size": [640.0, 480.0], "matrix": K, "distortions": [0.0] * 4}
+    table |= {"rotation": [0.0] * 3, "translation": [0.0] * 3, "fisheye": False} | fields
+    path = folder / "Calib.toml"
+    lines = "".join(f"{key} = {json.dumps(of)}\n" for key, of in table.items())
+    path.write_text(f"[cam_01]\n{lines}\n[metadata]\nadjusted = false\nerror = 0.0\n")
+    return path
+
+
+def freemocap(folder: Path, fields: dict[str, Any]) -> Path:
+    """The calibration of a recording; its square is in mm, which the recording's importer says."""
+    table = {"name": "0", "size": [*SIZE], "matrix": K, "distortions": [0.0] * 5, "rotation": [0.0] * 3}
+    table |= {"translation": [0.0] * 3, "world_position": [0.0] * 3} | fields
+    path = folder / "take_camera_calibration.toml"
+    lines = "".join(f"{key} = {json.dumps(of)}\n" for key, of in table.items())
+    path.write_text(f"[cam_0]\n{lines}\n[metadata]\ncharuco_square_size = 39.0\n")
+    return path
+
+
+def opencap(folder: Path, fields: dict[str, Any]) -> Path:
+    content = {"intrinsicMat": np.array(K), "distortion": np.zeros((1, 5)), "imageSize": np.array([480, 640])}
+    content |= {"rotation": np.eye(3), "translation": np.zeros((3, 1))} | fields
+    path = folder / "Cam0" / "cameraIntrinsicsExtrinsics.pickle"
+    path.parent.mkdir()
+    path.write_bytes(pickle.dumps(content))
+    return path
+
+
+def middlebury(folder: Path, fields: dict[str, Any]) -> Path:
+    content = {"cam0": "[800 0 320; 0 810 240; 0 0 1]", "cam1": "[800 0 330; 0 810 240; 0 0 1]"}
+    content |= {"doffs": "10", "baseline": "100", "width": "640", "height": "480", "ndisp": "64"} | fields
+    path = folder / "calib.txt"
+    path.write_text("".join(f"{key}={of}\n" for key, of in content.items()))
     return path
 
 
@@ -49,13 +88,13 @@ def opencv(folder: Path, fields: dict[str, Any]) -> Path:
 
 
 def qualisys(folder: Path, fields: dict[str, Any]) -> Path:
-    one = {"viewrotation": 0, "skew": 0, "left": 0, "focalLengthU": 51200} | fields
+    one = {"viewrotation": 0, "skew": 0, "left": 0, "r33": -1, "focalLengthU": 51200} | fields
     path = folder / "room.qca.txt"
     path.write_text(
         f'<calibration><cameras><camera serial="0" viewrotation="{one["viewrotation"]}">'
         f'<fov_video left="{one["left"]}" top="0" right="{one["left"] + 639}" bottom="479"/>'
         '<transform x="0" y="0" z="0" r11="1" r12="0" r13="0" r21="0" '
-        'r22="-1" r23="0" r31="0" r32="0" r33="-1"/>'
+        f'r22="-1" r23="0" r31="0" r32="0" r33="{one["r33"]}"/>'
         f'<intrinsic focalLengthU="{one["focalLengthU"]}" focalLengthV="51840" centerPointU="20480" '
         f'centerPointV="15360" skew="{one["skew"]}" radialDistortion1="0" radialDistortion2="0" '
         'radialDistortion3="0" tangentalDistortion1="0" tangentalDistortion2="0"/>'
@@ -99,6 +138,17 @@ READ: list[tuple[Write, dict[str, Any], dict[str, float]]] = [
     (caliscope, {"distortions": [0.1, 0.0, 0.0, 0.0, 0.2]}, {"k1": 0.1, "k3": 0.2}),
     (caliscope, {"fisheye": False}, {}),
     (caliscope, {"rotation_count": 2}, {}),
+    (pose2sim, {"rotation": EYE}, {}),
+    (pose2sim, {"size": [1280.0, 960.0]}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
+    (pose2sim, {"distortions": [0.1, 0.0, 0.02, 0.0]}, {"k1": 0.1, "p1": 0.02}),
+    (freemocap, {"size": [1280, 960]}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
+    (freemocap, {"distortions": [0.1, 0.0, 0.0, 0.0, 0.2]}, {"k1": 0.1, "k3": 0.2}),
+    (freemocap, {"translation": [1.0, 2.0, 3.0]}, {"x": 1, "y": 2, "z": 3}),
+    (opencap, {"imageSize": np.array([960, 1280])}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
+    (opencap, {"distortion": np.array([[0.1, 0, 0, 0, 0.2]])}, {"k1": 0.1, "k3": 0.2}),
+    (opencap, {"translation": np.array([[1000.0], [0], [500]])}, {"x": 1, "z": 0.5}),
+    (middlebury, {"width": "1280", "height": "960"}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
+    (middlebury, {"cam0": "[900 0 320; 0 810 240; 0 0 1]"}, {"fx": 900}),
     (opencv, {"image_width": 1280, "image_height": 960}, {"fx": 400, "fy": 405, "cx": 159.75, "cy": 119.75}),
     (opencv, {"fisheye_model": 0}, {}),
     (opencv, {"D": np.array([0.1, 0, 0, 0, 0.2])}, {"k1": 0.1, "k3": 0.2}),
@@ -116,15 +166,33 @@ REFUSED: list[tuple[Write, dict[str, Any], str]] = [
     (caliscope, {"size": [480, 640], "rotation_count": 1}, "rotation_count 1"),
     (caliscope, {"distortions": [0.1] * 8}, "8 distortion coefficients"),
     (caliscope, {"matrix": [[800.0, 3.0, 320.0], *K[1:]]}, "skew"),
+    (caliscope, {"rotation": MIRROR}, "left-handed axes"),
+    (pose2sim, {"fisheye": True}, "fisheye"),
+    (pose2sim, {"rotation": MIRROR}, "left-handed axes"),
+    (pose2sim, {"matrix": [[800.0, 3.0, 320.0], *K[1:]]}, "skew"),
+    (freemocap, {"fisheye": True}, "fisheye"),
+    (freemocap, {"distortions": [0.1] * 8}, "8 distortion coefficients"),
+    (opencap, {"distortion": np.full((1, 8), 0.1)}, "distortion has 8 numbers"),
+    (opencap, {"imageSize": np.array([640, 480])}, "calibrated for 480x640 pixels"),
+    (opencap, {"rotation": np.array(MIRROR)}, "left-handed axes"),
+    (middlebury, {"cam0": "[800 3 320; 0 810 240; 0 0 1]"}, "skew"),
+    (middlebury, {"doffs": "0"}, "doffs is 0"),
+    (opencv, {"R": np.array(MIRROR)}, "left-handed axes"),
     (opencv, {"fisheye_model": 1}, "fisheye"),
     (opencv, {"distortion_model": "equidistant"}, "fisheye"),
     (opencv, {"D": np.arange(8.0)}, "8 distortion coefficients"),
     (qualisys, {"viewrotation": 90}, "view rotated by 90"),
     (qualisys, {"skew": 640}, "skew"),
+    (qualisys, {"r33": 1}, "left-handed axes"),
     (nerfstudio, {"camera_model": "OPENCV_FISHEYE"}, "OPENCV_FISHEYE"),
     (nerfstudio, {"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
     (nerfstudio, {"is_fisheye": True}, "only perspective"),
     (nerfstudio, {"k4": 0.1}, "k4"),
+    (
+        nerfstudio,
+        {"frames": [{"file_path": "0/0.jpg", "transform_matrix": np.eye(4)[[1, 0, 2, 3]].tolist()}]},
+        "left-handed axes",
+    ),
     (colmap, {"model": ("OPENCV_FISHEYE", "800 810 320.5 240.5 0 0 0 0")}, "OPENCV_FISHEYE"),
     (colmap, {"model": ("FULL_OPENCV", "800 810 320.5 240.5 0 0 0 0 0 0.1 0 0")}, "8 distortion"),
     (easymocap, {"dist_0": np.full((1, 8), 0.1)}, "8 distortion coefficients"),
@@ -143,7 +211,9 @@ def read(path: Path) -> CameraCalibration:
 def values_of(camera: CameraCalibration) -> dict[str, float]:
     names = ("fx", "fy", "cx", "cy")
     return {name: getattr(camera, name) for name in names} | dict(
-        zip(("k1", "k2", "p1", "p2", "k3"), camera.distortion, strict=True)
+        zip(
+            ("k1", "k2", "p1", "p2", "k3", "x", "y", "z"), camera.distortion + camera.translation, strict=True
+        )
     )
 
 
@@ -243,3 +313,34 @@ def test_a_field_of_a_video(
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert image[20, 20].tolist() == pytest.approx(bgr, abs=3)
+
+
+def test_lengths_of_freemocap_are_mm(tmp_path: Path) -> None:
+    """Its calibration does not say so; that of another program in the same format is in metres."""
+    folder = tmp_path / "take"
+    (folder / "synchronized_videos").mkdir(parents=True)
+    video(folder / "synchronized_videos" / "take.id-0.idx-0.mp4")
+    path = freemocap(folder, {"translation": [1500.0, 0.0, -250.0]})
+    assert read(path).translation == (1500.0, 0.0, -250.0)
+    calibration = import_recording([str(folder)], tmp_path, "s", ImportOptions()).calibration()
+    assert calibration is not None
+    assert calibration.unit == "m"
+    assert calibration.cameras["0"].translation == pytest.approx((1.5, 0.0, -0.25))
+
+
+@pytest.mark.parametrize(
+    ("layout", "loud"), [("mono", [True]), ("stereo", [True, False]), ("stereo", [False, True])]
+)
+def test_each_channel_of_a_sound_is_read(layout: str, loud: list[bool], tmp_path: Path) -> None:
+    """One may have a timecode and the other the room: they are not summed."""
+    with av.open(str(tmp_path / "a.mov"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=48_000, layout=layout)
+        wave = (8000 * np.sin(np.arange(48_000) / 20)).astype(np.int16)
+        samples = np.stack([wave * one for one in loud], axis=1).reshape(1, -1)
+        frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples), format="s16", layout=layout)
+        frame.sample_rate = 48_000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    channels, _ = read_sound(tmp_path / "a.mov")
+    assert len(channels) == 2 or layout == "mono"
+    assert [bool(np.abs(one).max() > 0.1) for one in channels][: len(loud)] == loud

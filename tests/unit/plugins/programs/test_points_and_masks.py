@@ -49,6 +49,22 @@ def masks_of(session: Session, folder: Path) -> Path:
     return folder
 
 
+def test_masks_are_paired_with_cameras_by_their_labels(
+    whole: Session, tmp_path: Path, export: Export
+) -> None:
+    """By the rule of calibrations and tables, one to one, and what was paired is said."""
+    masks, out = masks_of(whole, tmp_path / "masks"), tmp_path / "out"
+    export(whole, "colmap", masks=masks)
+    expected = {path.relative_to(out): path.read_bytes() for path in out.rglob("masks/**/*.png")}
+    assert len(expected) == 12
+    out.rename(tmp_path / "first")
+    for folder in [*masks.iterdir()]:
+        folder.rename(masks / folder.name.upper())
+    burst = export(whole, "colmap", masks=masks)
+    assert {path.relative_to(out): path.read_bytes() for path in out.rglob("masks/**/*.png")} == expected
+    assert sum("left = LEFT" in note for note in burst.notes) == 1
+
+
 @pytest.mark.parametrize(
     "content",
     [

@@ -15,11 +15,18 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import resize_view
-from reconstruction.common.memory import MIN_BYTES, MemoryBudget, limited_memory, memory_budget, parse_size
+from reconstruction.common.memory import (
+    MEMORY,
+    MIN_BYTES,
+    MemoryBudget,
+    limited_memory,
+    memory_budget,
+    parse_size,
+)
 from reconstruction.common.worker_pool import max_workers, worker_count
 from reconstruction.methods.stereo.stereo_pair import StereoPair, rectify
 from reconstruction.scene.pairs import Features, canvas_bounds, choose_stereo_pair
-from tests.unit.reconstruction.conftest import Scene, make_view
+from tests.unit.reconstruction.conftest import Reconstruct, Scene, make_view
 
 
 @pytest.mark.parametrize(("text", "size"), [("800MB", 8e8), ("4G", 4e9), ("1.5 GiB", 1.5 * 2**30)])
@@ -29,8 +36,17 @@ def test_sizes_are_read(text: str, size: float) -> None:
 
 @pytest.mark.parametrize("text", ["", "4", "GB", "-1GB", "nan GB", "1e3MB"])
 def test_what_is_no_size_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="not a size of memory"):
+    with pytest.raises(BadInputError, match="not a size of memory"):
         parse_size(text)
+
+
+def test_the_environment_asks_for_a_budget(monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct) -> None:
+    monkeypatch.setenv(MEMORY, "2GB")
+    assert (memory_budget().limit_bytes, memory_budget().asked_for) == (2_000_000_000, True)
+    monkeypatch.setenv(MEMORY, "much")
+    refused = reconstruct("board", "board.pdf")
+    assert refused.code == 3
+    assert "'much' is not a size of memory" in refused.complaint
 
 
 def test_what_fits_is_left_as_it_is_and_what_does_not_is_made_smaller_and_said() -> None:

@@ -47,10 +47,10 @@ def test_options_that_exclude_each_other_are_refused(wrong: dict[str, Any], said
 
 
 def test_a_mesh_is_made_of_one_instant_unless_it_is_to_be_quick() -> None:
-    assert Multiview().mesh
-    assert not Multiview(quick=True).mesh
-    assert not Multiview(instants=()).mesh
-    assert Multiview(quick=True, mesh=True).mesh
+    assert Multiview().makes_mesh
+    assert not Multiview(quick=True).makes_mesh
+    assert not Multiview(instants=()).makes_mesh
+    assert Multiview(quick=True, mesh=True).makes_mesh
 
 
 def test_options_of_all_methods_have_keywords_of_their_own_in_a_comparison() -> None:

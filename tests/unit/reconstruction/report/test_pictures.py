@@ -67,7 +67,7 @@ def test_every_file_beside_the_page_is_named(
     made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
     assert len(made) > 30
     assert all(path in shown for path in made)
-    for path in ("metrics.json", "pictures/sweep.gif", "stages/", "sessions/jump"):
+    for path in ("metrics.json", "pictures/sweep.gif", "sessions/jump"):
         assert path in shown
 
 

@@ -1,13 +1,22 @@
 """Single images that are off, repeated, or show nothing are named, with their instants."""
 
+from collections.abc import Sequence
+from typing import cast
+
 import numpy as np
 import pytest
 
-from reconstruction.method.timing import Timing, judge_timing
+from capture_app.session.format.common_times import REFERENCE
+from reconstruction.commands.time import time_lines
+from reconstruction.common.geometry import Array
+from reconstruction.method.timing import Timing, judge_timing, with_curve_peak, with_repeats
 from reconstruction.report.findings import timing_sentences
+from reconstruction.scene.dataset import Dataset
+from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit, fit_offset
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
-from reconstruction.time_offsets.single_images import SingleImages
+from reconstruction.time_offsets.session_offsets import TimeResult
+from reconstruction.time_offsets.single_images import SingleImages, stalled_images
 from tests.unit.reconstruction.time_offsets.test_instant_votes import INSTANTS, take
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS
 
@@ -66,6 +75,81 @@ def test_a_glitch_is_of_the_camera_that_has_it_in_all_pairs() -> None:
     two = {("a", "b"): OffsetFit(0.0, 0.5, glitches_ms=(beside, odd))}
     found = with_changes(adjust_offsets("ab", "a", two), two, 33.0)
     assert {name: one.images.glitches_ms for name, one in found.items()} == {"a": {}, "b": odd}
+
+
+class Film:
+    """Images of two cameras before which a square moves; each image shows the moment that is given."""
+
+    def __init__(self, **moments: Sequence[float]) -> None:
+        self.moments = moments
+
+    def instants(self, camera: str) -> tuple[int, ...]:
+        return tuple(range(len(self.moments[camera])))
+
+    def has_image(self, camera: str, instant: int) -> bool:
+        return instant in self.instants(camera)
+
+    def grey(self, camera: str, instant: int) -> Array:
+        image = np.full((60, 160), 90.0)
+        at = round(10 + 4 * self.moments[camera][instant])
+        image[20:40, at : at + 20] = 200.0
+        noise = np.random.default_rng([instant, len(camera)]).normal(0, 2, image.shape)
+        return (image + noise).clip(0, 255).astype(np.uint8)
+
+    def stalled(self) -> dict[str, tuple[int, ...]]:
+        return stalled_images(cast(Dataset, self), [*self.moments])
+
+
+STEADY = [float(k) for k in range(24)]
+
+
+def test_an_image_of_its_neighbours_moment_is_named() -> None:
+    """One a frame late shows what the next one shows; one compressed anew what the one before shows."""
+    late, again = STEADY.copy(), STEADY.copy()
+    for k in (5, 9, 14):
+        late[k], again[k] = k + 1.0, k - 1.0
+    assert Film(left=STEADY, right=late).stalled() == {"left": (), "right": (6, 10, 15)}
+    assert Film(left=STEADY, right=again).stalled() == {"left": (), "right": (5, 9, 14)}
+    half = [k + 0.5 * (k in (5, 9, 14)) for k in STEADY]
+    assert Film(left=STEADY, right=half).stalled() == {"left": (), "right": ()}
+
+
+def test_where_nothing_moves_or_moves_no_more_no_image_is_stalled() -> None:
+    rest = [min(k, 12.0) for k in STEADY]
+    pause = [k if k < 8 else 8.0 if k < 11 else k - 3 for k in STEADY]
+    for moments in (rest, pause, [3.0] * 24):
+        assert Film(left=moments, right=moments).stalled() == {"left": (), "right": ()}
+    # The thing has left one camera's view.
+    assert Film(left=STEADY, right=rest).stalled() == {"left": (), "right": ()}
+
+
+def test_a_take_that_shows_moments_twice_is_not_certified() -> None:
+    sure = judge_timing(PAIR, fitted({}), 0.0, PERIOD_MS)
+    nothing: dict[str, tuple[int, ...]] = {"L": (), "R": ()}
+    assert with_repeats(sure, nothing, nothing) == sure
+    assert sure.synchronized
+    for stalled in ({"L": (), "R": (6, 10)}, {"L": (4,), "R": ()}):
+        timing = with_repeats(sure, nothing, stalled)
+        assert not timing.synchronized
+        assert timing.same_frame_ms is None
+        assert not timing.offset
+        # Nor by the depth that most images have together.
+        assert with_curve_peak(timing, [0.0] * 4, PERIOD_MS) == timing
+    assert with_curve_peak(sure, [0.0] * 4, PERIOD_MS).same_frame_ms is not None
+    text = timing_sentences(with_repeats(sure, nothing, {"L": (), "R": (6, 10)}))
+    assert "R's images at 6, 10 show the moment of the image before" in text
+
+
+def test_a_planned_delay_is_said_beside_what_is_beyond_it() -> None:
+    cameras = {
+        "L": CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE),
+        "R": CameraTime(offset_ms=0.12, sd_ms=0.3, source="motion", planned_ms=25.0),
+    }
+    result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1.0)
+    assert [*time_lines(result)] == [
+        "L: the reference",
+        "R: +0.12 ± 0.60 ms (95 %), beyond the +25.00 ms by which it is staggered on purpose",
+    ]
 
 
 def test_instants_are_named_up_to_eight() -> None:

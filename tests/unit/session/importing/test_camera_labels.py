@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.session.importing.camera_labels import describe_pairs, pair_labels
+from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 
 
 @pytest.mark.parametrize(

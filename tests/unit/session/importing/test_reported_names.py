@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importing.camera_labels import pair_labels
+from capture_app.session.format.camera_labels import pair_labels
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 

@@ -18,8 +18,8 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from tests.unit.session.writing.killed_writer import REAL, die_at, run, tell
 
 NAME = "out"
-EARLIER = {"result": b"earlier", "stages/one": b"kept", "pictures/1": b"earlier"}
-MADE = {"result": b"new", "stages/one": b"kept", "stages/two": b"new", "pictures/2": b"new"}
+EARLIER = {"result": b"earlier", "pictures/1": b"earlier"}
+MADE = {"result": b"new", "pictures/2": b"new"}
 
 
 def write(folder: Path, files: dict[str, bytes]) -> None:
@@ -40,8 +40,7 @@ def make(root: Path, pipe: int) -> None:
     warnings = logging.Handler()
     warnings.emit = lambda record: REAL["write"](pipe, b"w")  # type: ignore[method-assign]
     logging.getLogger(output_folder.__name__).addHandler(warnings)
-    names = ("result", "stages", "pictures")
-    with OutputFolder(root / NAME, replaces_only(names), reuse="stages") as output:
+    with OutputFolder(root / NAME, replaces_only(("result", "pictures"))) as output:
         write(output.folder, MADE)
     REAL["write"](pipe, b"d")
 

@@ -11,7 +11,7 @@ from capture_app.session.files.output_folder import (
 
 
 def opened(target: Path, **options: Any) -> OutputFolder:
-    return OutputFolder(target, replaces_only({"result", "stages"}), **options)
+    return OutputFolder(target, replaces_only({"result", "pictures"}), **options)
 
 
 def make(target: Path, text: str, meanwhile: Callable[[], object] = lambda: None, **options: Any) -> None:

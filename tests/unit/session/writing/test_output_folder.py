@@ -23,15 +23,13 @@ from tests.unit.session.writing.killed_writer import results_of
 from tests.unit.session.writing.outputs import make, names, opened
 
 
-def test_a_result_replaces_its_like_and_keeps_what_is_reused(tmp_path: Path) -> None:
+def test_a_result_replaces_its_like(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
-    with opened(out, reuse="stages") as output:
-        (output.folder / "stages").mkdir()
-        (output.folder / "stages" / "one").write_text("1")
-    make(out, "second", reuse="stages")
+    with opened(out) as output:
+        (output.folder / "pictures").mkdir()
+        (output.folder / "pictures" / "one").write_text("1")
+    make(out, "second")
     assert (out / "result").read_text() == "second"
-    assert (out / "stages" / "one").read_text() == "1"
-    make(out, "third")
     assert names(out) == ["result"]
     assert names(out.parent) == ["out"]
 
@@ -61,13 +59,13 @@ def test_a_file_is_shown_early_where_no_earlier_result_is(tmp_path: Path) -> Non
     out.mkdir()
     (out / "result").write_text("what a killed run had shown")
     with opened(out) as output:
-        (output.folder / "stages").mkdir()
+        (output.folder / "pictures").mkdir()
         for text, first in (("half", True), ("more", False)):
             assert show(output, text) == (first, ["result"])
             assert (out / "result").read_text() == text
-    assert names(out) == ["result", "stages"]
+    assert names(out) == ["pictures", "result"]
     with opened(out) as output:
-        assert show(output, "other") == (False, ["result", "stages"])
+        assert show(output, "other") == (False, ["pictures", "result"])
         assert (out / "result").read_text() == "more"
         output.discard()
     assert (out / "result").read_text() == "more"

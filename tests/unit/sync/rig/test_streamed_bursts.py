@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import pytest
+
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
+from capture_app.sync.rig.frame_selection import DROPPED, MAX_STREAMED_NS, FramesSelected
 from tests.unit.sync.rig.rigs import LAN, S, ready_rig
 
 FRAMES = 300
@@ -62,9 +64,10 @@ def test_a_long_burst_can_be_ended_early() -> None:
         assert not node.client.has_burst_pending
 
 
-def test_a_burst_ends_with_its_leader() -> None:
+def test_a_burst_without_an_ordered_end_ends_with_its_leader() -> None:
     rig = rig_of_two()
-    burst = rig.trigger(frames=10_000_000, streamed=True)
+    assert rig.leader.grid is not None
+    burst = rig.trigger(frames=MAX_STREAMED_NS // rig.leader.grid.period_ns, streamed=True)
     # A node notices within one request, mostly before a frame just taken has arrived.
     assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
     rig.restart_leader()
@@ -73,3 +76,24 @@ def test_a_burst_ends_with_its_leader() -> None:
         picked = node.bursts[burst.number]
         assert picked.over == len(picked.frames) >= 50
         assert abs(picked.frames[0].residual_ns) < 100_000, "it begins on the grid, though its end is open"
+
+
+@pytest.mark.parametrize("lost_s", [0, 2])
+def test_a_burst_with_an_ordered_end_goes_on_when_its_leader_is_started_again(lost_s: int) -> None:
+    """By the next run's time, or in holdover where that is another: its clock has lost some seconds."""
+    rig = rig_of_two()
+    burst = rig.trigger(frames=300, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
+    rig.suspend_leader()
+    rig.run_for(lost_s * S)
+    rig.wake_leader()
+    rig.restart_leader()
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[-1] + S, limit_ns=60 * S)
+    for node in rig.nodes.values():
+        assert node.client.is_member
+        frames = node.bursts[burst.number].frames
+        assert [pick.instant for pick in frames] == [*range(300)]
+        late_ns = [pick.frame.start_true_ns - burst.instants_ns[pick.instant] for pick in frames]
+        assert max(map(abs, late_ns)) < 1_000_000
+        assert max(abs(pick.residual_ns) for pick in frames) < 1_000_000
+        assert not node.client.has_burst_pending

@@ -46,6 +46,11 @@ def answers(leader: Leader | Relay, data: bytes) -> list[bytes]:
     return [sent for sent, to in leader.datagrams_to_send(0) if to == NODE]
 
 
+def hellos(client: TimeClient) -> list[bytes]:
+    client.handle_timer(0)
+    return client.datagrams_to_send(0)
+
+
 def test_a_leader_tells_its_version_to_whoever_asks() -> None:
     (answer,) = answers(a_leader(), version_question(TOKEN))
     assert answered_version(answer, TOKEN) == VERSION
@@ -62,14 +67,27 @@ def test_a_relay_tells_its_version_too() -> None:
 
 def test_a_client_of_an_older_version_says_what_to_do() -> None:
     client, version = a_client(), VERSION + 1
-    client.handle_timer(0)
-    (hello,) = client.datagrams_to_send(0)
+    (hello,) = hellos(client)
     told = of_version(version, version_answer(of_version(version + 1, hello)) or b"")
     client.receive_datagram(told, 1)
     assert client.report(1).message == version_mismatch(version)
     assert client.next_event() == LeaderNotice("refused", version_mismatch(version))
     client.receive_datagram(told, 2)
     assert client.next_event() is None
+
+
+def test_a_node_that_sends_single_images_is_refused_by_a_leader_that_takes_batches() -> None:
+    """Version 7 sent each image in a message of its own; its hello gets an answer that names version 8."""
+    leader, version = a_leader(), 7
+    (hello,) = hellos(a_client())
+    (answer,) = answers(leader, of_version(version, hello))
+    assert answer[:4] == version_answer(version_question(TOKEN))[:4]  # type: ignore[index]
+    assert VERSION == 8
+    assert not leader.roster.members
+    assert version_mismatch(version) == (
+        "its leader speaks version 7 of the protocol, and this node version 8:"
+        " install the newer simulshot on the leader's machine too"
+    )
 
 
 def test_the_older_end_is_the_one_to_renew() -> None:

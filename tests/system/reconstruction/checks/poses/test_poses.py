@@ -1,7 +1,5 @@
 """Poses of single instants: errors that no choice of world changes, and what is said of them."""
 
-from pathlib import Path
-
 from capture_app.session.reading.reader import Session
 from reconstruction.scene.conditions import DISTINCT, Condition
 from tests.project import SAMPLES
@@ -10,8 +8,8 @@ from tests.unit.reconstruction.checks.poses.test_poses import compared, study
 PINWHEEL = SAMPLES / "pinwheel"
 
 
-def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
-    found = compared(study(Session.open(PINWHEEL), tmp_path), Condition(DISTINCT))
+def test_a_pinwheel_places_its_cameras_only_when_synchronized() -> None:
+    found = compared(study(Session.open(PINWHEEL)), Condition(DISTINCT))
     assert found.value("registered") == 5
     assert found.value("correct_pairs") == 1
     turned_by = found.value("rotation_deg")

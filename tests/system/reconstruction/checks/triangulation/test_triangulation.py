@@ -26,12 +26,10 @@ from tests.unit.reconstruction.found import values
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
 
 
-def study(
-    session: Session, stages: Path, offset_ms: float = 66, max_instants: int = 16
-) -> TriangulationStudy:
+def study(session: Session, offset_ms: float = 66, max_instants: int = 16) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
-    opened = OpenScene(dataset, stages=stages)
+    opened = OpenScene(dataset)
     context = Context(scene=opened, step=offset.step, offset=offset, max_instants=max_instants)
     depth = StereoStudy(context)
     depth.prepare()
@@ -45,8 +43,8 @@ def compared(points: TriangulationStudy, condition: Condition | None = None) -> 
     return points.compare(condition or points.condition)
 
 
-def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session, tmp_path: Path) -> None:
-    points = study(boards, tmp_path, max_instants=2)
+def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session) -> None:
+    points = study(boards, max_instants=2)
     found = compared(points)
     assert found.cameras == ("left", "right", "aside")
     moving, still = found.first_known("mover_points"), found.first_known("static_points")
@@ -62,7 +60,7 @@ def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session
 
 def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "pair", scene, PAIR)
-    found = compared(study(session, tmp_path / "stages", max_instants=3))
+    found = compared(study(session, max_instants=3))
     assert found.offsets_ms["left"] == 0
     assert found.offsets_ms["right"] == pytest.approx(66.7, abs=0.1)
     (placed,) = (one for one in found.measures if one.name == "mover_points")
@@ -77,14 +75,14 @@ def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None
 
 def test_a_short_burst_makes_every_second_camera_late(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path / "short", scene, VIEWS, instants=2, truth=False)
-    found = compared(study(session, tmp_path / "stages", offset_ms=33))
+    found = compared(study(session, offset_ms=33))
     assert {c for c, late in found.offsets_ms.items() if late} == {"right"}
 
 
 def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_path: Path) -> None:
     row = {f"cam{k}": make_view((0.1 * k - 0.25, 0.0, 0.0), yaw=3.75 - 1.5 * k) for k in range(6)}
     session = write_session(tmp_path / "row", scene, row, instants=2, truth=False)
-    points = study(session, tmp_path / "stages", offset_ms=33)
+    points = study(session, offset_ms=33)
     points.prepare()
     found = points.compare(Condition(SYNCED))
     assert len(found.cameras) == 5
@@ -97,13 +95,13 @@ def test_what_cannot_be_measured_is_said(
 ) -> None:
     blank = Scene([], noise=1.0)
     session = write_session(tmp_path / "blank", blank, PAIR, instants=3, truth=False)
-    points = study_without_pair(session, tmp_path / "stages")
+    points = study_without_pair(session)
     with pytest.raises(ValueError, match="no point that two of left, right see"):
         compared(points)
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     session = write_session(tmp_path / "pair", scene, PAIR, instants=3, truth=False)
     with pytest.raises(NotAvailableError, match="needs pycolmap"):
-        compared(study(session, tmp_path / "more"))
+        compared(study(session))
     result = reconstruct(
         "compare", session.folder, "--max-instants", 1, "--out", tmp_path / "out", "--json"
     ).result
@@ -111,10 +109,10 @@ def test_what_cannot_be_measured_is_said(
     assert not found_study(result, "stereo")["skipped"]
 
 
-def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
+def study_without_pair(session: Session) -> TriangulationStudy:
     dataset = Dataset(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, 33)
-    opened = OpenScene(dataset, stages=stages)
+    opened = OpenScene(dataset)
     return TriangulationStudy(Context(scene=opened, step=offset.step, offset=offset, max_instants=1))
 
 
@@ -145,7 +143,7 @@ def test_a_real_ball_is_a_point_only_when_synchronized(shared: Path, tmp_path: P
     folder = shared / "footage" / "ball_launch"
     options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
     session = import_recording([str(folder)], tmp_path, "ball", options)
-    found = compared(study(session, tmp_path / "stages"))
+    found = compared(study(session))
     synced, offset = (
         sum(row[f"{side}_mover_points"] or 0 for row in found.per_instant) for side in ("synced", "offset")
     )

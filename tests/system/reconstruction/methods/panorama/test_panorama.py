@@ -10,7 +10,7 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.methods.panorama.registration import PanoramaStitcher
+from reconstruction.methods.panorama.registration import register_images
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.methods.panorama.test_panorama import (
     judged,
@@ -21,7 +21,7 @@ from tests.unit.reconstruction.methods.panorama.test_panorama import (
 def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reason(
     wall: dict[str, Any],
 ) -> None:
-    stitcher = PanoramaStitcher(wall)
+    stitcher = register_images(wall)
     assert stitcher.used == ("p0", "p1", "p2")
     assert "shares" in stitcher.left_out["alien"]
     made = stitcher.compose(stitcher.layers(wall))
@@ -30,7 +30,7 @@ def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reaso
     assert {(o.first, o.second) for o in overlaps} >= {("p0", "p1"), ("p1", "p2")}
     assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in overlaps)
     assert misfit.points > 100
-    again = PanoramaStitcher(wall)
+    again = register_images(wall)
     assert np.array_equal(made, again.compose(again.layers(wall)))
 
 
@@ -40,7 +40,7 @@ def test_the_panorama_does_not_depend_on_the_number_of_threads(wall: dict[str, A
     try:
         for threads in (1, 4):
             cv2.setNumThreads(threads)
-            stitcher = PanoramaStitcher(wall)
+            stitcher = register_images(wall)
             layers = stitcher.layers(wall)
             made.append((stitcher.compose(layers), judged(stitcher, wall)[1]))
     finally:

@@ -12,7 +12,7 @@ from reconstruction.methods.splat.gaussians import (
     render_gaussians,
 )
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.splat.splat_run import _Learned
+from reconstruction.methods.splat.splat_run import _with_learned
 from tests.unit.reconstruction.depth.moments import moment, seen, view_at
 from tests.unit.reconstruction.methods.splat.test_splat import drawn
 
@@ -26,7 +26,7 @@ def test_surfaces_stay_opaque_however_long_noisy_pictures_are_optimized() -> Non
     first, kept = optimize(gaussians, cameras, 25)
     again = first
     for _ in range(4):  # the same moment again and again, each time with what was learned
-        again, kept = optimize(_Learned(gaussians.chosen(kept), again).begin(gaussians), cameras, 25)
+        again, kept = optimize(_with_learned(gaussians, gaussians.chosen(kept), again), cameras, 25)
     for last in (again, optimize(gaussians, cameras, 100)[0]):
         assert drawn(last)[2].mean() < 0.1
         assert psnr(render_gaussians(last, view), truth) > psnr(render_gaussians(first, view), truth) - 0.2

@@ -10,7 +10,7 @@ from benchmarks.stagger.ball_path import MOTIONS, Motion, project, projections
 from benchmarks.stagger.ball_session import EMPTY, PERIOD_NS, write_session
 from capture_app.common.errors import ExitCode, NotApplicableError
 from reconstruction.cli import run
-from reconstruction.methods.trajectory.spline_path import Rays, choose_path, outliers
+from reconstruction.methods.trajectory.spline_path import OUTLIER, Rays, choose_path
 from reconstruction.methods.trajectory.trajectory_method import TrajectoryMethod
 from reconstruction.methods.trajectory.trajectory_run import TrajectoryResult
 from tests.unit.reconstruction.conftest import VIEWS, Scene
@@ -51,7 +51,7 @@ def test_frames_of_something_else_are_outliers() -> None:
     odd[::9] = True
     of.pixels[odd] += (120.0, -80.0)
     path, sd_px = choose_path(of, moments)
-    found = outliers(path, of, sd_px)
+    found = path.residuals_px(of) > OUTLIER * sd_px
     assert found[odd].all()
     assert found[~odd].mean() < 0.05
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from reconstruction.scene.calibration.consistency import upside_down
-from reconstruction.scene.calibration.stored import choose_calibration
 from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct, make_view
 from tests.unit.reconstruction.scene.calibration.test_against_pictures import (
     Rig,
@@ -81,7 +81,7 @@ def test_a_single_bad_camera_is_left_out_by_name(
 ) -> None:
     views, good, said = LEFT_OUT[fault]
     dataset = Dataset.open(calibrated(views))
-    used = choose_calibration(dataset)
+    used = Scene(dataset).given
     assert used is not None
     assert set(used.cameras) == good
     assert said in capsys.readouterr().err

@@ -75,7 +75,7 @@ def test_every_command_calibrates_by_the_same_points_at_rest(
     monkeypatch.setattr(module, "guess_calibration", guess)
     # A comparison with images two instants away, and `time`.
     for step in (2, 1):
-        assert module.Scene(dataset, stages=tmp_path / f"{step}").moving_over(step).calibration == known
+        assert module.Scene(dataset).moving_over(step).calibration == known
     assert [motion.step for motion in used] == [1, 1]
     assert all(motion.dataset is dataset for motion in used)
 

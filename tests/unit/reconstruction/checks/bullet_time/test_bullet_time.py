@@ -23,7 +23,7 @@ from reconstruction.checks.bullet_time.bullet_time_study import (
     stabilize_views,
     triangulate_subject,
 )
-from reconstruction.common.camera_paths import order_by_place
+from reconstruction.common.camera_paths import order_of_views
 from reconstruction.common.geometry import View
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.scene.dataset import Dataset
@@ -55,18 +55,18 @@ def test_the_walk_follows_a_row_whatever_the_names() -> None:
     row = {
         name: make_view((x, 0.0, 0.0)) for name, x in zip("dbaec", (-0.4, -0.2, 0.0, 0.2, 0.4), strict=True)
     }
-    assert order_by_place(row) == ("d", "b", "a", "e", "c")
+    assert order_of_views(row) == ("d", "b", "a", "e", "c")
 
 
 def test_the_walk_goes_round_a_ring_and_never_across() -> None:
     angles = dict(zip("abcdefgh", (45, 180, 0, 270, 90, 225, 135, 315), strict=True))
-    walk = order_by_place({name: on_arc(angle) for name, angle in angles.items()})
+    walk = order_of_views({name: on_arc(angle) for name, angle in angles.items()})
     steps = [(angles[b] - angles[a]) % 360 for a, b in pairwise(walk)]
     assert set(steps) in ({45}, {315})
 
 
 def test_cameras_in_one_spot_are_walked_from_left_to_right() -> None:
-    names = order_by_place(
+    names = order_of_views(
         {"r": make_view((0, 0, 0), yaw=30), "l": make_view((0, 0, 0), yaw=-30), "m": make_view((0, 0, 0))}
     )
     assert names == ("l", "m", "r")

@@ -66,9 +66,9 @@ class FakePoses(PoseStudy):
     finder = Fake
 
 
-def study(session: Session, folder: Path, kind: type[PoseStudy] = PoseStudy) -> PoseStudy:
+def study(session: Session, kind: type[PoseStudy] = PoseStudy) -> PoseStudy:
     dataset = Dataset(session)
-    return kind(Context(scene=OpenScene(dataset, stages=folder), step=2))
+    return kind(Context(scene=OpenScene(dataset), step=2))
 
 
 def compared(poses: PoseStudy, condition: Condition) -> StudyResult[Any]:
@@ -76,8 +76,8 @@ def compared(poses: PoseStudy, condition: Condition) -> StudyResult[Any]:
     return poses.compare(condition)
 
 
-def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Path) -> None:
-    found = compared(study(boards, tmp_path, kind=FakePoses), Condition.parse("left=0,right=33,aside=66"))
+def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session) -> None:
+    found = compared(study(boards, kind=FakePoses), Condition.parse("left=0,right=33,aside=66"))
     assert found.facts.degraded
     assert found.first_known("registered") == ("registered", 3, 2)
     assert found.first_known("correct_pairs") == ("correct_pairs", 1, 0)
@@ -87,10 +87,10 @@ def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Pa
     assert right.difference is not None
     assert right.difference.high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
-    together = compared(study(boards, tmp_path, kind=FakePoses), Condition(SYNCED))
+    together = compared(study(boards, kind=FakePoses), Condition(SYNCED))
     assert not together.facts.degraded
     with pytest.raises(ValueError, match="equally late"):
-        compared(study(boards, tmp_path, kind=FakePoses), Condition.parse("7,7,7"))
+        compared(study(boards, kind=FakePoses), Condition.parse("7,7,7"))
 
 
 def test_two_cameras_and_no_colmap_are_said(
@@ -98,7 +98,7 @@ def test_two_cameras_and_no_colmap_are_said(
 ) -> None:
     pair = write_session(tmp_path, scene, {name: VIEWS[name] for name in ("left", "right")}, instants=2)
     with pytest.raises(ValueError, match="three cameras"):
-        compared(study(pair, tmp_path / "stages"), Condition(DISTINCT))
+        compared(study(pair), Condition(DISTINCT))
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(NotAvailableError, match="needs pycolmap"):
-        compared(study(boards, tmp_path / "stages"), Condition(DISTINCT))
+        compared(study(boards), Condition(DISTINCT))

@@ -9,6 +9,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.common.matchers import Matcher
 from reconstruction.method.score import Context
 from reconstruction.methods.multiview.colmap_workspace import fuse_by_colmap
+from reconstruction.methods.multiview.fusion import FusedCloud
 from reconstruction.methods.multiview.instant_depth import InstantDepth
 from reconstruction.methods.multiview.instant_scoring import (
     count_near,
@@ -17,6 +18,7 @@ from reconstruction.methods.multiview.instant_scoring import (
     true_surfaces,
 )
 from reconstruction.methods.multiview.multiview_study import MultiviewStudy, save_clouds
+from reconstruction.methods.multiview.sweep_matcher import ViewDepth
 from reconstruction.pages.embedding import view_clouds
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene as OpenScene
@@ -26,7 +28,6 @@ from tests.unit.reconstruction.methods.multiview.conftest import VIEWS
 
 def multiview(
     session: Session,
-    folder: Path,
     *,
     instants: int = 1,
     width: int = 640,
@@ -35,21 +36,21 @@ def multiview(
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
     options = {"max_multiview_instants": instants, "multiview_width": width, "matcher": matcher}
-    opened = open_scene(session, folder)
+    opened = open_scene(session)
     return MultiviewStudy(Context(scene=opened, step=2, middle=middle, options=options))
 
 
-def open_scene(session: Session, folder: Path) -> OpenScene:
-    return OpenScene(Dataset(session), stages=folder)
+def open_scene(session: Session) -> OpenScene:
+    return OpenScene(Dataset(session))
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
-    two = multiview(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a", middle=0)
+    two = multiview(write_session(tmp_path / "two", scene, pair, instants=2), middle=0)
     with pytest.raises(ValueError, match="it takes 3 cameras with overlapping views"):
         two.prepare()
     aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
-    apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b", middle=0)
+    apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), middle=0)
     with pytest.raises(ValueError, match="away: overlaps too little with any two others"):
         apart.prepare()
 
@@ -60,7 +61,7 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
     colours = np.full((5000, 3), 200, np.uint8)
     points = np.random.default_rng(0).normal((0, 0, 3), 0.3, (5000, 3)).astype(np.float32)
     maps = {
-        side: InstantDepth(nothing, nothing, nothing, points[:kept], colours[:kept])
+        side: InstantDepth({}, FusedCloud(points[:kept], points[:kept], colours[:kept], nothing))
         for side, kept in (("synced", 5000), ("offset", 0))
     }
     clouds = save_clouds(3, maps, nothing, view, nothing > 0, tmp_path)
@@ -72,12 +73,9 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
 
 def test_colmap_fuses_the_maps_of_all_cameras_that_an_instant_has() -> None:
     views = {f"cam{k}": make_view((0.1 * k, 0, 0)) for k in range(3)}
-    flat = np.full(3 * 240 * 320, 2.0, np.float32)
-    facing = np.tile(np.array([0, 0, -1], np.float16), 3 * 240 * 320)
-    nothing = np.zeros(0)
-    found = InstantDepth(np.array(list(views)), flat, facing, nothing, nothing)
-    maps = found.maps(views)
-    assert [one.depth.shape for one in maps.values()] == [(240, 320)] * 3
+    flat = np.full((240, 320), 2.0, np.float32)
+    facing = np.tile(np.array([0, 0, -1], np.float16), (240, 320, 1))
+    maps = dict.fromkeys(views, ViewDepth(flat, facing))
     colours = {name: np.full((240, 320, 3), 90, np.uint8) for name in views}
     points, painted = fuse_by_colmap(views, colours, maps, 3)
     assert len(points) > 10_000

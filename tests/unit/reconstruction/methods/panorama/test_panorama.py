@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from reconstruction.methods.panorama.overlap import Misalignment, OverlapScore, score_overlaps
-from reconstruction.methods.panorama.registration import PanoramaStitcher
+from reconstruction.methods.panorama.registration import PanoramaStitcher, register_images
 from tests.unit.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
 FOCAL = 630.0
@@ -48,7 +48,7 @@ def wall() -> dict[str, Any]:
 def test_images_of_two_panoramas_are_separated(wall: dict[str, Any]) -> None:
     other = {f"other{number}": turned(tiled(12), yaw) for number, yaw in enumerate((3, 17))}
     pictures = {name: wall[name] for name in ("p0", "p1", "p2")} | other
-    stitcher = PanoramaStitcher(pictures)
+    stitcher = register_images(pictures)
     assert stitcher.used == ("p0", "p1", "p2")
     assert "another panorama, with other1" in stitcher.left_out["other0"]
     assert "another panorama, with other0" in stitcher.left_out["other1"]
@@ -64,7 +64,7 @@ def judged(
 def test_pictures_only_shifted_or_turned_about_their_axis_come_out_whole(turns: int) -> None:
     paint = np.dstack([tiled(11)] * 3)
     pictures = {"a": paint[300:660, 200:680], "b": np.rot90(paint[300:660, 400:880], turns).copy()}
-    stitcher = PanoramaStitcher(pictures)
+    stitcher = register_images(pictures)
     made = stitcher.compose(stitcher.layers(pictures))
     assert made.shape[1] == pytest.approx(680, abs=15)
     _, found, *_ = judged(stitcher, pictures)
@@ -75,7 +75,7 @@ def test_pictures_only_shifted_or_turned_about_their_axis_come_out_whole(turns: 
 
 def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -> None:
     pictures = {name: wall[name].copy() for name in ("p0", "p1", "p2")}
-    stitcher = PanoramaStitcher(pictures)
+    stitcher = register_images(pictures)
     still = judged(stitcher, pictures)
     pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
     moved = judged(stitcher, pictures)
@@ -88,7 +88,7 @@ def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -
 
 def test_two_exposures_and_a_mover_leave_no_seam_and_no_ghost(wall: dict[str, Any]) -> None:
     pictures = {name: wall[name].copy() for name in ("p0", "p1")}
-    stitcher = PanoramaStitcher(pictures)
+    stitcher = register_images(pictures)
     plain = stitcher.compose(stitcher.layers(pictures)).astype(np.float32)
     pictures["p1"] = np.clip(pictures["p1"] * 0.75, 0, 255).astype(np.uint8)
     # A red disc, in the second picture only, where both see the wall.
@@ -133,6 +133,6 @@ def test_an_offset_of_a_single_instant_is_refused(
     scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     session = write_session(tmp_path / "in", scene, VIEWS, instants=1)
-    done = reconstruct("panorama", session.folder, "--offset-ms", 66, "--out", tmp_path / "out")
+    done = reconstruct("panorama", session.folder, "--condition", 66, "--out", tmp_path / "out")
     assert done.code == 3
-    assert "one instant only" in done.complaint
+    assert "no instant is 66 ms from instant 0" in done.complaint

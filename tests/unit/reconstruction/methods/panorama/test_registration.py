@@ -9,7 +9,7 @@ import pytest
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.panorama.composition import Projection
 from reconstruction.methods.panorama.overlap import known, measure_misalignment, overlap_of
-from reconstruction.methods.panorama.registration import PanoramaStitcher
+from reconstruction.methods.panorama.registration import PanoramaStitcher, register_images
 from reconstruction.scene.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
 from tests.unit.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
@@ -26,7 +26,7 @@ def picture(scene: Scene, view: View, time: float) -> tuple[Array, Array]:
 def stitched(scene: Scene, first: View, second: View, *, calibrated: bool) -> PanoramaStitcher:
     seen = {name: picture(scene, view, 2) for name, view in (("a", first), ("b", second))}
     views = {"a": first, "b": second} if calibrated else {}
-    return PanoramaStitcher(
+    return register_images(
         {name: image for name, (image, _) in seen.items()},
         {name: mask for name, (_, mask) in seen.items()},
         views,

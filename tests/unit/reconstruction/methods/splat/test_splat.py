@@ -23,7 +23,7 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
 )
 from reconstruction.methods.splat.optimization import _Picture, optimize
-from reconstruction.methods.splat.splat_run import _Learned
+from reconstruction.methods.splat.splat_run import _with_learned
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
 
@@ -156,12 +156,12 @@ def test_what_stands_still_begins_with_what_was_learned() -> None:
     gaussians = make_gaussians(moment())
     gaussians = gaussians.chosen(np.argsort(gaussians.pixels, kind="stable"))
     better, kept = optimize(gaussians, moment(), 4)
-    begun = _Learned(gaussians.chosen(kept), better).begin(gaussians)
+    begun = _with_learned(gaussians, gaussians.chosen(kept), better)
     assert begun.chosen(kept).opacities == pytest.approx(better.opacities)
     assert begun.chosen(kept).sizes == pytest.approx(better.sizes, rel=1e-5)
     moved = gaussians.chosen(np.arange(len(gaussians)))
     moved.places[:] += 0.3
-    again = _Learned(gaussians.chosen(kept), better).begin(moved)
+    again = _with_learned(moved, gaussians.chosen(kept), better)
     assert (again.opacities == gaussians.opacities).all()
 
 

@@ -1,6 +1,5 @@
 """Splats in a comparison: what a camera that was left out would see, in step and apart."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,18 @@ from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.scene import Scene
 
 
-def study(session: Session, folder: Path, **settings: Any) -> SplatStudy:
-    return SplatStudy(Context(scene=Scene(Dataset(session), stages=folder), **settings))
+def study(session: Session, **settings: Any) -> SplatStudy:
+    return SplatStudy(Context(scene=Scene(Dataset(session)), **settings))
 
 
-def test_it_is_made_only_if_asked_for(boards: Session, tmp_path: Path) -> None:
-    assert "--splats" in study(boards, tmp_path).unasked()
-    assert not study(boards, tmp_path, options={"splats": True}).unasked()
-    assert not study(boards, tmp_path, studies=("stereo", "splat")).unasked()
+def test_it_is_made_only_if_asked_for(boards: Session) -> None:
+    assert "--splats" in study(boards).unasked()
+    assert not study(boards, options={"splats": True}).unasked()
+    assert not study(boards, studies=("stereo", "splat")).unasked()
 
 
-def test_three_cameras_are_too_few(boards: Session, tmp_path: Path) -> None:
-    asked = study(boards, tmp_path, studies=("splat",))
+def test_three_cameras_are_too_few(boards: Session) -> None:
+    asked = study(boards, studies=("splat",))
     assert asked.run(asked.known).skipped == "it needs 4 cameras"
 
 

@@ -56,7 +56,7 @@ def test_a_weak_grey_wall_keeps_its_right_depth(seed: int) -> None:
 
 def test_what_is_too_far_for_a_disparity_has_no_finite_depth() -> None:
     left, right, truth = wall_and_box(3, contrast=20.0, shift=0.0)
-    found = StereoPair(REFERENCE, OTHER, (0, 46)).compute_filled_depth(left, right)
+    found = StereoPair(REFERENCE, OTHER, (0, 46)).compute_both(left, right)[1]
     least = FOCAL_BASELINE / ACCURACY_PX
     assert found.depth.max() <= least
     assert found.filled.max() == pytest.approx(least, rel=1e-4)
@@ -70,7 +70,7 @@ def test_what_is_too_far_for_a_disparity_has_no_finite_depth() -> None:
 def test_a_wall_hidden_by_a_seen_box_has_the_depth_beside_it() -> None:
     """Before, 1 % of it had one."""
     left, right, _ = wall_and_box(1, contrast=20.0, shift=10.0)
-    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_filled_depth(left, right).depth
+    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_both(left, right)[1].depth
     # The box begins at column 135, and hides NEAR - 10 columns of the wall from the other camera.
     hidden = FOCAL_BASELINE / np.maximum(depth[95:195, 121:133], 1e-6)
     assert (np.abs(hidden - 10.0) < 1).mean() > 0.9
@@ -94,7 +94,7 @@ def test_conditions_are_compared_by_stricter_checks_than_a_pair_alone() -> None:
     lower = cv2.warpAffine(right, down, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
     pair = StereoPair(REFERENCE, OTHER, (0, 46))
     assert (pair.compute_depth(left, lower).depth > 0).mean() < 0.3
-    assert (pair.compute_filled_depth(left, lower).depth > 0).mean() > 0.9
+    assert (pair.compute_both(left, lower)[1].depth > 0).mean() > 0.9
 
 
 def test_a_reflection_that_one_camera_sees_keeps_its_depth() -> None:
@@ -103,7 +103,7 @@ def test_a_reflection_that_one_camera_sees_keeps_its_depth() -> None:
     shine = np.zeros((HEIGHT, WIDTH), np.float32)
     shine[30:80, 150:260] = 45.0
     bright = np.clip(right + shine, 0, 255).astype(np.uint8)
-    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_filled_depth(left, bright).depth
+    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_both(left, bright)[1].depth
     off = np.abs(FOCAL_BASELINE / np.maximum(depth, 1e-6) - truth)[35:75, 170:260]
     assert (off < 1).mean() > 0.9
 

@@ -51,7 +51,7 @@ def test_where_nothing_is_known_there_is_nothing(shape: tuple[int, int]) -> None
 
 def test_filled_depth_is_the_checked_one_and_right_where_one_view_alone_sees(scene: Scene) -> None:
     pair, image, same, truth = synchronized_pair(scene, make_view((0, 0, 0)), make_view((0.2, 0, 0)))
-    found = pair.compute_filled_depth(image, same)
+    found = pair.compute_both(image, same)[1]
     checked = found.depth > 0
     assert (found.filled[checked] == found.depth[checked]).all()
     assert (found.filled > 0).all()

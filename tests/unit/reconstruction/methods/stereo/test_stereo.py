@@ -44,10 +44,8 @@ def test_a_moving_board_has_depth_only_when_synchronized(
 @pytest.mark.parametrize(("gain", "bias"), [(0.6, 0), (0.8, 40), (1.3, -25)])
 def test_a_camera_that_exposes_otherwise_is_matched_as_well(scene: Scene, gain: float, bias: float) -> None:
     pair, image, same, truth = synchronized_pair(scene, *PAIRS["side by side"][:2])
-    alike = pair.compute_filled_depth(image, same)
-    other = pair.compute_filled_depth(
-        image, np.clip(gain * same.astype(float) + bias, 0, 255).astype(np.uint8)
-    )
+    alike = pair.compute_both(image, same)[1]
+    other = pair.compute_both(image, np.clip(gain * same.astype(float) + bias, 0, 255).astype(np.uint8))[1]
     for depth, before in ((other.depth, alike.depth), (other.filled, alike.filled)):
         share, wanted = ((np.abs(found - truth) < 0.02 * truth).mean() for found in (depth, before))
         assert share > wanted - 0.03

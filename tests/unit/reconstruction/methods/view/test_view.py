@@ -1,6 +1,5 @@
 """`reconstruct view`: films and pictures of a session from places without a camera."""
 
-import shutil
 from pathlib import Path
 
 import cv2
@@ -45,16 +44,6 @@ def test_an_animation_needs_no_package(pictures: Path, tmp_path: Path, suffix: s
     assert done
     assert [round(float(one[..., :3].mean()), -1) for one in animation.frames[:4]] == [40, 80, 120, 160]
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
-
-
-def test_without_a_calibration(reconstruct: Reconstruct, boards: Session, tmp_path: Path) -> None:
-    bare = tmp_path / "bare"
-    shutil.copytree(boards.folder, bare)
-    (bare / "calibration.json").unlink()
-    done = reconstruct("view", bare, "--out", tmp_path / "swing.gif")
-    assert done.code == ExitCode.INCOMPLETE
-    assert "has no calibration" in done.err
-    assert len(done.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.consistency import upside_down
-from reconstruction.scene.calibration.stored import choose_calibration
-from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct, write_session
 from tests.unit.reconstruction.scene.calibration.test_kept_calibration import RIG, ROOM, calibration, turned
 
@@ -34,7 +33,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path
 
 
 def test_what_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path]) -> None:
-    choose_calibration(Dataset.open(calibrated({**RIG, "c": turned(RIG["c"], pitch_px=2.0)})))
+    assert Scene.open(calibrated({**RIG, "c": turned(RIG["c"], pitch_px=2.0)})).given
 
 
 def test_of_two_cameras_either_may_be_upside_down(tmp_path: Path, reconstruct: Reconstruct) -> None:

@@ -18,13 +18,13 @@ from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.consistency import check_rig
 from reconstruction.scene.calibration.stored import (
     camera_modes,
-    choose_calibration,
     find_calibration,
     keep_calibration,
     shelf,
 )
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.pairs import Features, detect_features
+from reconstruction.scene.scene import Scene as OpenScene
 from tests.unit.reconstruction.conftest import (
     Board,
     Reconstruct,
@@ -106,7 +106,7 @@ def test_a_camera_that_moved_keeps_the_calibration_from_being_used(
 ) -> None:
     keep_calibration(Dataset(bare), calibration({**RIG, "c": turned(RIG["c"], pitch_px=9.0)}))
     dataset = Dataset(bare)
-    assert choose_calibration(dataset) is None
+    assert OpenScene(dataset).given is None
     said = capsys.readouterr().err
     assert "kept from boards is not used: c moved: " in said
     assert "calibrate the rig again" in said

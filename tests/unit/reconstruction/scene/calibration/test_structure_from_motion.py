@@ -12,8 +12,9 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import View
 from reconstruction.scene.calibration.soundness import calibrated_views
-from reconstruction.scene.calibration.structure_from_motion import focal_errors
+from reconstruction.scene.calibration.structure_from_motion import calibrate_from_images, focal_errors
 from reconstruction.scene.dataset import Dataset
+from reconstruction.scene.moving_pixels import SceneMotion
 from tests.unit.reconstruction.conftest import (
     VIEWS,
     Board,
@@ -113,3 +114,11 @@ def test_a_calibration_of_another_shape_or_of_other_cameras_is_refused(
     known = msgspec.structs.replace(VIEWS["left"].to_calibration(), width=width)
     with pytest.raises(BadInputError, match=problem):
         calibrated_views(Dataset(session), Calibration(cameras={camera: known}))
+
+
+def test_two_cameras_of_unknown_lenses_are_not_guessed(tmp_path: Path, scene: Scene) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    two = {name: make_view((x, 0, 0)) for name, x in (("a", -0.1), ("b", 0.1))}
+    dataset = Dataset(write_session(tmp_path, scene, two, calibrated=False, truth=False))
+    with pytest.raises(BadInputError, match=r"do not determine their lenses .*--field-of-view"):
+        calibrate_from_images(SceneMotion(dataset, 1))

@@ -1,6 +1,6 @@
 """`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
@@ -55,9 +55,8 @@ from reconstruction.scene.calibration.world import (
 )
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
-from reconstruction.scene.features_at_rest import SceneFeatures
-from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.pairs import Features, match_features
+from reconstruction.scene.scene import Scene
 
 TRIED_IMAGES = 4
 """Images of each camera that are searched for the board with columns and rows exchanged."""
@@ -145,14 +144,15 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     Raises:
         SimulshotError: the session cannot be read, has a calibration already, or none good enough is found.
     """
-    dataset = Dataset.open(session)
+    scene = Scene.open(session)
+    dataset = scene.dataset
     dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
     own = options.source is CalibrationSource.SESSION
     stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    found, shared, board, check = _candidate(dataset, options)
+    found, shared, board, check = _candidate(scene, options)
     views = calibrated_views(dataset, found)
     quality = judge_calibration(views, shared)
     if options.source in FOUND_HERE or own:
@@ -189,13 +189,13 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
     Raises:
         SimulshotError: a session cannot be read, or is of other cameras.
     """
-    dataset = Dataset.open(session)
+    dataset = Scene.open(session).dataset
     corners = detect_board(open_recordings(dataset, options.recordings), options.board)
     return count_coverage(dataset, options.board, corners)
 
 
 def _candidate(
-    dataset: Dataset, options: CalibrateOptions
+    scene: Scene, options: CalibrateOptions
 ) -> tuple[Calibration, SharedPoints, BoardCoverage | None, CalibrationCheck | None]:
     """Return a calibration, and pixels of points that pairs of cameras share, by which it is judged.
 
@@ -203,13 +203,13 @@ def _candidate(
     """
     match options.source:
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
-            return *_from_board(dataset, options), None
+            return *_from_board(scene.dataset, options), None
         case CalibrationSource.SFM:
-            features = SceneFeatures(SceneMotion(dataset, 1))
-            found = calibrate_from_images(features.motion, options.field_of_view_deg)
-            return found, _still_points(features.middle, calibrated_views(dataset, found)), None, None
+            found = calibrate_from_images(scene.motion, options.field_of_view_deg)
+            views = calibrated_views(scene.dataset, found)
+            return found, _still_points(scene.features.middle, views), None, None
         case _:
-            found, shared, check = _from_elsewhere(dataset, options.source)
+            found, shared, check = _from_elsewhere(scene, options.source)
             return found, shared, None, check
 
 
@@ -225,7 +225,7 @@ def _from_board(
             f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
             "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
         )
-    lenses = lenses_of_recordings(dataset, board, options.lens_recordings)
+    lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings))
     return (
         calibrate_from_board(recordings[0], board, corners, lenses),
         shared_corners(corners),
@@ -281,9 +281,10 @@ def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
 
 
 def _from_elsewhere(
-    dataset: Dataset, source: CalibrationSource | Path
+    scene: Scene, source: CalibrationSource | Path
 ) -> tuple[Calibration, SharedPoints, CalibrationCheck]:
     """Load a calibration of the session, its rig or another session, and check it against static points."""
+    dataset = scene.dataset
     if source is CalibrationSource.SESSION:
         if (found := dataset.session.calibration()) is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
@@ -297,7 +298,7 @@ def _from_elsewhere(
         found = stored.with_origin
     else:
         found = read_calibration(dataset, Path(source))
-    features, (views, faults) = SceneFeatures(SceneMotion(dataset, 1)).middle, sound_views(dataset, found)
+    features, (views, faults) = scene.features.middle, sound_views(dataset, found)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
     return found, _still_points(features, views), check_rig(views, features)
@@ -312,7 +313,7 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     if path.is_file() or not (path / MANIFEST).is_file():
         sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
         return fit_calibration(read_views([("", path)], dataset.cameras), sizes, talk=talk)
-    other = Dataset.open(path)
+    (other,) = _opened([path])
     if (found := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
     ours, theirs = camera_modes(dataset), camera_modes(other)
@@ -335,7 +336,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
     Raises:
         BadInputError: a recording is of other cameras, or of other image sizes.
     """
-    recordings = [Dataset.open(path) for path in paths] or [dataset]
+    recordings = _opened(paths) or [dataset]
     for recording in recordings:
         if recording.cameras != dataset.cameras:
             raise BadInputError(
@@ -344,6 +345,10 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
             )
         refuse_other_sizes(recording, dataset, dataset.cameras)
     return recordings
+
+
+def _opened(paths: Iterable[Path]) -> list[Dataset]:
+    return [Scene.open(path).dataset for path in paths]
 
 
 def _still_points(features: Mapping[str, Features], views: Mapping[str, View]) -> SharedPoints:

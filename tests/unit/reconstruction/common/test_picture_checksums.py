@@ -8,6 +8,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
+from reconstruction.common.picture_checksums import REQUIRED
 from reconstruction.scene.dataset import Dataset
 from tests.unit.reconstruction.conftest import Reconstruct
 
@@ -34,11 +35,12 @@ def test_changed_pictures_are_named(
 
 
 def test_they_are_refused_where_checksums_are_required(
-    changed: tuple[Path, Path], tmp_path: Path, reconstruct: Reconstruct
+    changed: tuple[Path, Path], tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv(REQUIRED, "1")
     folder, picture = changed
     out = tmp_path / "out"
-    done = reconstruct("stereo", folder, "--pair", "left,right", "--out", out, "--require-checksums")
+    done = reconstruct("stereo", folder, "--pair", "left,right", "--out", out)
     assert done.code == 7
     assert f"{picture} is damaged" in done.err
     assert not out.exists()

@@ -1,10 +1,10 @@
 """Checksum verification of images while a command reads them.
 
-The command chooses what happens to changed images (`checked_pictures`): they are used and reported to the
-user and in the result, or refused.
+Changed images are used, and reported to the user and in the result; or they are refused (`REQUIRED`).
 """
 
 import hashlib
+import os
 from contextlib import AbstractContextManager
 from contextvars import ContextVar
 from pathlib import Path
@@ -12,6 +12,8 @@ from pathlib import Path
 from capture_app.common.errors import IncompleteError
 from reconstruction.common.memory import running
 
+REQUIRED = "SIMULSHOT_REQUIRE_CHECKSUMS"
+"""Environment variable that, if not empty, makes commands refuse images that have changed."""
 _VERIFY = "capture-app sessions verify checks every image"
 
 
@@ -36,7 +38,7 @@ class PictureChecks:
         also = f" (and {len(others)} more)" if others else ""
         return (
             f"{first}{also}: not the bytes that were saved, by its checksum, and used all the same. "
-            f"{_VERIFY}; --require-checksums refuses such pictures",
+            f"{_VERIFY}; {REQUIRED}=1 refuses such pictures",
         )
 
     def check(self, path: Path, data: bytes, sha256: str) -> None:
@@ -57,8 +59,10 @@ def picture_checks() -> PictureChecks:
     return _checks.get(None) or PictureChecks(required=False)
 
 
-def checked_pictures(*, required: bool) -> AbstractContextManager[PictureChecks]:
-    """Check all images that are read within this context."""
+def checked_pictures(*, required: bool | None = None) -> AbstractContextManager[PictureChecks]:
+    """Check all images that are read within this context; None = refuse changed ones if `REQUIRED` is set."""
+    if required is None:
+        required = bool(os.environ.get(REQUIRED))
     return running(_checks, PictureChecks(required=required))
 
 

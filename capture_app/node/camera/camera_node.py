@@ -178,7 +178,7 @@ class CameraNode:
             self._viewfinder.set_leader(leader)
             self._samples.clear()
             link = self.options.profiles.read(link_key(self.options.name, leader.host))
-            self._engine.set_path_asymmetry(link.asymmetry)
+            self._engine.timekeeper.clock.asymmetry = link.asymmetry
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         if isinstance(event, TimesDoubted):

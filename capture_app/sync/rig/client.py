@@ -129,10 +129,6 @@ class Client(TimeClient, Generic[F]):
         # Unlike a clock's events, frames must not be lost if there are many.
         self._events = keeper.events = deque[Any]()
 
-    def set_path_asymmetry(self, asymmetry: PathAsymmetry | None) -> None:
-        """Correct the path to the present leader by its known asymmetry; None if none is known."""
-        self.timekeeper.clock.asymmetry = asymmetry
-
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add an asymmetry that was measured on top of the path's known one; return the sum.
 

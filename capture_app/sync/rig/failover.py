@@ -21,11 +21,6 @@ _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 """Liveness probe: a heartbeat of no client, which every leader answers with `UnknownMember`."""
 
 
-def answers_probe(message: Message | None) -> bool:
-    """Whether a message is a leader's answer to a liveness probe."""
-    return isinstance(message, UnknownMember) and message.client == PROBE_NUMBER
-
-
 class LeaderChoice:
     """Choice among several leaders of the one that a node follows or joins; connects the node to its address.
 
@@ -124,7 +119,7 @@ class LeaderChoice:
         if address == self.leader:
             self.time.receive_message(message, now_ns)
             self.update(now_ns)
-        elif answers_probe(message):
+        elif isinstance(message, UnknownMember) and message.client == PROBE_NUMBER:
             self.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:

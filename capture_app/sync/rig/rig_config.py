@@ -107,6 +107,8 @@ class CurrentConfig:
         """
         assert self.grid_choice is not None, "the first hello sets the grid"
         grid = self.grid_choice.grid
+        delays_ns = self.delays_ns or {}
+        planned = ((key, delays_ns[key]) for key in map(camera_key, cameras) if delays_ns.get(key))
         return RigConfigMessage(
             leader=self.leader,
             anchor_leader_ns=grid.anchor_leader_ns,
@@ -117,9 +119,5 @@ class CurrentConfig:
             upstream=self.upstream,
             in_holdover=self.in_holdover,
             continues=self.continues,
-            delays_ns=None if self.delays_ns is None else self._delays_of(cameras, self.delays_ns),
+            delays_ns=None if self.delays_ns is None else dict(islice(planned, MAX_DELAYS)),
         )
-
-    def _delays_of(self, cameras: Collection[str], delays_ns: Mapping[int, int]) -> dict[int, int]:
-        planned = ((key, delays_ns[key]) for key in map(camera_key, cameras) if delays_ns.get(key))
-        return dict(islice(planned, MAX_DELAYS))

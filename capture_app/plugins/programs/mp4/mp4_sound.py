@@ -113,9 +113,10 @@ def _add_stream(
     begin = min(part.first for _, part in parts)
     length = max(part.first + part.samples for _, part in parts) - begin
     heard_ns = [part.local_ns for _, part in parts]
-    # Before any memory is taken: sample numbers are whatever a camera's machine wrote.
+    # Before any memory is taken: sample numbers and times are whatever a camera's machine wrote.
     apart_s = (max(part.first for _, part in parts) - begin) / rate_hz
-    if apart_s > MAX_SLIP_S + (max(heard_ns) - min(heard_ns)) / 1e9:
+    longest_s = sound.shape[1] / RATE_HZ + 2 * MAX_BEFORE_NS / 1e9
+    if apart_s > MAX_SLIP_S + min((max(heard_ns) - min(heard_ns)) / 1e9, longest_s):
         return False
     samples = np.zeros((channels, length), np.int16)
     for _, part in parts:

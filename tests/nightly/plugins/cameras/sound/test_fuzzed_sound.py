@@ -3,6 +3,7 @@
 import random
 import tracemalloc
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ CASES, MAX_BYTES = 10_000, 100_000_000
 def lying_part(rng: random.Random, number: int) -> SoundPart:
     """A part of a microphone's run whose numbers may be anything that fits into their fields."""
     true = SoundPart(1, number * 1600, 48_000, 1, BEGIN_NS + number * PERIOD_NS, rng.randbytes(3200))
-    lies = {
+    lies: dict[str, Any] = {
         "stream": rng.choice(NUMBERS) % 2**32,
         "first": rng.choice(NUMBERS),
         "rate_hz": rng.choice((0, 1, 8_000, 192_000, 192_001, 2**31, 2**32 - 1)),

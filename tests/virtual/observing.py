@@ -135,7 +135,7 @@ def _lies(rig: "VirtualRig") -> contextlib.AbstractContextManager[Any]:
 def _seldom() -> Iterator[contextlib.AbstractContextManager[Any]]:
     """Exchanges are most of the work of a rig at rest: these nodes ask as seldom as among thousands."""
 
-    def estimated(schedule: poll_schedule.SteadySchedule, now_ns: int) -> None:
+    def estimated(schedule: poll_schedule.SteadySchedule, now_ns: int, *, is_settled: bool) -> None:
         schedule.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS
 
     yield patch.object(joining, "power_saving_towards", lambda _: None)

@@ -112,7 +112,7 @@ class AppPhone:
     def handle_timer(self, now_ns: int) -> None:
         """Update the clock estimate and prepare a request, where due."""
         if now_ns >= self._schedule.estimate_due_ns:
-            self._schedule.estimated(now_ns)
+            self._schedule.estimated(now_ns, is_settled=False)
             self.time_map = self._clock.time_map(now_ns)
             if self.time_map is not None and self.samples >= MIN_EXCHANGES:
                 self.synced = self._target.judge(self.time_map, now_ns) or self.synced

@@ -81,7 +81,7 @@ def test_a_node_that_sends_single_images_is_refused_by_a_leader_that_takes_batch
     leader, version = a_leader(), 7
     (hello,) = hellos(a_client())
     (answer,) = answers(leader, of_version(version, hello))
-    assert answer[:4] == version_answer(version_question(TOKEN))[:4]  # type: ignore[index]
+    assert answer[:4] == version_answer(version_question(TOKEN))[:4]
     assert VERSION == 8
     assert not leader.roster.members
     assert version_mismatch(version) == (

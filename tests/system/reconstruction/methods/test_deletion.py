@@ -36,7 +36,8 @@ def test_the_help_of_the_others_works_and_does_not_name_it(tree: CutTree, gone: 
     done = run(tree, gone, "-c", HELP)
     assert (done.returncode, done.stderr) == (0, "")
     shown, _, public = done.stdout.partition("public:")
-    commands = {line.split()[0] for line in shown.partition("Commands:")[2].splitlines()[1:12] if line}
+    listed = shown.partition("Commands:")[2].partition("\n\n")[0]
+    commands = set(re.findall(r"^  (\w+)  ", listed, re.MULTILINE))
     assert commands & OWN_COMMANDS == OWN_COMMANDS - {*gone}
     assert {"compare", "batch", "calibrate"} <= commands
     choices = re.search(r"--study \[([a-z_|]*)\]", shown)[1]

@@ -21,7 +21,7 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct, structs
 
-from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, DiskError, IncompleteError
 from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import (
@@ -242,6 +242,11 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
 def empty_trash(root: Path) -> int:
     """Delete everything in the trash for good, and return the number of sessions. Raises SimulshotError."""
     sessions = len(trashed_sessions(root))
+    if (root / TRASH).is_symlink():
+        raise DiskError(
+            f"{root / TRASH} is a symbolic link, and nothing behind it is deleted",
+            hint="delete the link, or the sessions where it leads",
+        )
     with disk_errors(root / TRASH), suppress(FileNotFoundError):
         shutil.rmtree(root / TRASH)
     return sessions

@@ -400,7 +400,10 @@ class _Monitor:
                     self._sent[kind] = text
                     await self._link.send(text)
             await self._send_live()
-            if (taken := self._feed.pictures.get(self._open)) is not None:
+            taken = self._feed.pictures.get(self._open)
+            is_seen = self._open not in self._unacknowledged
+            if taken is not None and taken is not self._sent.get(self._open) and is_seen:
+                self._unacknowledged.add(self._open)
                 await self._send_picture(self._open, taken)
 
     async def _send_live(self) -> None:
@@ -420,12 +423,9 @@ class _Monitor:
         await self._link.send(msgspec.json.encode({"type": LIVE, "ages_s": ages_s}).decode())
 
     async def _send_picture(self, key: str, picture: bytes) -> None:
-        if picture is not self._sent.get(key) and key not in self._unacknowledged:
-            self._sent[key] = picture
-            if not key.startswith("live/"):
-                self._unacknowledged.add(key)
-            name = key.encode()
-            await self._link.send(bytes([len(name)]) + name + picture)
+        self._sent[key] = picture
+        name = key.encode()
+        await self._link.send(bytes([len(name)]) + name + picture)
 
     async def obey(self, order: PageOrder) -> None:
         """Carry out an order of the monitor's page. Raises SimulshotError."""

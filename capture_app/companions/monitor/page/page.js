@@ -144,7 +144,7 @@ async function showTogether(ages) {
 }
 
 function drawLive(tile, picture, moment) {
-  if (!tile || !picture) return;
+  if (!tile || !picture) { picture?.close(); return; }
   tile.moment = moment;
   if (tile.canvas.width !== picture.width || tile.canvas.height !== picture.height) {
     tile.canvas.width = picture.width;

@@ -165,7 +165,8 @@ def _make_splat(scene: Scene, unit: Unit, folder: Path, condition: Condition) ->
         return {"not_applicable": str(error)}
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return {"file": SPLAT, "iterations": made.iterations, "gaussians": splat.gaussians, "psnr": splat.psnr}
+    figures = {"gaussians": splat.gaussians, "psnr": splat.psnr, "held_out_psnr": splat.held_out_psnr}
+    return {"file": SPLAT, "iterations": made.iterations, "held_out": made.held_out, **figures}
 
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.depth.backdrop import Backdrop
 from reconstruction.depth.compiling import GAUSSIANS
 from reconstruction.depth.kernels import call_kernel, floats
 from reconstruction.depth.seen_moment import Moment, SeenView
@@ -27,6 +28,8 @@ PLAIN = 5
 """Maximum difference of grey levels within a block of pixels that becomes one Gaussian."""
 FLAT = 0.001
 """Maximum difference of its diagonals' depths, relative to the depth."""
+TILE = 8
+"""Side, in cells of a backdrop, of a tile that becomes one Gaussian where it has one colour."""
 _SH = 0.28209479177387814
 """Value of the constant spherical harmonic."""
 _NUMBERS = 7
@@ -73,10 +76,10 @@ class Projected:
     order: Array
 
 
-def make_gaussians(moment: Moment) -> Gaussians:
+def make_gaussians(moment: Moment, backdrop: Backdrop | None = None) -> Gaussians:
     """Return a Gaussian for each pixel with depth, without those whose surface an earlier map has.
 
-    Blocks of 2 x 2 pixels of one colour on one surface become one Gaussian.
+    Blocks of 2 x 2 pixels of one colour on one surface become one Gaussian. Those of a backdrop come last.
     """
     made, earlier, first = [], list[SeenView](), 0
     for seen in moment.values():
@@ -90,6 +93,8 @@ def make_gaussians(moment: Moment) -> Gaussians:
         made += [_surface_elements(seen, *pixels, first) for pixels in _blocks(seen, new)]
         earlier.append(seen)
         first += seen.depth.size
+    if backdrop is not None:
+        made += _backdrop_elements(backdrop, first)
     return Gaussians(**{name: np.concatenate([vars(part)[name] for part in made]) for name in vars(made[0])})
 
 
@@ -154,6 +159,29 @@ def _surface_elements(seen: SeenView, pixels: Array, centres: Array, size_px: fl
         opacities=np.full(len(points), OPACITY, np.float32),
         pixels=pixels[:, 0] + first,
     )
+
+
+def _backdrop_elements(backdrop: Backdrop, first: int) -> Iterator[Gaussians]:
+    """Yield the Gaussians of a backdrop's tiles of one colour, then those of all other cells."""
+    height, width = backdrop.colours.shape[:2]
+    colours = backdrop.colours.reshape(-1, 3)
+    cells = np.arange(len(colours)).reshape(height // TILE, TILE, width // TILE, TILE)
+    tiles = cells.transpose(0, 2, 1, 3).reshape(-1, TILE * TILE)
+    plain = np.ptp(colours[tiles], axis=1).max(axis=1) <= PLAIN
+    for group, size in ((tiles[plain], TILE), (tiles[~plain].reshape(-1, 1), 1)):
+        up = ((group // width).mean(axis=1) + 0.5) / height * np.pi - np.pi / 2
+        round_ = ((group % width).mean(axis=1) + 0.5) / width * 2 * np.pi - np.pi
+        right = np.stack([np.cos(round_), np.zeros(len(up)), -np.sin(round_)], axis=1)
+        outwards = np.stack([np.cos(up) * np.sin(round_), np.sin(up), np.cos(up) * np.cos(round_)], axis=1)
+        side = SPREAD * size * np.pi / height * backdrop.radius
+        yield Gaussians(
+            places=floats(backdrop.centre + backdrop.radius * outwards),
+            axes=floats(np.stack([right, np.cross(outwards, right), -outwards], axis=2)),
+            sizes=floats(side * np.stack([np.cos(up), np.ones(len(up)), np.full(len(up), THIN)], axis=1)),
+            colours=floats(colours[group].mean(axis=1) / 255),
+            opacities=np.full(len(up), OPACITY, np.float32),
+            pixels=group[:, 0] + first,
+        )
 
 
 def project(

@@ -17,7 +17,7 @@ from reconstruction.methods.splat.gaussians import Gaussians, Projected, bands, 
 RATES = {"colours": 0.02, "logits": 0.1, "grown": 0.02}
 """Adam's step of each parameter: colours from 0 to 1, opacity's logit, logarithm of the size's factor."""
 LIMITS = {"colours": (0.0, 1.0), "logits": (-8.0, 8.0), "grown": (-1.5, 1.0)}
-FEW, MAX_FACTOR = 25, 2.0
+FEW, MAX_FACTOR = 5, 2.0
 """Number of iterations below which steps are larger, and the largest factor."""
 MIN_OPACITY = 0.05
 """Opacity below which a Gaussian is removed at the end."""
@@ -30,10 +30,10 @@ def optimize(
 ) -> tuple[Gaussians, Array]:
     """Return Gaussians with better colours, opacities and sizes, and which were kept (bool).
 
-    Those that became transparent are removed. Each iteration compares one camera's picture, in turn; the loss
-    is the squared difference of colours. Light that passes all Gaussians counts as right in gaps and up to
-    `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever more transparent.
-    `step` is called with the number of iterations that are done.
+    Those that became transparent are removed. Each iteration compares all cameras' pictures, one after the
+    other; the loss is the squared difference of colours. Light that passes all Gaussians counts as right in
+    gaps and up to `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever
+    more transparent. `step` is called with the number of pictures that were compared.
     """
     number = len(gaussians)
     values = {
@@ -49,8 +49,8 @@ def optimize(
     orders: list[Array | None] = [None] * len(seen)
     free = dict[int, Array]()
     with worker_pool() as pool:
-        for iteration in range(iterations):
-            at = iteration % len(seen)
+        for visit in range(iterations * len(seen)):
+            at = visit % len(seen)
             view = seen[at].view
             opacities = _sigmoid(values["logits"])
             projected = project(gaussians, view, values["grown"], pool, orders[at])
@@ -64,8 +64,8 @@ def optimize(
             list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
             slopes["logits"] *= opacities * (1 - opacities)
             for name, one in values.items():
-                _adam(name, one, slopes[name], moments[name], iteration + 1, factor)
-            step(iteration + 1)
+                _adam(name, one, slopes[name], moments[name], visit + 1, factor)
+            step(visit + 1)
     opacities = _sigmoid(values["logits"])
     grown = np.exp(values["grown"])[:, None]
     better = replace(

@@ -27,7 +27,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
     )
     examples = (
         "splat sessions/burst-001 --instant 3 --out splat",
-        "splat sessions/burst-001 --instants 0-24 --iterations 25 --out splats",
+        "splat sessions/burst-001 --instants 0-24 --iterations 5 --out splats",
         "splat sessions/burst-001 --instants all --page --out splats",
     )
     result_file = "splat.json"
@@ -51,9 +51,17 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             ge=0,
             le=10_000,
             metavar="N",
-            help="Steps of the optimization, each against one picture. 10 for a quick look.",
+            help="How often each camera's picture is compared. 2 for a quick look.",
         ),
-    ] = 50
+    ] = 10
+    all_cameras: Annotated[
+        bool,
+        command_flag(
+            "--all-cameras",
+            help="Use all cameras. By default, the middle one of four or more is left out, and its picture "
+            "judges the splat.",
+        ),
+    ] = False
     width: Annotated[
         int,
         command_flag(
@@ -91,14 +99,14 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         """Compute depth, and optimize the splats; see `Method.save`."""
         from reconstruction.methods.splat.splat_run import make_splats
 
-        return make_splats(
-            scene,
-            self.run(scene, condition),
-            output.folder,
-            condition=condition.name,
-            iterations=self.iterations,
-            page=self.page,
-        )
+        return make_splats(scene, self.run(scene, condition), output.folder, condition, self)
+
+    def held_out(self, scene: "Scene") -> str:
+        """Return the camera that is left out to judge the splats; empty if all are used."""
+        from reconstruction.methods.splat.splat_run import middle_camera
+
+        cameras = {c: view for c, view in scene.known_views.items() if c not in self.without}
+        return "" if self.all_cameras else middle_camera(cameras)
 
     def run(self, scene: "Scene", condition: Condition) -> "Iterator[SplatMoment]":
         """Yield the splat of each instant; see `Method.run`."""
@@ -107,18 +115,27 @@ class SplatMethod(Method, frozen=True, kw_only=True):
 
         chosen = scene.dataset.chosen_instants(self.listed_instants)
         seen = see_moments(
-            scene, chosen, condition, without=self.without, quick=self.quick, progress=self.progress
+            scene,
+            chosen,
+            condition,
+            without=tuple(filter(None, (*self.without, self.held_out(scene)))),
+            quick=self.quick,
+            progress=self.progress,
         )
         yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
         mean = sum(instant.gaussians for instant in result.instants) / len(result.instants)
-        match = min(instant.psnr for instant in result.instants)
-        yield (
-            f"{count(len(result.instants), 'splat')} of {mean:,.0f} Gaussians in {result.seconds:.1f} s; "
-            f"at least {match:.1f} dB to the pictures they were made from"
+        judged = [one.held_out_psnr for one in result.instants if one.held_out_psnr is not None]
+        match = (
+            f"at least {min(judged):.1f} dB to the picture of {result.held_out}, which was left out"
+            if judged
+            else f"at least {min(one.psnr for one in result.instants):.1f} dB to the pictures they were made "
+            "from; no camera was left out to judge them"
         )
+        yield f"{count(len(result.instants), 'splat')} of {mean:,.0f} Gaussians in {result.seconds:.1f} s"
+        yield match
         yield from (f"splat: {out / instant.file}" for instant in result.instants[:1])
         if self.page:
             from reconstruction.pages.walk_page import PAGE

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -15,7 +15,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
-from reconstruction.depth.seen_moment import Moment, SeenInstant, find_subject
+from reconstruction.depth.backdrop import find_backdrop
+from reconstruction.depth.seen_moment import Moment, SeenInstant, SeenView, find_subject
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
@@ -27,11 +28,18 @@ from reconstruction.methods.splat.gaussians import (
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_page import write_splat_page
 from reconstruction.pages.walk_page import PAGE
+from reconstruction.scene.conditions import Condition
+from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
 
+if TYPE_CHECKING:
+    from reconstruction.methods.splat.splat_method import SplatMethod
+
 SPLATS = "splats"
 OURS = {SPLATS, PAGE}
+MIN_CAMERAS = 4
+"""Depth takes three; the fourth is left out."""
 SAME = 1e-3
 """Relative distance within which a pixel's surface is where it was at the instant before."""
 
@@ -44,6 +52,8 @@ class SplatInstant(Struct, frozen=True, kw_only=True):
     gaussians: int
     psnr: float
     """Mean over the pictures that it was made from, dB."""
+    held_out_psnr: float | None = None
+    """Of the camera that was left out, dB; None if there is none, or it has no picture."""
 
 
 class SplatResult(Provenance, frozen=True, kw_only=True):
@@ -54,6 +64,8 @@ class SplatResult(Provenance, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     unit: str
     iterations: int
+    held_out: str = ""
+    """The camera that was left out, whose picture judges the splats; empty if all were used."""
     instants: tuple[SplatInstant, ...]
     left_out: dict[str, str]
 
@@ -77,6 +89,14 @@ class MadeSplat(Made[SplatResult]):
     @cached_property
     def _first(self) -> Gaussians:
         return self.gaussians()
+
+
+def middle_camera(views: Mapping[str, View]) -> str:
+    """Return the camera nearest to the middle of all; empty if they are fewer than `MIN_CAMERAS`."""
+    if len(views) < MIN_CAMERAS:
+        return ""
+    middle = np.mean([view.centre for view in views.values()], axis=0)
+    return min(views, key=lambda name: float(np.linalg.norm(views[name].centre - middle)))
 
 
 def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> Gaussians:
@@ -122,7 +142,7 @@ def optimize_moments(
             progress.total = progress.done + count  # all maps are computed
         progress.step(f"splat of instant {one.instant}")
         moment = {camera: view.resized(width_px) for camera, view in one.moment.items()}
-        begun = make_gaussians(moment)
+        begun = make_gaussians(moment, find_backdrop(moment))
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
         splat, kept = optimize(_with_learned(begun, *learned) if learned else begun, moment, iterations)
         learned = begun.chosen(kept), splat
@@ -130,7 +150,7 @@ def optimize_moments(
 
 
 def make_splats(
-    scene: Scene, splats: Iterable[SplatMoment], folder: Path, *, condition: str, iterations: int, page: bool
+    scene: Scene, splats: Iterable[SplatMoment], folder: Path, condition: Condition, options: "SplatMethod"
 ) -> SplatResult:
     """Write splats into a folder, and a page that shows them if asked for.
 
@@ -138,30 +158,53 @@ def make_splats(
         NotApplicableError: no instant has depth.
     """
     made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
+    dataset, held_out = scene.dataset, options.held_out(scene)
     subject: Array | None = None
     for one in splats:
         file = f"{SPLATS}/{one.instant:06d}.ply"
         write_splats(folder / file, one.splat)
-        found_db = [
-            psnr(render_gaussians(one.splat, seen.view), seen.colours) for seen in one.moment.values()
-        ]
-        mean_db = round(float(np.mean(found_db)), 2)
-        made.append(SplatInstant(instant=one.instant, file=file, gaussians=len(one.splat), psnr=mean_db))
+        shown = instants_shown(dataset, condition, one.instant).get(held_out)
+        judged = shown is not None and dataset.has_image(held_out, shown)
+        made.append(
+            SplatInstant(
+                instant=one.instant,
+                file=file,
+                gaussians=len(one.splat),
+                psnr=_mean_psnr(one.splat, one.moment.values()),
+                held_out_psnr=_mean_psnr(one.splat, [_picture(scene, held_out, shown, options.width)])
+                if judged
+                else None,
+            )
+        )
         left_out |= one.left_out
         views |= {camera: seen.view for camera, seen in one.moment.items()}
         subject = find_subject(one.moment) if subject is None else subject
     if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
-    dataset = scene.dataset
-    if page:
+    if options.page:
         files = {moment.instant: folder / moment.file for moment in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
         session=dataset.name,
-        condition=condition,
+        condition=condition.name,
         cameras=tuple(views),
         unit=scene.unit,
-        iterations=iterations,
+        iterations=options.iterations,
+        held_out=held_out,
         instants=tuple(made),
         left_out=left_out,
     )
+
+
+def _mean_psnr(splat: Gaussians, pictures: Iterable[SeenView]) -> float:
+    """Return the mean PSNR of what the pictures' cameras see of a splat, dB."""
+    found_db = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in pictures]
+    return round(float(np.mean(found_db)), 2)
+
+
+def _picture(scene: Scene, camera: str, instant: int, width_px: int) -> SeenView:
+    """Return a camera's picture without depth, reduced like those that splats are made from."""
+    view = scene.views[camera]
+    colours = view.undistort_image(scene.dataset.image(camera, instant))
+    depth = np.zeros(colours.shape[:2], np.float32)
+    return SeenView(view.undistorted, colours, depth, np.zeros_like(colours)).resized(width_px)

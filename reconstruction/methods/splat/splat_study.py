@@ -19,6 +19,7 @@ from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import read_words
 from reconstruction.methods.splat.gaussians import render_gaussians
 from reconstruction.methods.splat.splat_method import SplatMethod
+from reconstruction.methods.splat.splat_run import MIN_CAMERAS, middle_camera
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -28,9 +29,7 @@ from reconstruction.scene.instant_choice import (
 )
 from reconstruction.scene.moving_pixels import dilate
 
-MIN_CAMERAS = 4
-"""Depth takes three; the fourth is left out."""
-ITERATIONS = 25
+ITERATIONS = 6
 WIDTH_PX = 640
 MARGIN_PX = 4
 """Margin around what moves, within which a pixel belongs to it."""
@@ -121,9 +120,7 @@ class SplatStudy(Score):
         if len(self.cameras) < MIN_CAMERAS:
             raise ValueError(f"it needs {MIN_CAMERAS} calibrated cameras")
         if self.reference not in self.cameras:
-            centres = {name: self.scene.views[name].centre for name in self.cameras}
-            middle = np.mean(list(centres.values()), axis=0)
-            self.reference = min(centres, key=lambda name: float(np.linalg.norm(centres[name] - middle)))
+            self.reference = middle_camera({name: self.scene.views[name] for name in self.cameras})
         self.made = dict[tuple[object, ...], _Splat]()
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
@@ -183,6 +180,7 @@ class SplatStudy(Score):
             options,
             instants=(one.instant,),
             without=tuple(c for c in self.dataset.cameras if c == self.reference or c not in one.shown),
+            all_cameras=True,
             iterations=ITERATIONS,
             width=WIDTH_PX,
             quick=True,

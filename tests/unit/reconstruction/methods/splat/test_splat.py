@@ -10,6 +10,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.depth.backdrop import find_backdrop
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
@@ -23,9 +24,10 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
 )
 from reconstruction.methods.splat.optimization import _Picture, optimize
-from reconstruction.methods.splat.splat_run import _with_learned
+from reconstruction.methods.splat.splat_run import _with_learned, middle_camera
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
+from tests.unit.reconstruction.depth.test_backdrop import before_blue, board_before_blue
 
 
 def one_gaussian(x: float = 0.0, opacity: float = 0.8, size: float = 0.1, z: float = 2.0) -> Gaussians:
@@ -108,9 +110,32 @@ def test_optimizing_makes_a_held_out_view_better() -> None:
     cameras, view = moment(), view_at(-0.1, 0.02)
     gaussians, truth = make_gaussians(cameras), seen(view).colours
     before = psnr(render_gaussians(gaussians, view), truth)
-    better, kept = optimize(gaussians, cameras, 15)
+    better, kept = optimize(gaussians, cameras, 5)
     assert psnr(render_gaussians(better, view), truth) > before + 2
     assert kept.sum() == len(better)
+
+
+def test_an_iteration_visits_each_camera() -> None:
+    cameras, visits = moment(), list[int]()
+    cameras = {**cameras, **{f"{name} again": one for name, one in cameras.items()}}
+    optimize(make_gaussians(cameras), cameras, 2, visits.append)
+    assert visits == list(range(1, 2 * 6 + 1))
+
+
+def test_what_no_map_holds_has_the_backdrops_colour() -> None:
+    """Before, the fill of gaps smeared the board over it."""
+    cameras, view = board_before_blue(), view_at(-0.1, 0.02)
+    truth = before_blue(seen(view)).colours
+    splat, _ = optimize(make_gaussians(cameras, find_backdrop(cameras)), cameras, 2)
+    assert psnr(render_gaussians(make_gaussians(cameras), view), truth) < 20
+    assert psnr(render_gaussians(splat, view), truth) > 30
+
+
+def test_the_middle_of_four_cameras_judges_the_splat() -> None:
+    views = {name: view_at(x) for name, x in (("a", -2.0), ("b", 0.2), ("c", 1.0), ("d", 2.0))}
+    assert middle_camera(views) == "b"
+    del views["a"]
+    assert middle_camera(views) == ""
 
 
 def test_surfaces_that_two_cameras_see_are_made_once() -> None:
@@ -127,7 +152,7 @@ def test_plain_blocks_become_one_gaussian_each() -> None:
 
 
 def test_a_file_has_the_fields_of_3d_gaussian_splatting(tmp_path: Path) -> None:
-    gaussians, _ = optimize(make_gaussians(moment()), moment(), 3)
+    gaussians, _ = optimize(make_gaussians(moment()), moment(), 1)
     write_splats(tmp_path / "splat.ply", gaussians)
     head, _, body = (tmp_path / "splat.ply").read_bytes().partition(b"end_header\n")
     names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property float")]
@@ -155,7 +180,7 @@ def test_quaternions_of_all_rotations() -> None:
 def test_what_stands_still_begins_with_what_was_learned() -> None:
     gaussians = make_gaussians(moment())
     gaussians = gaussians.chosen(np.argsort(gaussians.pixels, kind="stable"))
-    better, kept = optimize(gaussians, moment(), 4)
+    better, kept = optimize(gaussians, moment(), 2)
     begun = _with_learned(gaussians, gaussians.chosen(kept), better)
     assert begun.chosen(kept).opacities == pytest.approx(better.opacities)
     assert begun.chosen(kept).sizes == pytest.approx(better.sizes, rel=1e-5)

@@ -1,0 +1,91 @@
+"""The backdrop of a moment: what its cameras see beyond all surfaces, by the direction from the subject."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
+from reconstruction.depth.view_blending import fill, surface_seen
+
+LOOKED_AT_PX = 240
+"""Longer side of the pictures in which the backdrop is looked for."""
+MARGIN_PX = 5
+"""Side of the neighbourhood without depth that a pixel of the backdrop has, in these pictures."""
+MIN_FRACTION = 0.15
+"""Fraction of the pictures below which pixels without depth are holes in surfaces, not a backdrop."""
+BEYOND = 2.0
+"""Radius of the backdrop, relative to the distance of the farthest camera or point from the subject."""
+FARTHEST = 99
+"""Percentile of the points' distances from the subject that counts as the farthest."""
+CELLS = 96
+"""Number of cells across the narrowest camera's picture."""
+MIN_CELLS, MAX_CELLS = 256, 2048
+"""Limits of the cells around the whole sphere."""
+
+
+class Backdrop(NamedTuple):
+    """A sphere around the subject, with all cameras inside.
+
+    `colours` (uint8 n x 2n x 3, BGR) are by latitude and longitude: the top row is up (-y), the middle
+    column ahead (z).
+    """
+
+    centre: Array
+    radius: float
+    colours: Array
+
+
+def find_backdrop(moment: Moment) -> Backdrop | None:
+    """Return the backdrop that cameras see where no map has depth; None if that is little of the pictures.
+
+    Directions in which no camera sees it have the colours around them.
+    """
+    small = {camera: seen.resized(LOOKED_AT_PX) for camera, seen in moment.items()}
+    empty = {camera: _is_empty(seen, small) for camera, seen in small.items()}
+    if np.mean([pixels.mean() for pixels in empty.values()]) < MIN_FRACTION:
+        return None
+    centre = find_subject(moment)
+    away = [np.array([np.linalg.norm(seen.view.centre - centre) for seen in small.values()])]
+    for seen in small.values():
+        y, x = np.nonzero(seen.depth)
+        points = seen.view.unproject(np.column_stack([x, y]), seen.depth[y, x].astype(float))
+        away.append(np.percentile(np.linalg.norm(points - centre, axis=1), [FARTHEST]))
+    radius = BEYOND * float(np.concatenate(away).max())
+    narrowest = min(2 * np.arctan(seen.view.width / 2 / seen.view.focal) for seen in small.values())
+    height = round(np.clip(2 * np.pi / narrowest * CELLS, MIN_CELLS, MAX_CELLS) / 16) * 8
+    sums, counts = np.zeros((2 * height * height, 3)), np.zeros(2 * height * height)
+    for cells, colours in _cells(small, empty, centre, radius, height):
+        np.add.at(sums, cells, colours)
+        np.add.at(counts, cells, 1)
+    colours = (sums / np.maximum(counts, 1)[:, None]).astype(np.float32).reshape(height, 2 * height, 3)
+    known = (counts > 0).astype(np.float32).reshape(height, 2 * height)
+    # The left and the right end are neighbours.
+    around = fill(np.tile(colours, (1, 3, 1)), np.tile(known, (1, 3)))
+    return Backdrop(centre, radius, around[:, 2 * height : 4 * height])
+
+
+def _is_empty(seen: SeenView, moment: Moment) -> Array:
+    """Return the pixels (bool) in whose neighbourhood no camera's map has a surface."""
+    empty = (seen.depth == 0) & (surface_seen(seen.view, moment) == 0)
+    around = np.ones((MARGIN_PX, MARGIN_PX), np.uint8)
+    return np.asarray(cv2.erode(empty.astype(np.uint8), around) > 0)
+
+
+def _cells(
+    moment: Moment, empty: dict[str, Array], centre: Array, radius: float, height: int
+) -> Iterator[tuple[Array, Array]]:
+    """Yield each camera's empty pixels: their cells (m,) on the sphere, and colours (m, 3)."""
+    for camera, seen in moment.items():
+        rows, columns = np.nonzero(empty[camera])
+        rays = seen.view.unproject(np.column_stack([columns, rows]), np.ones(len(rows))) - seen.view.centre
+        start = seen.view.centre - centre
+        # The camera is inside: the sphere is ahead of it once.
+        square, slope = (rays**2).sum(axis=1), rays @ start
+        depth = (np.sqrt(slope**2 - square * (start @ start - radius**2)) - slope) / square
+        x, y, z = ((start + depth[:, None] * rays) / radius).T
+        row = ((np.arcsin(np.clip(y, -1, 1)) / np.pi + 0.5) * height).astype(int).clip(0, height - 1)
+        column = ((np.arctan2(x, z) / np.pi + 1) * height).astype(int) % (2 * height)
+        yield row * 2 * height + column, seen.colours[rows, columns]

@@ -125,6 +125,19 @@ DEFAULT_BOARD = CharucoBoard(7, 5, 0.035, 0.026, "4X4_50")
 """Default board for printing and detection; fits A4 and Letter."""
 
 
+def squares_seen(grey: "NDArray[Any]") -> tuple[int, int] | None:
+    """Return the squares of a board without markers in an image (uint8), the longer side first; None without.
+
+    A board that is partly hidden, or beyond the image's edge, seems smaller. Boards below 5x5 are not told
+    from other patterns.
+    """
+    import cv2
+
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, cells = cv2.findChessboardCornersSBWithMeta(grey, (4, 4), flags)
+    return (max(cells.shape) + 1, min(cells.shape) + 1) if found else None
+
+
 class Checkerboard(Squares):
     """A plain checkerboard without markers."""
 

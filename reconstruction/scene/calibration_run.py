@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from capture_app.board.boards import DEFAULT_BOARD, Checkerboard
+from capture_app.board.boards import DEFAULT_BOARD, PLAIN, Checkerboard, squares_seen
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board, BoardDetector
 from capture_app.common.errors import BadInputError
@@ -219,7 +219,7 @@ def _from_board(
     """Calibrate from recordings of a board, or from the session itself; its corners judge the result."""
     board, recordings = options.board, open_recordings(dataset, options.recordings)
     if not (corners := detect_board(recordings, board)):
-        _refuse_turned_board(recordings[0], board)
+        _refuse_other_board(recordings[0], board)
     if isinstance(board, Checkerboard) and board.is_ambiguous and len(dataset.cameras) > 1:
         talk(
             f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
@@ -268,15 +268,22 @@ def _keep(dataset: Dataset, calibration: Calibration) -> bool:
     return True
 
 
-def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
-    """Raise BadInputError if the images show the board with columns and rows exchanged."""
+def _refuse_other_board(dataset: Dataset, board: Board) -> None:
+    """Raise BadInputError if the images show another board, or this one with columns and rows exchanged."""
+    turned = f"{board.down}x{board.across}"
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     for name in dataset.cameras:
         for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
-            if detector.detect(dataset.grey(name, instant)):
-                turned = f"{board.down}x{board.across}"
+            grey = dataset.grey(name, instant)
+            if detector.detect(grey):
                 raise BadInputError(
                     f"{name} shows a board of {turned} squares, not {board.shape}", hint=f"--board {turned}"
+                )
+            if (seen := squares_seen(grey)) is not None:
+                alike = "it looks the same from all four sides: use one with more squares one way"
+                raise BadInputError(
+                    f"{name} shows a board without markers of {seen[0]}x{seen[1]} squares, not {board.shape}",
+                    hint=alike if seen[0] == seen[1] else f"--dictionary {PLAIN} --board {seen[0]}x{seen[1]}",
                 )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, angle_deg, resize_view
 from reconstruction.common.memory import memory_budget
 from reconstruction.methods.panorama.composition import Layer, Projection, compose_layers
+from reconstruction.scene.calibration.consistency import consistent_matches
 from reconstruction.scene.pairs import MIN_MATCHES, Features, detect_features, match_features
 
 MAX_SIDE_PX = 2000
@@ -244,12 +245,20 @@ def register_pictures(
         for a, b in combinations(points, 2)
     }
     if len(used := _largest_group(list(points), overlaps)) < 2:
-        most_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
-        few = f"no two pictures share more than {most_shared} points"
-        unfit = "the points that the pictures share do not fit a camera that only rotates"
-        raise ValueError(few if most_shared < MIN_MATCHES else unfit)
+        raise ValueError(_why_apart(views, overlaps))
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
     return estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
+
+
+def _why_apart(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> str:
+    """Return why no two images belong together."""
+    most_shared = max((len(overlap.fits) for overlap in overlaps.values()), default=0)
+    if most_shared < MIN_MATCHES:
+        return f"no two pictures share more than {most_shared} points"
+    pairs = (((views[a].undistorted, views[b].undistorted), *one.at) for (a, b), one in overlaps.items())
+    if all(consistent_matches(*pair) is None for pair in pairs):
+        return "no two pictures show the same things"
+    return "the pictures were taken from places too far apart for a camera that only rotates"
 
 
 def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:

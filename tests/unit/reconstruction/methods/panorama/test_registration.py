@@ -9,7 +9,11 @@ import pytest
 from reconstruction.common.geometry import Array, View
 from reconstruction.methods.panorama.composition import Projection
 from reconstruction.methods.panorama.overlap import known, measure_misalignment, overlap_of
-from reconstruction.methods.panorama.registration import PanoramaStitcher, register_images
+from reconstruction.methods.panorama.registration import (
+    PanoramaStitcher,
+    register_images,
+    register_pictures,
+)
 from reconstruction.scene.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
 from tests.unit.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
@@ -132,3 +136,21 @@ def test_a_calibration_that_rejects_what_cameras_share_is_the_reason() -> None:
     assert wrong.cameras is None
     assert "left and right have 139 points at rest in common" in wrong.why
     assert "the calibration does not fit the pictures" in wrong.why
+
+
+def test_it_is_said_whether_pictures_show_other_things_or_are_from_other_places() -> None:
+    rng = np.random.default_rng(0)
+    sizes = {"a": SIZE, "b": SIZE}
+
+    def points(at: Array) -> Features:
+        return Features(at.astype(np.float32), described, np.ones(len(at)))
+
+    described = rng.random((200, 128)).astype(np.float32)
+    # Points at depths of all kinds, seen from places one metre apart, and the same in any order.
+    depth = rng.uniform(1.5, 6, 200)
+    at = rng.uniform((0, 0), SIZE, (200, 2))
+    beside = at + np.column_stack([300 / depth, np.zeros(200)])
+    with pytest.raises(ValueError, match="places too far apart"):
+        register_pictures({"a": points(at), "b": points(beside)}, sizes, {})
+    with pytest.raises(ValueError, match="no two pictures show the same things"):
+        register_pictures({"a": points(at), "b": points(rng.permutation(at))}, sizes, {})

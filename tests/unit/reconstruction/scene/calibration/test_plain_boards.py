@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.board.boards import CharucoBoard, Checkerboard
+from capture_app.board.boards import CharucoBoard, Checkerboard, squares_seen
 from capture_app.board.detector import Board, BoardDetector
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
@@ -204,3 +204,26 @@ def test_what_is_said_of_marks_and_grounds(tmp_path: Path, reconstruct: Reconstr
     assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, "--vertical").complaint
     both = reconstruct(*arguments, *mark, "--vertical", "--ground", session.folder).complaint
     assert "only one of --vertical and --ground" in both
+
+
+def test_a_board_of_another_size_is_named(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    writer = SessionWriter.create(tmp_path, "other")
+    for k in range(2):
+        for name, view in (("left", LEFT), ("right", RIGHT)):
+            add_image(writer, name, k, picture(view, Checkerboard(9, 8, 0.06), *held(k)))
+    session = finish_session(writer, {"left": LEFT, "right": RIGHT}, 2)
+    asked = "--from", "board", "--board", "10x7", "--square-mm", 60, "--dictionary", "none"
+    refused = reconstruct("calibrate", session.folder, *asked)
+    assert refused.code == 3
+    assert (
+        "shows a board without markers of 9x8 squares, not 10x7 (--dictionary none --board 9x8)"
+        in refused.complaint
+    )
+
+
+def test_a_board_that_looks_the_same_from_all_sides_is_seen_too() -> None:
+    rows, columns = np.mgrid[:8, :8]
+    squares = np.pad((rows + columns) % 2, 1, constant_values=1)
+    grey = np.kron(squares, np.full((30, 30), 230)).astype(np.uint8) + np.uint8(10)
+    assert squares_seen(grey) == (8, 8)
+    assert squares_seen(np.full((240, 320), 120, np.uint8)) is None

@@ -50,14 +50,18 @@ RIGHT = {
     1.5: 0.99,
 }
 """Fraction of right depths by a pixel's evidence, fitted by `benchmarks.reconstruction.depth_confidence`."""
-ASSUMED_MISFIT_PX = 0.2
+ASSUMED_MISFIT_PX = 0.5
 """Misfit of a calibration that could not be checked."""
-MATCHING_PX, POINTS_PX, POSE_FACTOR = 0.1, 0.08, 1.2
-"""Standard deviations of a match and of a perfect calibration's misfit, and that of errors by the calibration
-relative to the rest of its misfit."""
-UNSEEN_PX = {2: 0.3}
-"""Standard deviation of errors that no point shows, by the number of cameras: a turn sideways of one of two
-shifts all disparities."""
+MATCHING_PX, POINTS_PX = 0.1, 0.08
+"""Standard deviations of a match and of a perfect calibration's misfit."""
+POSE_FACTOR, PAIR_POSE_FACTOR = 1.5, 3.0
+"""Standard deviation of errors by the calibration relative to the rest of its misfit, and that of two
+cameras, whose points adapt to most of it."""
+UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
+"""Standard deviation of errors that no point shows, such as turns in proportion to the baselines; and that of
+two cameras, where a turn sideways of one shifts all disparities."""
+FREEDOM = 0.5
+"""Degrees of freedom of the misfit, for each camera after the first."""
 
 
 class DepthSupport(NamedTuple):
@@ -83,15 +87,17 @@ class DepthSupport(NamedTuple):
 
         Points show errors across their epipolar lines only, depth suffers from those along them, and few
         cameras have few errors: the misfit tells the size of the others with an uncertainty that Student's t
-        has, with a degree of freedom for each camera. Two cameras' points show none along the lines, which is
-        taken to be `UNSEEN_PX`.
+        has. The constants were fitted to rigs whose cameras were turned by up to 2 px.
         """
         misfit_px = ASSUMED_MISFIT_PX if misfit_px is None else misfit_px
-        pose_px = POSE_FACTOR * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
+        factor, unseen_px = (
+            (PAIR_POSE_FACTOR, PAIR_UNSEEN_PX) if self.cameras == 2 else (POSE_FACTOR, UNSEEN_PX)
+        )
+        pose_px = factor * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px, UNSEEN_PX.get(self.cameras, 0.0)))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px, unseen_px))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
-        freedom = self.cameras * (sigma_px / max(pose_px, 1e-3)) ** 4
+        freedom = FREEDOM * (self.cameras - 1) * (sigma_px / max(pose_px, 1e-3)) ** 4
         # Student's t as a normal deviate (Wallace 1959).
         squared = freedom * np.log1p((self.worth_px / sigma_px) ** 2 / freedom)
         deviate = (8 * freedom + 1) / (8 * freedom + 3) * np.sqrt(squared)

@@ -126,6 +126,8 @@ def describe_misfit(
         right = f"{100 * expected:.0f} % of the pixels are expected within 2 % of the true depth"
     if error_px < INACCURATE_PX:
         return f"{fits}; {right}"
+    if expected is not None:
+        right += ", in the mean of rigs with such a misfit: points do not show all that depth suffers from"
     verdict = "this depth is inaccurate" if error_px < UNMEASURED_PX else "this depth is not a measurement"
     return f"warning: {verdict}: {fits}; {right}; {remedy}"
 

@@ -141,6 +141,7 @@ def test_a_measured_expectation_stands_in_place_of_the_simulated_rigs() -> None:
         "points at rest fit within 0.21 px (1,200 matches); "
         "92 % of the pixels are expected within 2 % of the true depth"
     )
+    assert "in the mean of rigs with such a misfit" in describe_misfit(0.71, 1200, expected=0.4)
 
 
 def test_matches_for_which_opencv_fails_an_assertion_fit_no_geometry(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,8 +22,9 @@ from reconstruction.depth.view_choice import (
 )
 from reconstruction.method.interface import SILENT
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
+from reconstruction.methods.multiview.confidence import measure_support
 from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
-from reconstruction.methods.multiview.input_images import InputImage, InputImages
+from reconstruction.methods.multiview.input_images import InputImage, InputImages, check_images
 from reconstruction.methods.multiview.matcher import image_colours, image_views, match_cameras
 from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.still_scene import StillScene
@@ -57,14 +58,20 @@ class InstantMaps:
         views, colours = image_views(self.images), image_colours(self.images)
         return fuse_maps(views, self.maps, colours, smallest_group(self.sources))
 
-    @property
-    def moment(self) -> Moment:
-        """The cameras with their pictures and depth, as the files have them."""
+    def moment(self, min_confidence: float = 0.0) -> Moment:
+        """Return the cameras with their pictures and depth, without depth of lower confidence than given."""
+        depth = {camera: found.depth for camera, found in self.maps.items()}
+        if min_confidence > 0:
+            misfit_px = check_images(self.usable).error_px
+            calibrated = {camera: image.calibrated for camera, image in self.images.items()}
+            for camera, support in measure_support(calibrated, self.sources, self.maps):
+                sure = support.confidence(misfit_px) >= min_confidence
+                depth[camera] = np.where(sure, depth[camera], 0)
         return {
             camera: SeenView(
                 image.calibrated.view,
                 image.colours,
-                self.maps[camera].depth,
+                depth[camera],
                 self.maps[camera].normals.astype(np.float16).astype(np.float32),
             )
             for camera, image in self.images.items()

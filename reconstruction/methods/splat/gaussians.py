@@ -1,5 +1,7 @@
 """A moment as oriented Gaussians: made of depth maps, rendered, and stored as 3D Gaussian Splatting does."""
 
+import gzip
+import struct
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -32,6 +34,8 @@ TILE = 8
 """Side, in cells of a backdrop, of a tile that becomes one Gaussian where it has one colour."""
 _SH = 0.28209479177387814
 """Value of the constant spherical harmonic."""
+_SPZ_COLOUR = 0.15
+"""Scale of a colour's spherical harmonic in SPZ."""
 _NUMBERS = 7
 _CHUNK = 1 << 14
 
@@ -267,6 +271,26 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
     head += [*(f"property float {name}" for name in names), "end_header\n"]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes("\n".join(head).encode() + rows.tobytes())
+
+
+def write_spz(path: Path, gaussians: Gaussians) -> None:
+    """Write Niantic's SPZ, version 2: a gzipped stream of 19 bytes each, its axes right, up and back."""
+    places = gaussians.places * [1, -1, -1]
+    bits = int(np.clip(23 - np.ceil(np.log2(np.abs(places).max() + 1e-9)), 0, 23))
+    fixed = np.rint(places * 2.0**bits).astype("<i4").clip(1 - 2**23, 2**23 - 1)
+    turns = quaternions(gaussians.rotations)
+    turns = turns[:, 1:] * np.where(turns[:, :1] < 0, -1, 1) * [1, -1, -1]
+    parts = (
+        255 * gaussians.opacities,
+        255 * (0.5 + _SPZ_COLOUR * (gaussians.colours[:, ::-1] - 0.5) / _SH),
+        16 * (np.log(gaussians.sizes) + 10),
+        127.5 * (turns + 1),
+    )
+    head = struct.pack("<4sIIBBBB", b"NGSP", 2, len(gaussians), 0, bits, 0, 0)
+    body = b"".join(np.rint(np.clip(part, 0, 255)).astype(np.uint8).tobytes() for part in parts)
+    path.write_bytes(
+        gzip.compress(head + fixed.view(np.uint8).reshape(-1, 4)[:, :3].tobytes() + body, mtime=0)
+    )
 
 
 def read_splats(path: Path) -> Gaussians:

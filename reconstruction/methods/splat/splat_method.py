@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 
+MIN_CONFIDENCE = 0.6
+"""Confidence of depth below which a pixel gives no Gaussian."""
+
+
 class SplatMethod(Method, frozen=True, kw_only=True):
     """A Gaussian splat of an instant, made from depth maps and optimized without a GPU."""
 
@@ -79,6 +83,9 @@ class SplatMethod(Method, frozen=True, kw_only=True):
     page: Annotated[
         bool, command_flag("--page", help="Also write walk.html, a page that plays the splats.")
     ] = False
+    spz: Annotated[
+        bool, command_flag("--spz", help="Also write each splat as .spz, a fifth of the .ply's size.")
+    ] = False
     splats: Annotated[
         bool,
         flag(
@@ -120,6 +127,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             condition,
             without=tuple(filter(None, (*self.without, self.held_out(scene)))),
             quick=self.quick,
+            min_confidence=MIN_CONFIDENCE,
             progress=self.progress,
         )
         yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)

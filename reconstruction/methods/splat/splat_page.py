@@ -1,16 +1,16 @@
-"""Splats in a page to walk round in: 16 bytes a Gaussian."""
+"""Splats in a page to walk round in: some 6 bytes a Gaussian, and what stands still once for all instants."""
 
 import base64
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
-from reconstruction.methods.splat.gaussians import Gaussians, quaternions, read_splats, render_gaussians
+from reconstruction.methods.splat.gaussians import THIN, Gaussians, quaternions, read_splats, render_gaussians
 from reconstruction.pages.walk_page import Drawing, write_walk_page
 
 HELD = 4
@@ -21,22 +21,83 @@ STRAY = 0.1
 """Percentile of the Gaussians' places, on both ends of each axis, beyond which they may be strays."""
 BEYOND = 0.5
 """Farthest stray that is shown, in extents of all others."""
+PLACE_BITS, SIZE_BITS, TURN_BITS, OPACITY_BITS = 12, 4, 6, 3
+GREEN_SHIFT, CHROMA_SHIFT = 2, 3
+"""Bits of 8 that are left out of green, and of the differences of blue and red to it."""
+COLOURS = slice(8, 11)
+"""Columns of green, and of blue and red, in the rows of integers."""
+SAME_COLOUR = 16
+"""Difference of levels up to which a Gaussian that stays has its colour of the first instant."""
+
+
+class Grid(NamedTuple):
+    """Quantization of all instants: a place is `low` + `step` times an integer along each axis.
+
+    A size is `smallest` times exp(`ratio` times an integer).
+    """
+
+    low: Array
+    step: Array
+    smallest: float
+    ratio: float
+
+    @classmethod
+    def around(cls, files: Mapping[int, Path]) -> "Grid":
+        """Return the grid that holds the splats of files."""
+        low, high, smallest, largest = np.full(3, np.inf), np.full(3, -np.inf), np.inf, 0.0
+        for file in files.values():
+            gaussians = _shown(file)
+            low = np.minimum(low, gaussians.places.min(axis=0))
+            high = np.maximum(high, gaussians.places.max(axis=0))
+            sizes = gaussians.sizes[:, :2]
+            smallest, largest = min(smallest, float(sizes.min())), max(largest, float(sizes.max()))
+        step = np.maximum(high - low, 1e-9) / (2**PLACE_BITS - 1)
+        ratio = max(float(np.log(largest / smallest)), 1e-9) / (2**SIZE_BITS - 1)
+        return cls(low, step, smallest, ratio)
+
+    def integers(self, gaussians: Gaussians) -> Array:
+        """Return Gaussians as integers (n, 12): place, two sizes, turn (x, y, z), green, blue, red, opacity.
+
+        Blue and red are differences to green. The third size is left out: it is `THIN` times the first.
+        """
+        turns = quaternions(gaussians.rotations)
+        turns = (turns * np.where(turns[:, :1] < 0, -1, 1))[:, 1:]
+        blue, green, red = np.rint(np.clip(gaussians.colours, 0, 1) * 255).astype(int).T
+        columns = [
+            np.rint((gaussians.places - self.low) / self.step),
+            np.rint(np.log(gaussians.sizes[:, :2] / self.smallest) / self.ratio),
+            np.rint((turns + 1) / 2 * (2**TURN_BITS - 1)),
+            np.stack(
+                [green >> GREEN_SHIFT, blue - green >> CHROMA_SHIFT, red - green >> CHROMA_SHIFT], axis=1
+            ),
+            np.rint(gaussians.opacities * (2**OPACITY_BITS - 1))[:, None],
+        ]
+        return np.concatenate(columns, axis=1).astype(np.int64)
 
 
 def write_splat_page(
     out: Path, name: str, files: Mapping[int, Path], frame: Frame, views: Mapping[str, View], period_ns: int
 ) -> None:
-    """Write the page into a folder, with splats by instant; `views` are those that they were made from."""
-    instants, first = list[dict[str, Any]](), None
-    near, far = np.inf, 0.0
-    for instant, file in files.items():
-        gaussians = read_splats(file)
-        first = gaussians if first is None else first
-        instants.append({"instant": instant, **pack(gaussians)})
+    """Write the page into a folder, with splats by instant; `views` are those that they were made from.
+
+    Gaussians that are at the same place in all instants, with about the same colour, are in it once, as they
+    are in the first.
+    """
+    grid, near, far = Grid.around(files), np.inf, 0.0
+    for file in files.values():
         for view in views.values():
-            depth = gaussians.places @ view.rotation[2] + view.translation[2]
+            depth = read_splats(file).places @ view.rotation[2] + view.translation[2]
             near, far = min(near, float(depth[depth > 0].min())), max(far, float(depth.max()))
-    assert first is not None
+    first, *others = files.values()
+    shared = grid.integers(_shown(first))
+    for other in others:
+        shared = shared[_stay(shared, grid.integers(_shown(other)))]
+    shared = shared[: len(shared) if others else 0]
+    instants = list[dict[str, Any]]()
+    for instant, file in files.items():
+        integers = grid.integers(_shown(file))
+        own = ~np.isin(_places(integers), _places(shared))
+        instants.append({"instant": instant, **pack(integers[own])})
     shape = next(iter(views.values()))
     write_walk_page(
         out,
@@ -44,7 +105,7 @@ def write_splat_page(
         frame=frame,
         depths=(near, far),
         views=views,
-        still=render_gaussians(first, frame.view(frame.place(0, 0), shape.width, shape.height)),
+        still=render_gaussians(_shown(first), frame.view(frame.place(0, 0), shape.width, shape.height)),
         period_ns=period_ns,
         drawing=Drawing(
             Path(__file__).with_name("page") / "splats.js",
@@ -54,42 +115,49 @@ def write_splat_page(
                 "blur": BLUR,
                 # In the page's pictures, which are as wide as the views.
                 "focal": float(np.median([view.focal for view in views.values()])),
+                "shared": pack(shared),
+                "low": grid.low.tolist(),
+                "step": grid.step.tolist(),
+                "smallest": grid.smallest,
+                "ratio": grid.ratio,
+                "thin": THIN,
+                "levels": [2**TURN_BITS - 1, 2**OPACITY_BITS - 1],
+                "shifts": [GREEN_SHIFT, CHROMA_SHIFT],
             },
         ),
     )
 
 
-def pack(gaussians: Gaussians) -> dict[str, Any]:
-    """Return Gaussians for the page: 16 bits a coordinate, 8 bits for all else, compressed.
+def _shown(file: Path) -> Gaussians:
+    """Read a file's Gaussians without strays, which would cost all others their precision."""
+    gaussians = read_splats(file)
+    return gaussians.chosen(_without_strays(gaussians.places))
 
-    A place is `low` + `step` times an integer, a size `smallest` times exp(`ratio` times an integer).
+
+def _places(integers: Array) -> Array:
+    """Return one number for each place."""
+    return np.asarray(integers[:, 0] | integers[:, 1] << PLACE_BITS | integers[:, 2] << 2 * PLACE_BITS)
+
+
+def _stay(shared: Array, integers: Array) -> Array:
+    """Return which Gaussians (bool) are at the same place at another instant, with about the same colour."""
+    order = np.argsort(_places(integers), kind="stable")
+    found = np.searchsorted(_places(integers), _places(shared), sorter=order).clip(max=len(order) - 1)
+    others = integers[order[found]]
+    apart = np.abs(others[:, COLOURS] - shared[:, COLOURS]) << [GREEN_SHIFT, CHROMA_SHIFT, CHROMA_SHIFT]
+    return np.asarray((_places(others) == _places(shared)) & (apart <= SAME_COLOUR).all(axis=1))
+
+
+def pack(integers: Array) -> dict[str, Any]:
+    """Return rows of integers for the page: column by column, compressed, as differences to the row before.
+
+    The sign is a difference's lowest bit. Places have two bytes, the lower ones of all rows first.
     """
-    gaussians = gaussians.chosen(_without_strays(gaussians.places))
-    low, high = gaussians.places.min(axis=0), gaussians.places.max(axis=0)
-    step = np.maximum(high - low, 1e-9) / 65535
-    places = np.rint((gaussians.places - low) / step).astype(np.uint32)
-    smallest, largest = float(gaussians.sizes.min()), float(gaussians.sizes.max())
-    ratio = max(np.log(largest / smallest), 1e-9) / 255
-    sizes = np.rint(np.log(gaussians.sizes / smallest) / ratio).astype(np.uint32)
-    turns = quaternions(gaussians.rotations)
-    turns *= np.where(turns[:, :1] < 0, -1, 1)
-    x, y, z = np.rint((turns[:, 1:] + 1) * 127.5).astype(np.uint32).T
-    b, g, r = _bytes(gaussians.colours).T
-    words = [
-        places[:, 0] | places[:, 1] << 16,
-        places[:, 2] | sizes[:, 0] << 16 | sizes[:, 1] << 24,
-        sizes[:, 2] | x << 8 | y << 16 | z << 24,
-        r | g << 8 | b << 16 | _bytes(gaussians.opacities) << 24,
-    ]
-    data = zlib.compress(np.stack(words).astype("<u4").tobytes(), 6)
-    return {
-        "number": len(gaussians),
-        "low": low.tolist(),
-        "step": step.tolist(),
-        "smallest": smallest,
-        "ratio": float(ratio),
-        "splats": base64.b64encode(data).decode(),
-    }
+    steps = np.diff(integers, axis=0, prepend=0)
+    codes = np.where(steps < 0, -2 * steps - 1, 2 * steps).T
+    planes = [part for place in codes[:3] for part in (place & 255, place >> 8)] + [*codes[3:]]
+    data = zlib.compress(np.concatenate(planes).astype(np.uint8).tobytes(), 9)
+    return {"number": len(integers), "splats": base64.b64encode(data).decode()}
 
 
 def _without_strays(places: Array) -> Array:
@@ -97,7 +165,3 @@ def _without_strays(places: Array) -> Array:
     low, high = np.percentile(places, [STRAY, 100 - STRAY], axis=0)
     margin = BEYOND * (high - low) + 1e-9
     return np.asarray(((places >= low - margin) & (places <= high + margin)).all(axis=1))
-
-
-def _bytes(values: Array) -> Array:
-    return np.asarray(np.rint(np.clip(values, 0, 1) * 255), np.uint32)

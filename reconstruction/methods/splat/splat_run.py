@@ -24,6 +24,7 @@ from reconstruction.methods.splat.gaussians import (
     read_splats,
     render_gaussians,
     write_splats,
+    write_spz,
 )
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_page import write_splat_page
@@ -163,17 +164,18 @@ def make_splats(
     for one in splats:
         file = f"{SPLATS}/{one.instant:06d}.ply"
         write_splats(folder / file, one.splat)
-        shown = instants_shown(dataset, condition, one.instant).get(held_out)
-        judged = shown is not None and dataset.has_image(held_out, shown)
+        if options.spz:
+            write_spz((folder / file).with_suffix(".spz"), one.splat)
+        shown, judge_db = instants_shown(dataset, condition, one.instant).get(held_out), None
+        if shown is not None and dataset.has_image(held_out, shown):
+            judge_db = _mean_psnr(one.splat, [_picture(scene, held_out, shown, options.width)])
         made.append(
             SplatInstant(
                 instant=one.instant,
                 file=file,
                 gaussians=len(one.splat),
                 psnr=_mean_psnr(one.splat, one.moment.values()),
-                held_out_psnr=_mean_psnr(one.splat, [_picture(scene, held_out, shown, options.width)])
-                if judged
-                else None,
+                held_out_psnr=judge_db,
             )
         )
         left_out |= one.left_out

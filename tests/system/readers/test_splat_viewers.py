@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, read_splats, write_splats
+from reconstruction.methods.splat.gaussians import (
+    Gaussians,
+    make_gaussians,
+    read_splats,
+    write_splats,
+    write_spz,
+)
 from tests.project import ROOT
 from tests.unit.reconstruction.depth.moments import moment
 
@@ -35,6 +41,17 @@ def test_gsply_reads_it_and_its_spz_keeps_the_places(splat: Gaussians, tmp_path:
     assert np.allclose(1 / (1 + np.exp(-shown.opacities.ravel())), splat.opacities, atol=1e-5)
     gsply.write_spz(str(tmp_path / "splat.spz"), shown)
     assert np.abs(gsply.read_spz(str(tmp_path / "splat.spz")).means - splat.places).max() <= SPZ_STEP
+
+
+def test_gsply_reads_our_spz(splat: Gaussians, tmp_path: Path) -> None:
+    """gsply leaves SPZ's axes as they are, right, up and back: half a turn about x from those of a .ply."""
+    gsply = pytest.importorskip("gsply", reason="gsply is not installed")
+    write_spz(tmp_path / "ours.spz", splat)
+    ours, shown = gsply.read_spz(str(tmp_path / "ours.spz")), gsply.plyread(str(tmp_path / PLY))
+    assert np.abs(ours.means * [1, -1, -1] - shown.means).max() < 1e-5
+    assert np.abs(ours.scales - shown.scales).max() < 0.04
+    assert np.abs(ours.sh0 - shown.sh0).max() < 0.02
+    assert np.abs((ours.quats * [1, 1, -1, -1] * shown.quats).sum(axis=1)).min() > 0.999
 
 
 @pytest.mark.skipif(SPLAT_TRANSFORM is None, reason="splat-transform is not installed")

@@ -63,12 +63,40 @@ function makePainter({ gl, data, program }) {
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     return new Response(stream).arrayBuffer();
   }
+  /* Integers of Gaussians, column by column: each the sum of the differences up to it. */
+  async function unpack({ number, splats }) {
+    const packed = new Uint8Array(await bytes(splats)), columns = [];
+    for (let k = 0, at = 0; k < 12; k++) {
+      const column = new Int32Array(number);
+      for (let plane = 0; plane < (k < 3 ? 2 : 1); plane++)
+        for (let i = 0; i < number; i++) column[i] |= packed[at++] << 8 * plane;
+      for (let i = 0, sum = 0; i < number; i++) column[i] = sum += (column[i] >>> 1) ^ -(column[i] & 1);
+      columns.push(column);
+    }
+    return columns;
+  }
+  const shared = unpack(data.shared), thinner = Math.round(Math.log(data.thin) / data.ratio);
+  /* Gaussians as the shader reads them, 4 x 32 bits each. */
+  function pack(words, first, [x, y, z, long, wide, i, j, k, green, blue, red, opacity]) {
+    const [turns, opacities] = data.levels, [finer, coarser] = data.shifts;
+    const byte = (value, levels) => Math.round(255 * value / levels), level = v => Math.min(Math.max(v, 0), 255);
+    /* The middle of what was left out. */
+    const shade = (value, shift) => (value << shift) + (1 << shift) / 2;
+    for (let n = 0; n < x.length; n++) {
+      const at = 4 * (first + n), g = shade(green[n], finer);
+      words[at] = x[n] | y[n] << 16;
+      words[at + 1] = z[n] | (long[n] - thinner) << 16 | (wide[n] - thinner) << 24;
+      words[at + 2] = long[n] | byte(i[n], turns) << 8 | byte(j[n], turns) << 16 | byte(k[n], turns) << 24;
+      words[at + 3] = level(g + shade(red[n], coarser)) | level(g) << 8 | level(g + shade(blue[n], coarser)) << 16 |
+        byte(opacity[n], opacities) << 24;
+    }
+  }
   async function build(instant) {
-    /* The numbers of all Gaussians side by side, 4 x 32 bits each. */
-    const columns = new Uint32Array(await bytes(instant.splats)), number = instant.number;
+    const still = await shared, own = await unpack(instant), number = data.shared.number + instant.number;
     const rows = Math.ceil(number / ROW), words = new Uint32Array(4 * ROW * rows);
-    for (let k = 0; k < 4; k++) for (let i = 0; i < number; i++) words[4 * i + k] = columns[k * number + i];
-    const made = { ...instant, rows, words, keys: new Uint16Array(number), order: new Uint32Array(ROW * rows) };
+    pack(words, 0, still);
+    pack(words, data.shared.number, own);
+    const made = { number, rows, words, keys: new Uint16Array(number), order: new Uint32Array(ROW * rows) };
     made.order.fill(NONE, number);
     made.textures = [integers(gl.RGBA32UI, rows), integers(gl.R32UI, rows)];
     upload(made.textures[0], gl.RGBA_INTEGER, rows, words);
@@ -92,7 +120,7 @@ function makePainter({ gl, data, program }) {
   function sort(made, ahead) {
     if (made.along && made.along.every((x, k) => Math.abs(x - ahead[k]) < 0.002)) return;
     made.along = ahead;
-    const { words, keys, order, number } = made, [x, y, z] = ahead.map((a, k) => a * made.step[k]);
+    const { words, keys, order, number } = made, [x, y, z] = ahead.map((a, k) => a * data.step[k]);
     const ends = [0, 0];
     for (const a of [x, y, z]) ends[a < 0 ? 0 : 1] += 65535 * a;
     const scale = 65535 / (ends[1] - ends[0]), counts = new Uint32Array(65537);
@@ -114,15 +142,15 @@ function makePainter({ gl, data, program }) {
     gl.uniformMatrix4fv(places.view, false, camera.matrix);
     const { right, down, ahead } = camera;
     gl.uniformMatrix3fv(places.turn, false, [0, 1, 2].flatMap(k => [right[k], down[k], ahead[k]]));
-    for (const [name, value] of [["eye", camera.from], ["low", made.low], ["step", made.step]])
+    for (const [name, value] of [["eye", camera.from], ["low", data.low], ["step", data.step]])
       gl.uniform3fv(places[name], value);
     gl.uniform2fv(places.screen, screen);
     const focal = camera.focal;
     gl.uniform1f(places.focal, focal);
     /* A larger picture than those of the cameras has larger Gaussians, not gaps. */
     gl.uniform1f(places.blur, data.blur * Math.max(1, focal / data.focal) ** 2);
-    gl.uniform1f(places.smallest, made.smallest);
-    gl.uniform1f(places.ratio, made.ratio);
+    gl.uniform1f(places.smallest, data.smallest * Math.exp(data.ratio * thinner));
+    gl.uniform1f(places.ratio, data.ratio);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.activeTexture(gl.TEXTURE1);

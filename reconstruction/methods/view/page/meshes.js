@@ -63,19 +63,33 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
     }
     return found;
   }
+  /* Where each corner is in the map, px: those on an edge are moved towards their neighbours on it, so that the
+   * edge has no steps. */
+  function smoothed(depth, wide, high, triangles) {
+    const around = new Uint8Array(depth.length), at = new Float32Array(2 * depth.length);
+    for (const i of triangles) around[i]++;
+    for (let i = 0; i < depth.length; i++) { at[2 * i] = i % wide; at[2 * i + 1] = Math.floor(i / wide); }
+    for (let round = 0; round < 3; round++) {
+      const before = at.slice();
+      for (let y = 1; y + 1 < high; y++)
+        for (let x = 1; x + 1 < wide; x++) {
+          const i = y * wide + x;
+          /* Six triangles meet in a corner inside a surface. */
+          if (!around[i] || around[i] === 6) continue;
+          let sums = [0, 0, 0];
+          for (const j of [i - 1, i + 1, i - wide - 1, i - wide, i - wide + 1, i + wide - 1, i + wide, i + wide + 1]) {
+            const apart = Math.max(depth[i], depth[j]) < data.edge * Math.min(depth[i], depth[j]);
+            if (around[j] && around[j] < 6 && apart) sums = [sums[0] + before[2 * j], sums[1] + before[2 * j + 1], sums[2] + 1];
+          }
+          if (sums[2]) for (let k = 0; k < 2; k++) at[2 * i + k] = .5 * (before[2 * i + k] + sums[k] / sums[2]);
+        }
+    }
+    return at;
+  }
   async function meshOf(seen, camera) {
     const [picture, map] = await Promise.all([load(seen.picture), load(seen.depth)]);
     const wide = map.width, high = map.height, depth = depths(map, seen.near, seen.far);
     const [fx, fy, cx, cy] = camera.lens, r = camera.rotation, c = camera.centre;
-    const vertices = new Float32Array(5 * wide * high);
-    for (let y = 0, i = 0; y < high; y++)
-      for (let x = 0; x < wide; x++, i++) {
-        const d = depth[i], u = ((x + .5) * camera.width / wide - .5 - cx) / fx * d;
-        const v = ((y + .5) * camera.height / high - .5 - cy) / fy * d;
-        for (let k = 0; k < 3; k++) vertices[5 * i + k] = c[k] + r[k] * u + r[3 + k] * v + r[6 + k] * d;
-        vertices[5 * i + 3] = (x + .5) / wide;
-        vertices[5 * i + 4] = (y + .5) / high;
-      }
     const triangles = [];
     const whole = (a, b, e) => {
       const p = depth[a], q = depth[b], s = depth[e];
@@ -87,6 +101,15 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
         if (whole(i, i + 1, i + wide)) triangles.push(i, i + 1, i + wide);
         if (whole(i + 1, i + wide, i + wide + 1)) triangles.push(i + 1, i + wide, i + wide + 1);
       }
+    const across = smoothed(depth, wide, high, triangles), vertices = new Float32Array(5 * wide * high);
+    for (let i = 0; i < depth.length; i++) {
+      const x = across[2 * i] + .5, y = across[2 * i + 1] + .5;
+      const d = depth[i], u = (x * camera.width / wide - .5 - cx) / fx * d;
+      const v = (y * camera.height / high - .5 - cy) / fy * d;
+      for (let k = 0; k < 3; k++) vertices[5 * i + k] = c[k] + r[k] * u + r[3 + k] * v + r[6 + k] * d;
+      vertices[5 * i + 3] = x / wide;
+      vertices[5 * i + 4] = y / high;
+    }
     const made = { array: gl.createVertexArray(), count: triangles.length, centre: c, texture: gl.createTexture() };
     made.buffers = [gl.createBuffer(), gl.createBuffer()];
     gl.bindVertexArray(made.array);

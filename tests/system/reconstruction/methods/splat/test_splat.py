@@ -10,6 +10,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction import open_session
 from reconstruction.common.geometry import View
+from reconstruction.method.moments import see_moments
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     make_gaussians,
@@ -18,6 +19,7 @@ from reconstruction.methods.splat.gaussians import (
 )
 from reconstruction.methods.splat.optimization import optimize
 from reconstruction.methods.splat.splat_run import _with_learned
+from reconstruction.scene.scene import Scene
 from tests.project import JUMPER
 from tests.unit.reconstruction.conftest import Reconstruct
 from tests.unit.reconstruction.depth.moments import moment, seen, view_at
@@ -66,3 +68,12 @@ def test_the_number_that_is_printed_is_that_of_a_camera_left_out(
     drawn = render_gaussians(read_splats(out / made["file"]), view)
     assert made["held_out_psnr"] == pytest.approx(psnr(drawn, scene.frame("cam00", 3).bgr()), abs=0.02)
     assert f"at least {made['held_out_psnr']:.1f} dB to the picture of cam00" in done.out
+
+
+def test_depth_of_low_confidence_gives_no_gaussians(boards: Session) -> None:
+    scene = Scene.open(boards.folder)
+    (every,), (sure,) = (see_moments(scene, [0], min_confidence=least) for least in (0.0, 0.9))
+    for camera, one in every.moment.items():
+        kept = sure.moment[camera].depth > 0
+        assert 0.5 < kept.sum() / (one.depth > 0).sum() < 1
+        assert (sure.moment[camera].depth[kept] == one.depth[kept]).all()

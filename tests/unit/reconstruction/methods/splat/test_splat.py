@@ -1,5 +1,7 @@
 """`reconstruct splat`: Gaussians made of depth maps and optimized, on a moment that is known exactly."""
 
+import gzip
+import struct
 from pathlib import Path
 
 import cv2
@@ -22,6 +24,7 @@ from reconstruction.methods.splat.gaussians import (
     read_splats,
     render_gaussians,
     write_splats,
+    write_spz,
 )
 from reconstruction.methods.splat.optimization import _Picture, optimize
 from reconstruction.methods.splat.splat_run import _with_learned, middle_camera
@@ -166,6 +169,33 @@ def test_a_file_has_the_fields_of_3d_gaussian_splatting(tmp_path: Path) -> None:
     assert np.linalg.norm(rows[:, 13:], axis=1) == pytest.approx(1, abs=1e-5)
     again, view = read_splats(tmp_path / "splat.ply"), view_at(0.1)
     assert psnr(render_gaussians(again, view), render_gaussians(gaussians, view)) > 45
+
+
+def test_spz_is_what_its_specification_says(tmp_path: Path) -> None:
+    """Niantic's SPZ 2: its header; positions in 24 bits, right, up and back; one byte for all else."""
+    gaussians = make_gaussians(moment())
+    write_spz(tmp_path / "splat.spz", gaussians)
+    data = gzip.decompress((tmp_path / "splat.spz").read_bytes())
+    assert data[:12] == b"NGSP" + struct.pack("<II", 2, len(gaussians))
+    degree, bits, flags, _ = data[12:16]
+    assert (degree, flags) == (0, 0)
+    body, number = np.frombuffer(data[16:], np.uint8), len(gaussians)
+    assert len(body) == 19 * number
+    low, middle, high = body[: 9 * number].reshape(number, 3, 3).astype(int).transpose(2, 0, 1)
+    places = ((low | middle << 8 | high << 16) ^ 1 << 23) - (1 << 23)
+    assert places / 2**bits * [1, -1, -1] == pytest.approx(gaussians.places, abs=1e-5)
+    columns = body[9 * number :]
+    assert columns[:number] / 255 == pytest.approx(gaussians.opacities, abs=0.003)
+    colours = columns[number : 4 * number].reshape(number, 3)
+    assert 0.5 + 0.28209479 / 0.15 * (colours / 255 - 0.5) == pytest.approx(
+        gaussians.colours[:, ::-1], abs=0.004
+    )
+    sizes = columns[4 * number : 7 * number].reshape(number, 3)
+    assert np.exp(sizes / 16 - 10) == pytest.approx(gaussians.sizes, rel=0.04)
+    turns = columns[7 * number :].reshape(number, 3) / 127.5 - 1
+    w = quaternions(gaussians.rotations)
+    assert turns * [1, -1, -1] * np.where(w[:, :1] < 0, -1, 1) == pytest.approx(w[:, 1:], abs=0.006)
+    assert (tmp_path / "splat.spz").stat().st_size < 0.3 * 68 * number
 
 
 def test_quaternions_of_all_rotations() -> None:

@@ -3,14 +3,16 @@
 import base64
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from reconstruction.common.camera_paths import frame_of
+from reconstruction.common.camera_paths import Frame, frame_of
+from reconstruction.common.geometry import Array, View
 from reconstruction.depth.seen_moment import find_subject
 from reconstruction.methods.splat.gaussians import Gaussians, make_gaussians, quaternions, write_splats
-from reconstruction.methods.splat.splat_page import pack, write_splat_page
+from reconstruction.methods.splat.splat_page import Grid, write_splat_page
 from tests.unit.reconstruction.depth.moments import moment
 from tests.unit.reconstruction.walk_pages import held
 
@@ -30,37 +32,65 @@ def page(tmp_path: Path) -> Path:
     return tmp_path / "walk.html"
 
 
-def words(page: Path) -> tuple[dict[str, object], np.ndarray]:
-    one = held(page)["instants"][0]
-    data = zlib.decompress(base64.b64decode(one["splats"]))
-    return one, np.frombuffer(data, "<u4").reshape(4, one["number"])
+def integers(packed: dict[str, Any]) -> Array:
+    """What a page's script makes of packed Gaussians: rows of integers."""
+    data = np.frombuffer(zlib.decompress(base64.b64decode(packed["splats"])), np.uint8).astype(int)
+    planes = data.reshape(15, packed["number"])
+    codes = np.concatenate([planes[0:6:2] | planes[1:6:2] << 8, planes[6:]])
+    return np.cumsum(codes >> 1 ^ -(codes & 1), axis=1).T
 
 
 def test_its_numbers_are_those_of_the_gaussians(page: Path) -> None:
-    gaussians, (one, packed) = make_gaussians(moment()), words(page)
-    assert one["number"] == len(gaussians)
-    integers = np.stack([packed[0] & 65535, packed[0] >> 16, packed[1] & 65535], axis=1)
-    places = np.array(one["low"]) + np.array(one["step"]) * integers
-    assert np.abs(places - gaussians.places).max() < 1e-4
-    sizes = np.stack([packed[1] >> 16 & 255, packed[1] >> 24, packed[2] & 255], axis=1)
-    assert one["smallest"] * np.exp(one["ratio"] * sizes) == pytest.approx(gaussians.sizes, rel=0.02)
-    blue = (packed[3] >> 16 & 255) / 255
-    assert np.abs(blue - gaussians.colours[:, 0]).max() < 0.003
-    axes = gaussians.axes.astype(float)
-    axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
-    turns = quaternions(axes)
+    gaussians, data = make_gaussians(moment()), held(page)
+    rows = integers(data["instants"][0])
+    assert data["shared"]["number"] == 0
+    assert len(rows) == len(gaussians)
+    places = np.array(data["low"]) + np.array(data["step"]) * rows[:, :3]
+    assert np.abs(places - gaussians.places).max() < 1e-3
+    sizes = data["smallest"] * np.exp(data["ratio"] * rows[:, 3:5])
+    assert sizes == pytest.approx(gaussians.sizes[:, :2], rel=0.1)
+    assert gaussians.sizes[:, 2] == pytest.approx(data["thin"] * gaussians.sizes[:, 0], rel=1e-5)
+    turns = quaternions(gaussians.rotations)
     turns *= np.where(turns[:, :1] < 0, -1, 1)
-    x = (packed[2] >> 8 & 255) / 127.5 - 1
-    assert np.abs(x - turns[:, 1]).max() < 0.005
+    assert np.abs(rows[:, 5:8] / data["levels"][0] * 2 - 1 - turns[:, 1:]).max() < 0.02
+    green = (rows[:, 8] << data["shifts"][0]) + 2
+    blue = green + (rows[:, 9] << data["shifts"][1]) + 4
+    assert np.abs(green / 255 - gaussians.colours[:, 1]).max() < 0.011
+    assert np.abs(blue / 255 - gaussians.colours[:, 0]).max() < 0.026
+    assert np.abs(rows[:, 11] / data["levels"][1] - gaussians.opacities).max() < 0.08
 
 
-def test_a_stray_costs_no_precision() -> None:
+def test_what_stands_still_is_in_it_once(tmp_path: Path) -> None:
+    cameras, files = moment(), dict[int, Path]()
+    for instant in range(3):
+        gaussians = make_gaussians(cameras)
+        gaussians.places[: 500 + 10 * instant, 0] += 0.1 * instant
+        gaussians.colours[:] = np.clip(gaussians.colours + 0.01 * instant, 0, 1)
+        files[instant] = tmp_path / f"{instant}.ply"
+        write_splats(files[instant], gaussians)
+    views = {camera: seen.view for camera, seen in cameras.items()}
+    write_splat_page(tmp_path, "clap", files, frame_of(views, find_subject(cameras)), views, 33_000_000)
+    data = held(tmp_path / "walk.html")
+    # A few of those that move are at a place where others stay.
+    assert 0.95 * len(gaussians) < data["shared"]["number"] <= len(gaussians) - 520
+    assert all(500 <= one["number"] < 800 for one in data["instants"])
+    one = held(page_of(tmp_path / "alone", {0: files[0]}, views, frame_of(views, find_subject(cameras))))
+    assert len(one["instants"][0]["splats"]) < 10 * len(gaussians)
+
+
+def page_of(folder: Path, files: dict[int, Path], views: dict[str, View], frame: Frame) -> Path:
+    """A page of files in a new folder."""
+    folder.mkdir()
+    write_splat_page(folder, "clap", files, frame, views, 33_000_000)
+    return folder / "walk.html"
+
+
+def test_a_stray_costs_no_precision(tmp_path: Path) -> None:
     gaussians = make_gaussians(moment())
     far = gaussians.chosen(np.arange(1))
     far.places[:] = 1e6
     joined = Gaussians(
         **{name: np.concatenate([own, vars(far)[name]]) for name, own in vars(gaussians).items()}
     )
-    packed = pack(joined)
-    assert packed["number"] == len(gaussians)
-    assert max(packed["step"]) < 1e-3
+    write_splats(tmp_path / "stray.ply", joined)
+    assert max(Grid.around({0: tmp_path / "stray.ply"}).step) < 1e-3

@@ -1,7 +1,6 @@
 """Optimization of Gaussians against the pictures that a moment's cameras took."""
 
 import ctypes
-from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,15 +24,13 @@ GAP, FREE = 0.5, 0.1
 """Fraction of light that passes a pixel of a gap at the start, and that may pass any other pixel freely."""
 
 
-def optimize(
-    gaussians: Gaussians, moment: Moment, iterations: int, step: Callable[[int], None] = lambda done: None
-) -> tuple[Gaussians, Array]:
+def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gaussians, Array]:
     """Return Gaussians with better colours, opacities and sizes, and which were kept (bool).
 
     Those that became transparent are removed. Each iteration compares all cameras' pictures, one after the
     other; the loss is the squared difference of colours. Light that passes all Gaussians counts as right in
     gaps and up to `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever
-    more transparent. `step` is called with the number of pictures that were compared.
+    more transparent.
     """
     number = len(gaussians)
     values = {
@@ -65,7 +62,6 @@ def optimize(
             slopes["logits"] *= opacities * (1 - opacities)
             for name, one in values.items():
                 _adam(name, one, slopes[name], moments[name], visit + 1, factor)
-            step(visit + 1)
     opacities = _sigmoid(values["logits"])
     grown = np.exp(values["grown"])[:, None]
     better = replace(

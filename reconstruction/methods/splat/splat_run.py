@@ -15,7 +15,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
-from reconstruction.depth.backdrop import find_backdrop
+from reconstruction.depth.backdrop import Backdrop, find_backdrop
 from reconstruction.depth.seen_moment import Moment, SeenInstant, SeenView, find_subject
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
@@ -138,12 +138,15 @@ def optimize_moments(
     Pictures are reduced to `width_px`, the length of their longer side.
     """
     learned: tuple[Gaussians, ...] = ()
+    backdrop: Backdrop | None = None
     for number, one in enumerate(seen):
         if not number:
             progress.total = progress.done + count  # all maps are computed
         progress.step(f"splat of instant {one.instant}")
         moment = {camera: view.resized(width_px) for camera, view in one.moment.items()}
-        begun = make_gaussians(moment, find_backdrop(moment))
+        # What is beyond all surfaces stands still.
+        backdrop = backdrop if learned else find_backdrop(moment)
+        begun = make_gaussians(moment, backdrop)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
         splat, kept = optimize(_with_learned(begun, *learned) if learned else begun, moment, iterations)
         learned = begun.chosen(kept), splat

@@ -19,20 +19,20 @@ def see_moments(
     *,
     without: Sequence[str] = (),
     quick: bool = False,
-    min_confidence: float = 0.0,
+    min_evidence: float | None = None,
     progress: Progress = SILENT,
 ) -> Iterator[SeenInstant]:
     """Yield each instant with depth of all cameras that have it, under a condition.
 
     Several instants share what stands still. Cameras `without` take no part, nor does depth of less than
-    `min_confidence`. Raises as the method does.
+    `min_evidence` (-2 to 1.5). Raises as the method does.
     """
     method = find_method(
         DEPTH,
         instants=tuple(instants),
         without=tuple(without),
         quick=quick,
-        min_confidence=min_confidence,
+        min_evidence=min_evidence,
         progress=progress,
     )
     yield from method.see(scene, condition)

@@ -24,7 +24,7 @@ from reconstruction.method.interface import SILENT
 from reconstruction.methods.multiview.colmap_workspace import write_workspace
 from reconstruction.methods.multiview.confidence import measure_support
 from reconstruction.methods.multiview.fusion import FusedCloud, fuse_maps
-from reconstruction.methods.multiview.input_images import InputImage, InputImages, check_images
+from reconstruction.methods.multiview.input_images import InputImage, InputImages
 from reconstruction.methods.multiview.matcher import image_colours, image_views, match_cameras
 from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.methods.multiview.still_scene import StillScene
@@ -58,15 +58,13 @@ class InstantMaps:
         views, colours = image_views(self.images), image_colours(self.images)
         return fuse_maps(views, self.maps, colours, smallest_group(self.sources))
 
-    def moment(self, min_confidence: float = 0.0) -> Moment:
-        """Return the cameras with their pictures and depth, without depth of lower confidence than given."""
+    def moment(self, min_evidence: float | None = None) -> Moment:
+        """Return the cameras with their pictures and depth, without depth of less evidence than given."""
         depth = {camera: found.depth for camera, found in self.maps.items()}
-        if min_confidence > 0:
-            misfit_px = check_images(self.usable).error_px
+        if min_evidence is not None:
             calibrated = {camera: image.calibrated for camera, image in self.images.items()}
             for camera, support in measure_support(calibrated, self.sources, self.maps):
-                sure = support.confidence(misfit_px) >= min_confidence
-                depth[camera] = np.where(sure, depth[camera], 0)
+                depth[camera] = np.where(support.evidence >= min_evidence, depth[camera], 0)
         return {
             camera: SeenView(
                 image.calibrated.view,

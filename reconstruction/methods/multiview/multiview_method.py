@@ -109,7 +109,7 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         from reconstruction.depth.seen_moment import SeenInstant
 
         for found in self.run(scene, condition):
-            yield SeenInstant(found.instant, found.moment(self.min_confidence), found.left_out)
+            yield SeenInstant(found.instant, found.moment(self.min_evidence), found.left_out)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras or instants that were left out; see `Method.notes`."""

@@ -52,8 +52,8 @@ class MultiviewOptions(Method, frozen=True, kw_only=True, dict=True):
     """Whether to clean the fused cloud, which needs Open3D."""
     workspace: bool = True
     """Whether to write the maps as a COLMAP workspace, which needs pycolmap."""
-    min_confidence: float = 0.0
-    """Confidence below which depth is left out of moments, as views and splats take them."""
+    min_evidence: float | None = None
+    """Evidence (-2 to 1.5) below which depth is left out of moments, as splats take them."""
     check: bool = True
     """Whether to check the calibration by points at rest in the images."""
     quick: Annotated[

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 
-MIN_CONFIDENCE = 0.6
-"""Confidence of depth below which a pixel gives no Gaussian."""
+MIN_EVIDENCE = -0.15
+"""Evidence of depth below which a pixel gives no Gaussian: under 60 % of such pixels are right."""
 
 
 class SplatMethod(Method, frozen=True, kw_only=True):
@@ -106,7 +106,17 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         """Compute depth, and optimize the splats; see `Method.save`."""
         from reconstruction.methods.splat.splat_run import make_splats
 
-        return make_splats(scene, self.run(scene, condition), output.folder, condition, self)
+        return make_splats(
+            scene,
+            self.run(scene, condition),
+            output.folder,
+            condition,
+            held_out=self.held_out(scene),
+            iterations=self.iterations,
+            width_px=self.width,
+            page=self.page,
+            spz=self.spz,
+        )
 
     def held_out(self, scene: "Scene") -> str:
         """Return the camera that is left out to judge the splats; empty if all are used."""
@@ -127,7 +137,7 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             condition,
             without=tuple(filter(None, (*self.without, self.held_out(scene)))),
             quick=self.quick,
-            min_confidence=MIN_CONFIDENCE,
+            min_evidence=MIN_EVIDENCE,
             progress=self.progress,
         )
         yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)

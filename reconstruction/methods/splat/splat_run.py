@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -33,9 +33,6 @@ from reconstruction.scene.conditions import Condition
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from reconstruction.methods.splat.splat_method import SplatMethod
 
 SPLATS = "splats"
 OURS = {SPLATS, PAGE}
@@ -154,24 +151,35 @@ def optimize_moments(
 
 
 def make_splats(
-    scene: Scene, splats: Iterable[SplatMoment], folder: Path, condition: Condition, options: "SplatMethod"
+    scene: Scene,
+    splats: Iterable[SplatMoment],
+    folder: Path,
+    condition: Condition,
+    *,
+    held_out: str,
+    iterations: int,
+    width_px: int,
+    page: bool,
+    spz: bool,
 ) -> SplatResult:
-    """Write splats into a folder, and a page that shows them if asked for.
+    """Write splats into a folder, and as .spz and a page that shows them if asked for.
+
+    The picture of the camera `held_out`, empty = none, is compared with each splat.
 
     Raises:
         NotApplicableError: no instant has depth.
     """
     made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
-    dataset, held_out = scene.dataset, options.held_out(scene)
+    dataset = scene.dataset
     subject: Array | None = None
     for one in splats:
         file = f"{SPLATS}/{one.instant:06d}.ply"
         write_splats(folder / file, one.splat)
-        if options.spz:
+        if spz:
             write_spz((folder / file).with_suffix(".spz"), one.splat)
         shown, judge_db = instants_shown(dataset, condition, one.instant).get(held_out), None
         if shown is not None and dataset.has_image(held_out, shown):
-            judge_db = _mean_psnr(one.splat, [_picture(scene, held_out, shown, options.width)])
+            judge_db = _mean_psnr(one.splat, [_picture(scene, held_out, shown, width_px)])
         made.append(
             SplatInstant(
                 instant=one.instant,
@@ -186,7 +194,7 @@ def make_splats(
         subject = find_subject(one.moment) if subject is None else subject
     if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
-    if options.page:
+    if page:
         files = {moment.instant: folder / moment.file for moment in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
@@ -194,7 +202,7 @@ def make_splats(
         condition=condition.name,
         cameras=tuple(views),
         unit=scene.unit,
-        iterations=options.iterations,
+        iterations=iterations,
         held_out=held_out,
         instants=tuple(made),
         left_out=left_out,

@@ -291,7 +291,7 @@ class ActiveBursts:
             for member in members
             if member.lost not in ("", LEFT)
             and member.camera.kind not in WITHOUT_CAMERA
-            and member.report.frames
+            and member.has_taken
         }
 
     @property

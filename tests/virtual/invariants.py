@@ -308,8 +308,8 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         ordered_ns = int(of.clock.true_from_local(of.burst.instants_ns[-1]))
         # Every camera may have dropped its last frame.
         ends_ns = ordered_ns - 2 * of.burst.period_ns if asked_ns is None else min(asked_ns, ordered_ns)
-        # A cut of all its cameras is no excuse, unless none of them can have learned of it; nor is the loss of
-        # a leader that comes back, if an end was ordered.
+        # A cut of all its cameras is no excuse, unless none of them can have learned of it; nor is the loss
+        # of a leader that comes back, if an end was ordered.
         has_end = asked_ns is None and ordered_ns - of.ordered_ns < LONGEST_NS
         survived = SURVIVED if has_end and of.machine not in rig.absent_leaders else ()
         if (

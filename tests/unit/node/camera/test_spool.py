@@ -64,7 +64,8 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "unlink", fail)
         spool.remove(burst)
-        assert spool.look().problem and burst.folder.exists()
+        assert spool.look().problem
+        assert burst.folder.exists()
     assert not spool.look().problem
     assert not burst.folder.exists()
     spool.close()

@@ -219,7 +219,11 @@ def _honest(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     for of in rig.evidence.bursts:
         if of.cancel_asked_ns is not None or of.machine in rig.absent_leaders:
             continue
-        honest = [name for name in of.ready if name not in rig.plan.liars and not _befell(rig, of, name)]
+        honest = [
+            name
+            for name in of.ready
+            if name not in rig.plan.liars and not _befell(rig, of, name, goes_on=_has_end(of))
+        ]
         saved = sessions.get(of.key)
         if saved is None or saved.manifest is None:
             if any(_delivered(rig, of, name, of.burst.instants_ns[0]) for name in honest):
@@ -265,11 +269,12 @@ def _befell(
     of: OrderedBurst,
     *cameras: str,
     ends_ns: int | None = None,
-    survived: tuple[str, ...] = (),
+    goes_on: bool = False,
 ) -> bool:
     """Return whether anything befell these cameras or a leader that may have cost frames of a burst.
 
-    Faults of the kinds `survived` cost none if they begin some seconds after its order.
+    A burst that `goes_on` without its leader loses nothing by a cut, or by the leader's loss, some seconds
+    after its order.
     """
     begins_ns = min(of.ordered_ns, int(of.clock.true_from_local(of.burst.instants_ns[0]))) - BEFORE_S * 1e9
     ends_ns = of.last_ns() if ends_ns is None else ends_ns
@@ -279,7 +284,11 @@ def _befell(
     return any(
         span.target in concerned
         and span.kind not in HARMLESS
-        and not (span.kind in survived and span.from_ns > of.ordered_ns + BEFORE_S * 1e9)
+        and not (
+            goes_on
+            and span.kind in (("cut",) if span.target in cameras else SURVIVED)
+            and span.from_ns > of.ordered_ns + BEFORE_S * 1e9
+        )
         and span.from_ns <= ends_ns + AFTER_S * 1e9
         # Of what was killed, it takes a while until it is ready again.
         and span.until_ns + AFTER_S * 1e9 >= begins_ns
@@ -310,10 +319,9 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         ends_ns = ordered_ns - 2 * of.burst.period_ns if asked_ns is None else min(asked_ns, ordered_ns)
         # A cut of all its cameras is no excuse, unless none of them can have learned of it; nor is the loss
         # of a leader that comes back, if an end was ordered.
-        has_end = asked_ns is None and ordered_ns - of.ordered_ns < LONGEST_NS
-        survived = SURVIVED if has_end and of.machine not in rig.absent_leaders else ()
+        goes_on = _has_end(of) and of.machine not in rig.absent_leaders
         if (
-            _befell(rig, of, ends_ns=ends_ns, survived=survived)
+            _befell(rig, of, ends_ns=ends_ns, goes_on=goes_on)
             or _is_unheard(rig, of)
             or not _stayed(rig, of, ends_ns)
         ):
@@ -327,6 +335,12 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
             )
         elif asked_ns is not None and last_ns > asked_ns + MAX_OVERRUN_S * 1e9:
             yield f"{of.name} went on for {(last_ns - asked_ns) / 1e9:.1f} s after its operator had ended it"
+
+
+def _has_end(of: OrderedBurst) -> bool:
+    """Return whether it is a recording of an ordered length, which no operator ended earlier."""
+    instants_ns = of.burst.instants_ns
+    return of.burst.video and of.end_asked_ns is None and instants_ns[-1] - instants_ns[0] < LONGEST_NS
 
 
 def _stayed(rig: VirtualRig, of: OrderedBurst, until_ns: int) -> set[str]:

@@ -122,8 +122,10 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         """Return the camera that is left out to judge the splats; empty if all are used."""
         from reconstruction.methods.splat.splat_run import middle_camera
 
-        cameras = {c: view for c, view in scene.known_views.items() if c not in self.without}
-        return "" if self.all_cameras else middle_camera(cameras)
+        dataset = scene.dataset
+        first, *_ = dataset.chosen_instants(self.listed_instants)
+        there = [c for c in scene.known_views if c not in self.without and dataset.has_image(c, first)]
+        return "" if self.all_cameras else middle_camera({c: scene.views[c] for c in there})
 
     def run(self, scene: "Scene", condition: Condition) -> "Iterator[SplatMoment]":
         """Yield the splat of each instant; see `Method.run`."""

@@ -21,7 +21,11 @@ STRAY = 0.1
 """Percentile of the Gaussians' places, on both ends of each axis, beyond which they may be strays."""
 BEYOND = 0.5
 """Farthest stray that is shown, in extents of all others."""
-PLACE_BITS, SIZE_BITS, TURN_BITS, OPACITY_BITS = 12, 4, 6, 3
+FINE, MAX_STEPS = 0.25, 2**15 - 1
+"""Step of places, relative to the median of the Gaussians' smaller sizes, and the largest number of steps."""
+SIZE_STEP = 0.2
+"""Step of the sizes' logarithms."""
+TURN_BITS, OPACITY_BITS = 6, 3
 GREEN_SHIFT, CHROMA_SHIFT = 2, 3
 """Bits of 8 that are left out of green, and of the differences of blue and red to it."""
 COLOURS = slice(8, 11)
@@ -33,27 +37,24 @@ SAME_COLOUR = 16
 class Grid(NamedTuple):
     """Quantization of all instants: a place is `low` + `step` times an integer along each axis.
 
-    A size is `smallest` times exp(`ratio` times an integer).
+    A size is `smallest` times exp(`SIZE_STEP` times an integer).
     """
 
     low: Array
     step: Array
     smallest: float
-    ratio: float
 
     @classmethod
     def around(cls, files: Mapping[int, Path]) -> "Grid":
         """Return the grid that holds the splats of files."""
-        low, high, smallest, largest = np.full(3, np.inf), np.full(3, -np.inf), np.inf, 0.0
+        low, high, smallest, fine = np.full(3, np.inf), np.full(3, -np.inf), np.inf, np.inf
         for file in files.values():
             gaussians = _shown(file)
             low = np.minimum(low, gaussians.places.min(axis=0))
             high = np.maximum(high, gaussians.places.max(axis=0))
-            sizes = gaussians.sizes[:, :2]
-            smallest, largest = min(smallest, float(sizes.min())), max(largest, float(sizes.max()))
-        step = np.maximum(high - low, 1e-9) / (2**PLACE_BITS - 1)
-        ratio = max(float(np.log(largest / smallest)), 1e-9) / (2**SIZE_BITS - 1)
-        return cls(low, step, smallest, ratio)
+            sizes = gaussians.sizes[:, :2].min(axis=1)
+            smallest, fine = min(smallest, float(sizes.min())), min(fine, FINE * float(np.median(sizes)))
+        return cls(low, np.maximum((high - low) / MAX_STEPS, fine), smallest)
 
     def integers(self, gaussians: Gaussians) -> Array:
         """Return Gaussians as integers (n, 12): place, two sizes, turn (x, y, z), green, blue, red, opacity.
@@ -65,7 +66,7 @@ class Grid(NamedTuple):
         blue, green, red = np.rint(np.clip(gaussians.colours, 0, 1) * 255).astype(int).T
         columns = [
             np.rint((gaussians.places - self.low) / self.step),
-            np.rint(np.log(gaussians.sizes[:, :2] / self.smallest) / self.ratio),
+            np.rint(np.log(gaussians.sizes[:, :2] / self.smallest) / SIZE_STEP),
             np.rint((turns + 1) / 2 * (2**TURN_BITS - 1)),
             np.stack(
                 [green >> GREEN_SHIFT, blue - green >> CHROMA_SHIFT, red - green >> CHROMA_SHIFT], axis=1
@@ -119,7 +120,7 @@ def write_splat_page(
                 "low": grid.low.tolist(),
                 "step": grid.step.tolist(),
                 "smallest": grid.smallest,
-                "ratio": grid.ratio,
+                "ratio": SIZE_STEP,
                 "thin": THIN,
                 "levels": [2**TURN_BITS - 1, 2**OPACITY_BITS - 1],
                 "shifts": [GREEN_SHIFT, CHROMA_SHIFT],
@@ -136,7 +137,7 @@ def _shown(file: Path) -> Gaussians:
 
 def _places(integers: Array) -> Array:
     """Return one number for each place."""
-    return np.asarray(integers[:, 0] | integers[:, 1] << PLACE_BITS | integers[:, 2] << 2 * PLACE_BITS)
+    return np.asarray(integers[:, 0] | integers[:, 1] << 16 | integers[:, 2] << 32)
 
 
 def _stay(shared: Array, integers: Array) -> Array:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from capture_app.common.errors import BadInputError
 
@@ -288,16 +288,3 @@ def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int 
             f"the picture cannot be written as {suffix[1:].upper()}", hint="write a .jpg or .png"
         )
     return bytes(data.tobytes())
-
-
-def open_capture(source: str | int) -> Any:
-    """Return OpenCV's reader for a video path or a webcam number; it may not be open. Logs nothing."""
-    import cv2
-
-    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        # A pipe would be waited for without an end.
-        is_pipe = isinstance(source, str) and Path(source).is_fifo()
-        return cv2.VideoCapture() if is_pipe else cv2.VideoCapture(source)
-    finally:
-        cv2.utils.logging.setLogLevel(before)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -12,11 +11,8 @@ import cv2
 import msgspec
 import numpy as np
 
-from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
-from reconstruction.checks.bullet_time.between_cameras import film_between
-from reconstruction.checks.bullet_time.bullet_time_check import BulletTimeSweep
 from reconstruction.common import wording
 from reconstruction.common.camera_paths import order_of_views
 from reconstruction.common.drawing import EMPTY
@@ -26,7 +22,7 @@ from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.score import TIMING, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.words import read_words
-from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
+from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
@@ -85,9 +81,8 @@ def save_animation(
     name: str,
     halves: tuple[Sequence[Array], Sequence[Array]],
     titles: tuple[str, Sequence[str]],
-    step_ms: int = STEP_MS,
 ) -> str:
-    """Write folder/pictures/`name`.gif, `step_ms` a picture, and return its path relative to the folder.
+    """Write folder/pictures/`name`.gif and return its path relative to the folder.
 
     `halves` are pictures (BGR uint8) of equal number and size. `titles` holds the title of the first half and
     one title for each picture of the second.
@@ -105,7 +100,7 @@ def save_animation(
     ]
     target = folder / "pictures" / f"{name}.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(encode_animation(there, ".gif", step_ms, REST_MS))
+    target.write_bytes(encode_animation(there, ".gif", STEP_MS, REST_MS))
     return f"pictures/{name}.gif"
 
 
@@ -213,7 +208,6 @@ class BulletTimeStudy(Score):
 
     text = read_words(__package__)
     needs = (TIMING,)
-    Options = BulletTimeSweep
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
@@ -226,30 +220,19 @@ class BulletTimeStudy(Score):
     def measure(self) -> StudyResult[Any]:
         """Render the sweep; see `Score.measure`."""
         assert self.context.folder is not None
-        sweep = render_camera_sweep(
-            self.scene,
-            self.context.folder,
-            self.known,
-            self.options.between,
-        )
+        sweep = render_camera_sweep(self.scene, self.context.folder, self.known)
         if sweep is None:
             return self.skipped("no instant has images of two cameras at two times", unasked=True)
         return StudyResult(name=self.text.name, cameras=sweep.cameras, instants=1, facts=sweep)
 
 
-def render_camera_sweep(
-    scene: Scene,
-    out: Path,
-    known: CompareResult,
-    between: int = 0,
-) -> BulletTime | None:
+def render_camera_sweep(scene: Scene, out: Path, known: CompareResult) -> BulletTime | None:
     """Write the sweep's pictures and an animation into out/pictures; None if no sweep is possible.
 
     Cameras are ordered by position if they are calibrated, else by name. Pictures of calibrated cameras are
-    rotated and zoomed so that the subject stays in place. The animation has `between` views between
-    neighbours, if the cameras have depth. In the other condition
-    each camera is delayed by one of `LATE_MS`, as far as the burst reaches. The animation says synchronized
-    only if the images of the sweep's cameras were found to show one instant.
+    rotated and zoomed so that the subject stays in place. In the other condition each camera is delayed by
+    one of `LATE_MS`, as far as the burst reaches. The animation says synchronized only if the images of the
+    sweep's cameras were found to show one instant.
     """
     dataset, motion = scene.dataset, scene.motion
     calibrated = dict(scene.known_views)
@@ -280,20 +263,6 @@ def render_camera_sweep(
     when = "synchronized" if known.together(order) else "as recorded"
     late_texts = [wording.timeliness(ms).replace(wording.GAP, " ") for ms in offsets_ms]
     names = [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
-    films, step_ms = halves, STEP_MS
-    if between and stabilized:
-        apart = Condition("late", named_ms=tuple(zip(order, offsets_ms, strict=True)))
-        with suppress(BadInputError):  # without depth there is nothing between the cameras
-            sides = zip(halves, (SYNCHRONIZED, apart), strict=True)
-            synced_film, offset_film = (
-                film_between(scene, instant, condition, stabilized, half, between)
-                for half, condition in sides
-            )
-            films = synced_film, offset_film
-            names = [text for name in names for text in (name, *["between cameras"] * between)]
-            names = names[: len(synced_film)]
-            step_ms //= between + 1
-    titles = when, names
     return BulletTime(
         cameras=order,
         instant=instant,
@@ -302,7 +271,7 @@ def render_camera_sweep(
         offsets_ms=offsets_ms,
         stabilized=bool(stabilized),
         ordered_by_position=len(calibrated) > 1,
-        file=save_animation(out, "sweep", films, titles, step_ms),
+        file=save_animation(out, "sweep", halves, (when, names)),
         synced_step_px=_largest_step_px(motion, calibrated, stabilized, dict.fromkeys(order, instant)),
         offset_step_px=_largest_step_px(motion, calibrated, stabilized, late),
     )

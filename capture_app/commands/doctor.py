@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.plugins import CAMERA_COMMANDS, COMMANDS, plugin_names
@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     help="With --report: add the measurements of `panel read` of SESSION.",
 )
 @spool_option
-@open_option
 @json_option
 def doctor(
     leaders: tuple[Address, ...],

@@ -9,7 +9,6 @@ from capture_app.commands.shared_options import (
     cameras_option,
     host_option,
     leader_option,
-    open_option,
     rig_port_option,
     sessions_option,
     stagger_option,
@@ -34,7 +33,6 @@ def rig() -> None:
 @sessions_option
 @cameras_option
 @stagger_option
-@open_option
 @json_option
 def start(
     host: str,

@@ -25,7 +25,6 @@ from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.rig_link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
-from capture_app.trust.trust import Trust
 
 
 class LeaderRecord(Struct, frozen=True, kw_only=True):
@@ -60,7 +59,7 @@ class AttachedRig:
     @property
     def screen_arguments(self) -> tuple[str, ...]:
         """Command-line arguments that show the same rig."""
-        return ("--leader", str(self.leader), "--sessions", str(self.sessions), *Trust.of_user().options)
+        return ("--leader", str(self.leader), "--sessions", str(self.sessions))
 
 
 def rigs_folder() -> Path:
@@ -203,7 +202,6 @@ def _spawn(
 ) -> subprocess.Popen[bytes]:
     arguments = (
         *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
-        *Trust.of_user().options,
         *(["--or-free-port"] if port is None else ["--port", str(port)]),
         *(["--until-eof"] if is_owned else []),
         *(["--until-unused"] if until_unused else []),

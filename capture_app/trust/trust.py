@@ -16,7 +16,7 @@ from capture_app.trust.identity import Identity, load_identity
 from capture_app.trust.known_machines import CameraNames, KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
-"""If 1, pairing is skipped, as with --open."""
+"""If 1, pairing is skipped, as with --open: by this process and those that it starts."""
 _IN_USE: ContextVar["Trust | None"] = ContextVar("trust", default=None)
 
 
@@ -78,11 +78,6 @@ class Trust:
             yield
         finally:
             _IN_USE.reset(before)
-
-    @property
-    def options(self) -> tuple[str, ...]:
-        """Command-line options that make a child command use the same trust."""
-        return ("--open",) if self.is_open else ()
 
     @property
     def is_open(self) -> bool:

@@ -10,7 +10,6 @@ import click
 from capture_app.commands.leader_choice import inviting_phones, leaders_to_join, pairing_options
 from capture_app.commands.shared_options import (
     leaders_option,
-    open_option,
     page_options,
     run_until_stopped,
     spool_option,
@@ -47,7 +46,6 @@ def _parse_size(text: str) -> tuple[int, int]:
 )
 @spool_option
 @pairing_options
-@open_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 @json_option
 def phones(

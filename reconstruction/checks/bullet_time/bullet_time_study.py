@@ -16,7 +16,7 @@ from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
 from reconstruction.common import wording
 from reconstruction.common.camera_paths import order_of_views
 from reconstruction.common.drawing import EMPTY
-from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.geometry import Array, View, look_along, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.score import TIMING, Score
@@ -158,10 +158,7 @@ def stabilize_views(
     )
     turned = {}
     for name, view in views.items():
-        ahead = (point - view.centre) / range_to[name]
-        right = np.cross(down, ahead)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        rotation = look_along((point - view.centre) / range_to[name], down)
         matrix = np.array([[range_to[name], 0, x], [0, range_to[name], y], [0, 0, 1.0]])
         turned[name] = View(width, height, matrix, np.zeros(5), rotation, np.asarray(-rotation @ view.centre))
     tried = (

@@ -5,7 +5,7 @@ B's images show the point before and after. Its path in B crosses the line at th
 which A's image was taken. Motion along the line carries no information.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -345,7 +345,7 @@ def fit_offset(
         )
     # A calibration that is worse at rest has larger errors elsewhere too.
     prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
-    at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
+    at_rest = _fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
     votes = _votes(found.by(at_rest.geometry))
     if change := UNCHANGED if steady else find_change(votes, period_ms):
         found = found.later(-change.at_ms(found.instant, period_ms))
@@ -358,8 +358,8 @@ def fit_offset(
         return OffsetFit(reason="nearly all moving points move along their epipolar lines")
     late_ms = found.by(at_rest.geometry).offset_ms - peak
     near = (np.abs(late_ms * found.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
-    at_rest.values[0] = peak
-    fit = _Fit(found.only(near), still, prior_sd, at_rest)
+    first = np.append(peak, at_rest.geometry)
+    fit = _fit(found.only(near), still, prior_sd, first, at_rest.rest_px)
     if len(instants := _by_instant(fit, period_ms)) < MIN_INSTANTS:
         return OffsetFit(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
@@ -477,61 +477,19 @@ def _best_offset(votes: Votes, period_ms: float) -> tuple[float, float, float]:
     return float(grid[best]), float(total[best]), float(total[elsewhere].max(initial=0.0))
 
 
+@dataclass(frozen=True, eq=False)
 class _Fit:
-    """Offset and geometry errors of a pair: iteratively reweighted least squares (Cauchy weights).
+    """Offset and geometry errors of a pair, as `_fit` finds them."""
 
-    The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
-    has a zero-mean prior of `prior_sd` standard deviations.
-    """
-
-    def __init__(
-        self, moving: Crossings, still: StillErrors, prior_sd: float, at_rest: "_Fit | None" = None
-    ) -> None:
-        self.moving = moving
-        count = len(moving.counts)
-        still_px, still_geometry = still
-        rows = np.block(
-            [
-                [moving.across_px_per_ms[:, None], moving.geometry],
-                [np.zeros((len(still_px), 1)), still_geometry],
-            ]
-        )
-        seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
-        # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
-        _, of_instant = np.unique(moving.instant, return_inverse=True)
-        shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0))
-        if at_rest is not None:
-            # Static points match to MATCH_PX; the geometry's terms do not explain larger residuals.
-            shared_px2 += max(0.0, at_rest.rest_px**2 - MATCH_PX**2)
-        counts = np.append(moving.counts, np.ones(len(still_px)))
-        parts = _parts(moving.geometry, moving.instant)
-        max_still = _parts(still_geometry, np.zeros(len(still_px))) / SHARED_PX**2
-        self.values: Array = np.zeros(1 + TERMS) if at_rest is None else at_rest.values
-        match_px = 2.0
-        for step in range(ROUNDS):
-            miss = seen - rows @ self.values
-            if step:
-                match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
-            rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
-            sds = np.append(np.hypot(match_px, moving.shared_px), np.full(len(still_px), rest_px))
-            weights = counts / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
-            # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
-            weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
-            # Successive instants share the error of an outline.
-            object_px = np.bincount(of_instant, weights[:count] * moving.shared_px)
-            object_px2 = ALIKE_INSTANTS * object_px @ object_px / max(1e-9, weights[:count].sum()) ** 2
-            max_moving = parts / (shared_px2 + object_px2)
-            for of, its in ((np.s_[:count], max_moving), (np.s_[count:], max_still)):
-                weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
-            prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
-            normal = rows.T @ (weights[:, None] * rows) + prior
-            self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
-            # Errors larger than the prior's contradict it (evidence approximation, MacKay 1992).
-            free = TERMS - np.trace(np.linalg.inv(normal)[1:, 1:]) / prior_sd**2
-            prior_sd = max(prior_sd, float(np.sqrt(self.geometry @ self.geometry / max(1.0, free))))
-        self.match_px = match_px
-        self.rest_px: float = rest_px if len(still_px) else 0.0
-        self._rows, self._weights, self._miss, self._normal = rows, weights, miss, normal
+    moving: Crossings
+    values: Array
+    """Offset, ms, and the errors of the geometry (1 + TERMS,)."""
+    match_px: float
+    rest_px: float
+    rows: Array
+    weights: Array
+    miss: Array
+    normal: Array
 
     @property
     def geometry(self) -> Array:
@@ -541,14 +499,14 @@ class _Fit:
     def geometry_sd_ms(self, moving: Crossings, weights: Array) -> float:
         """Return the standard deviation of crossings' weighted mean that the geometry's error leaves."""
         mean = weights @ (moving.geometry / moving.across_px_per_ms[:, None]) / weights.sum()
-        return float(np.sqrt(mean @ np.linalg.inv(self._normal)[1:, 1:] @ mean))
+        return float(np.sqrt(mean @ np.linalg.inv(self.normal)[1:, 1:] @ mean))
 
     @property
     def sd_ms(self) -> float:
         """Standard deviation of the offset: the larger of the instants' scatter and the geometry's part."""
         count, instant = len(self.moving.counts), self.moving.instant.astype(int)
-        inverse = np.linalg.inv(self._normal)
-        pull = self._weights[:count] * self._miss[:count] * (self._rows[:count] @ inverse[0])
+        inverse = np.linalg.inv(self.normal)
+        pull = self.weights[:count] * self.miss[:count] * (self.rows[:count] @ inverse[0])
         # The points of a cluster share errors: use each instant's pull on the offset (Liang and Zeger 1986).
         # The paths of an instant use its neighbouring images (Newey and West 1987).
         pulls = np.bincount(instant - instant.min(), pull)
@@ -559,6 +517,71 @@ class _Fit:
         # Few instants estimate their scatter poorly: ratio of Student's t to the normal quantile, at 95 %.
         drawn *= 1 + 1.2 / free + 2.4 / free**2
         return float(np.sqrt(max(drawn**2, inverse[0, 0])))
+
+
+def _fit(
+    moving: Crossings,
+    still: StillErrors,
+    prior_sd: float,
+    first: Array | None = None,
+    at_rest_px: float = 0.0,
+) -> _Fit:
+    """Fit by iteratively reweighted least squares (Cauchy weights), from `first` values, else from zero.
+
+    The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
+    has a zero-mean prior of `prior_sd` standard deviations. `at_rest_px` is the residual of points at rest
+    alone: static points match to MATCH_PX, and the geometry's terms do not explain larger residuals.
+    """
+    count, (still_px, still_geometry) = len(moving.counts), still
+    speeds = np.append(moving.across_px_per_ms, np.zeros(len(still_px)))
+    rows = np.column_stack([speeds, np.concatenate([moving.geometry, still_geometry])])
+    seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
+    weigh = _weigher(moving, still, max(0.0, at_rest_px**2 - MATCH_PX**2))
+    values: Array = np.zeros(1 + TERMS) if first is None else first
+    match_px = 2.0
+    for step in range(ROUNDS):
+        miss = seen - rows @ values
+        if step:
+            match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
+        rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
+        weights = weigh(miss, match_px, rest_px)
+        prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
+        normal = rows.T @ (weights[:, None] * rows) + prior
+        values = np.linalg.solve(normal, rows.T @ (weights * seen))
+        # Errors larger than the prior's contradict it (evidence approximation, MacKay 1992).
+        free = TERMS - np.trace(np.linalg.inv(normal)[1:, 1:]) / prior_sd**2
+        prior_sd = max(prior_sd, float(np.sqrt(values[1:] @ values[1:] / max(1.0, free))))
+    return _Fit(moving, values, match_px, rest_px if len(still_px) else 0.0, rows, weights, miss, normal)
+
+
+def _weigher(
+    moving: Crossings, still: StillErrors, unexplained_px2: float
+) -> Callable[[Array, float, float], Array]:
+    """Return a function that weighs moving and static points by their residuals and the residuals' scatter.
+
+    More points do not reduce an error that they share: it limits the total weight of each group, px^-2.
+    """
+    count, (still_px, still_geometry) = len(moving.counts), still
+    _, of_instant = np.unique(moving.instant, return_inverse=True)
+    shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0)) + unexplained_px2
+    counts = np.append(moving.counts, np.ones(len(still_px)))
+    parts = _parts(moving.geometry, moving.instant)
+    max_still = _parts(still_geometry, np.zeros(len(still_px))) / SHARED_PX**2
+
+    def weigh(miss: Array, match_px: float, rest_px: float) -> Array:
+        sds = np.append(np.hypot(match_px, moving.shared_px), np.full(len(still_px), rest_px))
+        weights = counts / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
+        # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
+        weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
+        # Successive instants share the error of an outline.
+        object_px = np.bincount(of_instant, weights[:count] * moving.shared_px)
+        object_px2 = ALIKE_INSTANTS * object_px @ object_px / max(1e-9, weights[:count].sum()) ** 2
+        max_moving = parts / (shared_px2 + object_px2)
+        for group, max_weight in ((np.s_[:count], max_moving), (np.s_[count:], max_still)):
+            weights[group] *= min(1.0, max_weight / max(1e-9, float(weights[group].sum())))
+        return np.asarray(weights)
+
+    return weigh
 
 
 def _parts(geometry: Array, instant: Array) -> float:

@@ -80,6 +80,11 @@ class Trust:
             _IN_USE.reset(before)
 
     @property
+    def variables(self) -> dict[str, str]:
+        """Environment variables that make a child process use the same trust."""
+        return {OPEN_VARIABLE: "1"} if self.is_open else {}
+
+    @property
     def is_open(self) -> bool:
         """Whether the rig is open: machines are not authenticated and nothing is encrypted."""
         return self.folder is None
@@ -145,7 +150,7 @@ class Trust:
                 cadata=b"".join(
                     (
                         self.identity.certificate,
-                        *(one.certificate for one in machines if one.certificate is not None),
+                        *(machine.certificate for machine in machines if machine.certificate is not None),
                     )
                 )
             )

@@ -61,7 +61,9 @@ def list_command(as_json: bool) -> None:
     from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
-    rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
+    rows = [
+        (record.leader, str(record.pid), record.sessions, record.log or "on its terminal") for record in rigs
+    ]
     answer(
         as_json,
         {"rigs": rigs},

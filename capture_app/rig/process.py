@@ -170,11 +170,11 @@ async def attach(
             with contextlib.suppress(SimulshotError):
                 folder = Path((await ask_status(leader)).sessions_folder or folder)
         return AttachedRig(leader, folder, is_local=local)
-    found = await find_rig(sessions=sessions, port=port)
-    if found is not None:
+    rig_here = await find_rig(sessions=sessions, port=port)
+    if rig_here is not None:
         for camera in cameras:
-            await give_order(found.address, AddCamera(spec=reveal_password(camera)))
-        return AttachedRig(found.address, Path(found.sessions), is_local=True)
+            await give_order(rig_here.address, AddCamera(spec=reveal_password(camera)))
+        return AttachedRig(rig_here.address, Path(rig_here.sessions), is_local=True)
     folder = sessions or Path("sessions")
     rig = await start_rig(sessions=folder, host=host, port=port, cameras=cameras, until_unused=True)
     return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)

@@ -282,21 +282,21 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
     The score is the part of one image that the other does not show, times the fraction of static points that
     one homography explains. That fraction falls as the distance of the cameras grows.
     """
-    found = {
+    pairs = {
         (a, b): fit
         for a, b in combinations(points, 2)
         if (fit := fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])) is not None
     }
     scores = {
         pair: (1 - overlap) * fitting
-        for pair, (overlap, fitting) in found.items()
+        for pair, (overlap, fitting) in pairs.items()
         if OVERLAP_LIMITS[0] <= overlap <= OVERLAP_LIMITS[1]
     }
     if scores:
         best = max(scores, key=scores.__getitem__)
-        return PairChoice(best, f"{100 * found[best][0]:.0f} % overlap")
-    if found:
-        least = 100 * min(overlap for overlap, _ in found.values())
+        return PairChoice(best, f"{100 * pairs[best][0]:.0f} % overlap")
+    if pairs:
+        least = 100 * min(overlap for overlap, _ in pairs.values())
         why = f"the cameras show too much of the same ({least:.0f} % or more) for a panorama"
         return PairChoice(None, f"{why} to show anything new")
     return PairChoice(None, "no two cameras' pictures can be laid over each other")

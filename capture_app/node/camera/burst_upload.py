@@ -131,8 +131,8 @@ class Spool:
             make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
             folders = list(self.folder.iterdir())
-            found = [folder for folder in folders if (folder / REPORT).is_file()]
-            for folder in (folder for folder in folders if folder not in found):
+            bursts = [folder for folder in folders if (folder / REPORT).is_file()]
+            for folder in (folder for folder in folders if folder not in bursts):
                 # The node was stopped while it made or removed the folder. One with images stays.
                 with suppress(OSError):
                     (folder / f"{REPORT}{PART}").unlink(missing_ok=True)
@@ -145,7 +145,7 @@ class Spool:
             raise BadInputError(
                 f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
             ) from error
-        return [SpoolFolder(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
+        return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
 
     def create_burst(self, report: CameraReport) -> SpoolFolder:
         """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.

@@ -92,8 +92,8 @@ def _exif_of_tiff(tiff: bytes) -> Exif:
     order, first = _directory(tiff)
     inner = _entries(tiff, order, _number(order, first[_EXIF_IFD])) if _EXIF_IFD in first else {}
     orientation, focal = (
-        _number(order, of[tag]) if tag in of else 0
-        for of, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
+        _number(order, directory[tag]) if tag in directory else 0
+        for directory, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
     )
     date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
     return Exif(date, part, focal or None, orientation or UPRIGHT)

@@ -285,7 +285,7 @@ def _choose_instant(
     target_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
-    found = {
+    frames = {
         k: {
             name: min(there[name], key=lambda j: (abs(times[j] - time - target_ns[name]), j))
             for name in order
@@ -294,18 +294,18 @@ def _choose_instant(
         for k, time in enumerate(times)
     }
     short_ns = {
-        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in found.items()
+        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in frames.items()
     }
     ranks = {
         k: (len(late), len(set(late.values())), -round(short_ns[k] / max(1, dataset.period_ns)))
-        for k, late in found.items()
+        for k, late in frames.items()
     }
     best = max(ranks.values())
     if min(best[:2]) < 2:
         return None
     likely = evenly_spaced([k for k, rank in ranks.items() if rank == best], MAX_CANDIDATES)
-    instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in found[k]))
-    return instant, found[instant]
+    instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in frames[k]))
+    return instant, frames[instant]
 
 
 def _stabilized_views(

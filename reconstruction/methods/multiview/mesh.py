@@ -143,8 +143,8 @@ def _farthest_off_plane(corners: Array, normals: Array) -> Array:
     `corners` and unit `normals` are (m, 3, 3).
     """
     off = (
-        np.einsum("ij,ij->i", corners[:, other] - corners[:, one], normals[:, one])
-        for one, other in permutations(range(3), 2)
+        np.einsum("ij,ij->i", corners[:, other] - corners[:, first], normals[:, first])
+        for first, other in permutations(range(3), 2)
     )
     return np.asarray(np.max(np.abs([*off]), axis=0))
 

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.descriptor_matches import match_descriptors
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
@@ -18,7 +19,7 @@ from reconstruction.scene.calibration.structure_from_motion import GUESS
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
-from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
+from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import (

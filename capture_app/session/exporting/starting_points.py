@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_app.session.exporting.descriptor_matches import match_descriptors
 from capture_app.session.exporting.point_cloud import PointCloud
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import (
@@ -42,7 +43,7 @@ def match_points(cameras: Mapping[str, CameraCalibration], pictures: Mapping[str
     seen = {name: _features(picture) for name, picture in pictures.items()}
     points, colours = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for first, second in _pairs(cameras):
-        matches = _match(seen[first][1], seen[second][1])
+        matches = match_descriptors(seen[first][1], seen[second][1], _DISTINCT)
         pixels = [seen[name][0][own] for name, own in zip((first, second), matches, strict=True)]
         placed, good = _triangulate(cameras[first], cameras[second], *pixels)
         columns, rows = np.rint(pixels[0][good]).astype(int).T
@@ -109,21 +110,6 @@ def _features(picture: Picture) -> tuple[Array, Any]:
     descriptors = np.asarray(found if found is not None else np.zeros((0, 128)), np.float32)
     # Hellinger distance (Arandjelovic and Zisserman 2012): the root of the descriptor's parts.
     return pixels, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9))
-
-
-def _match(first: Any, second: Any) -> tuple[Any, Any]:
-    """Return the indices of distinct mutual matches of descriptors, in the first and in the second image."""
-    if min(len(first), len(second)) < 2:
-        return np.zeros(0, int), np.zeros(0, int)
-    likeness = first @ second.T
-    best = likeness.argmax(axis=1)
-    rows = np.arange(len(first))
-    highest = likeness[rows, best]
-    mutual = likeness.argmax(axis=0)[best] == rows
-    likeness[rows, best] = -1.0
-    distances = [np.sqrt(np.maximum(1 - similarity, 0)) for similarity in (highest, likeness.max(axis=1))]
-    chosen = mutual & (distances[0] < _DISTINCT * distances[1])
-    return rows[chosen], best[chosen]
 
 
 def _triangulate(first: CameraCalibration, second: CameraCalibration, *pixels: Array) -> tuple[Array, Any]:

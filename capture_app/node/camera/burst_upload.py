@@ -32,7 +32,6 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import (
-    JOURNAL,
     MAX_WIDENED,
     ImageRecord,
     MissingImage,
@@ -91,13 +90,8 @@ class SpoolFolder:
     def read_report(self) -> CameraReport:
         """Read the stored report.
 
-        Raises BadInputError if it is missing or damaged, or if another version of the node wrote the burst.
+        Raises BadInputError if it is missing or damaged.
         """
-        if (self.folder / JOURNAL).exists():
-            raise BadInputError(
-                f"{self.folder} has images of an earlier version of simulshot",
-                hint="deliver them with that version, or copy the image files by hand and delete the folder",
-            )
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report

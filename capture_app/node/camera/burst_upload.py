@@ -32,7 +32,6 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import (
-    JOURNAL,
     MAX_WIDENED,
     ImageRecord,
     MissingImage,
@@ -91,13 +90,8 @@ class SpoolFolder:
     def read_report(self) -> CameraReport:
         """Read the stored report.
 
-        Raises BadInputError if it is missing or damaged, or if another version of the node wrote the burst.
+        Raises BadInputError if it is missing or damaged.
         """
-        if (self.folder / JOURNAL).exists():
-            raise BadInputError(
-                f"{self.folder} has images of an earlier version of simulshot",
-                hint="deliver them with that version, or copy the image files by hand and delete the folder",
-            )
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report
@@ -134,8 +128,8 @@ class Spool:
             make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
             folders = list(self.folder.iterdir())
-            found = [folder for folder in folders if (folder / REPORT).is_file()]
-            for folder in (folder for folder in folders if folder not in found):
+            bursts = [folder for folder in folders if (folder / REPORT).is_file()]
+            for folder in (folder for folder in folders if folder not in bursts):
                 # The node was stopped while it made or removed the folder. One with images stays.
                 with suppress(OSError):
                     (folder / f"{REPORT}{PART}").unlink(missing_ok=True)
@@ -148,7 +142,7 @@ class Spool:
             raise BadInputError(
                 f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
             ) from error
-        return [SpoolFolder(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
+        return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
 
     def create_burst(self, report: CameraReport) -> SpoolFolder:
         """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.

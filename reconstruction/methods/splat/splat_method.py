@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 
-MIN_EVIDENCE = -0.15
-"""Evidence of depth below which a pixel gives no Gaussian: under 60 % of such pixels are right."""
+MIN_EVIDENCE = -0.5
+"""Evidence of depth below which a pixel gives no Gaussian: less than half of such pixels are right."""
 
 
 class SplatMethod(Method, frozen=True, kw_only=True):

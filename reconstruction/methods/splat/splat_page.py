@@ -21,9 +21,9 @@ STRAY = 0.1
 """Percentile of the Gaussians' places, on both ends of each axis, beyond which they may be strays."""
 BEYOND = 0.5
 """Farthest stray that is shown, in extents of all others."""
-FINE, MAX_STEPS = 0.25, 2**15 - 1
+FINE, MAX_STEPS = 0.3, 2**15 - 1
 """Step of places, relative to the median of the Gaussians' smaller sizes, and the largest number of steps."""
-SIZE_STEP = 0.2
+SIZE_STEP = 0.25
 """Step of the sizes' logarithms."""
 TURN_BITS, OPACITY_BITS = 6, 3
 GREEN_SHIFT, CHROMA_SHIFT = 2, 3
@@ -157,7 +157,8 @@ def pack(integers: Array) -> dict[str, Any]:
     steps = np.diff(integers, axis=0, prepend=0)
     codes = np.where(steps < 0, -2 * steps - 1, 2 * steps).T
     planes = [part for place in codes[:3] for part in (place & 255, place >> 8)] + [*codes[3:]]
-    data = zlib.compress(np.concatenate(planes).astype(np.uint8).tobytes(), 9)
+    packer = zlib.compressobj(9, memLevel=9, strategy=zlib.Z_FILTERED)
+    data = packer.compress(np.concatenate(planes).astype(np.uint8).tobytes()) + packer.flush()
     return {"number": len(integers), "splats": base64.b64encode(data).decode()}
 
 

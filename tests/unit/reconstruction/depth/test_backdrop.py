@@ -17,7 +17,7 @@ def before_blue(view_seen: SeenView) -> SeenView:
     board = view_seen.depth < 1.05 * BOARD_M
     return replace(
         view_seen,
-        colours=np.where(board[..., None], view_seen.colours, np.uint8(BLUE)),
+        colours=np.where(board[..., None], view_seen.colours, np.array(BLUE, np.uint8)),
         depth=np.where(board, view_seen.depth, 0).astype(np.float32),
     )
 

@@ -30,7 +30,7 @@ GREEN_SHIFT, CHROMA_SHIFT = 2, 3
 """Bits of 8 that are left out of green, and of the differences of blue and red to it."""
 COLOURS = slice(8, 11)
 """Columns of green, and of blue and red, in the rows of integers."""
-SAME_COLOUR = 16
+SAME_COLOUR = 32
 """Difference of levels up to which a Gaussian that stays has its colour of the first instant."""
 
 

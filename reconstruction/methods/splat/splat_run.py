@@ -100,6 +100,8 @@ def middle_camera(views: Mapping[str, View]) -> str:
 def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> Gaussians:
     """Return Gaussians with what an optimization changed on the same pixels' surfaces, where these are still.
 
+    Those stay where they were, so that noise of the maps moves nothing.
+
     `before` and `after` are the Gaussians of the instant before.
     """
     places = np.searchsorted(after.pixels, gaussians.pixels).clip(0, len(after) - 1)
@@ -112,6 +114,8 @@ def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> 
     grown = after.sizes[places] / before.sizes[places]
     return replace(
         gaussians,
+        places=np.where(same[:, None], after.places[places], gaussians.places),
+        axes=np.where(same[:, None, None], after.axes[places], gaussians.axes),
         colours=np.where(same[:, None], np.clip(gaussians.colours + changed, 0, 1), gaussians.colours),
         opacities=np.where(same, after.opacities[places], gaussians.opacities),
         sizes=np.where(same[:, None], gaussians.sizes * grown, gaussians.sizes),

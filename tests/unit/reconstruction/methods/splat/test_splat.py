@@ -221,6 +221,9 @@ def test_what_stands_still_begins_with_what_was_learned() -> None:
     begun = _with_learned(gaussians, gaussians.chosen(kept), better)
     assert begun.chosen(kept).opacities == pytest.approx(better.opacities)
     assert begun.chosen(kept).sizes == pytest.approx(better.sizes, rel=1e-5)
+    noisy = gaussians.chosen(np.arange(len(gaussians)))
+    noisy.places[:] *= 1.0005
+    assert (_with_learned(noisy, gaussians.chosen(kept), better).chosen(kept).places == better.places).all()
     moved = gaussians.chosen(np.arange(len(gaussians)))
     moved.places[:] += 0.3
     again = _with_learned(moved, gaussians.chosen(kept), better)

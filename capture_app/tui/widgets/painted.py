@@ -49,7 +49,7 @@ class PaintedStrip(Strip):
         super().__init__((), len(codes))
 
     @property
-    def _segments(self) -> list[Segment]:  # type: ignore[override]
+    def _segments(self) -> list[Segment]:
         if not self._made:
             self._made = list(self._make())
         return self._made
@@ -74,4 +74,4 @@ class PaintedStrip(Strip):
         codes = self._codes.copy()
         stays = (self._codes[1:, :-GLYPH_BYTES] == self._codes[:-1, :-GLYPH_BYTES]).all(axis=1)
         codes[1:, :-GLYPH_BYTES][stays] = 0
-        return codes[codes != 0].tobytes().decode() + RESET
+        return bytes(codes[codes != 0]).decode() + RESET

@@ -1,4 +1,4 @@
-"""Lists of our pages have the children that screen readers count: terms in lists of terms, items in others."""
+"""Lists of our pages hold terms or items alone, as screen readers count them."""
 
 from html.parser import HTMLParser
 from pathlib import Path

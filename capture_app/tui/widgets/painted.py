@@ -1,5 +1,6 @@
 """Row of a picture whose escape sequences NumPy made: a terminal's line without an object for each colour."""
 
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -40,23 +41,15 @@ def blank_code(style: Style) -> NDArray[np.uint8]:
 class PaintedStrip(Strip):
     """Strip of cells with their codes; what asks for its segments has them made."""
 
-    __slots__ = ("_codes", "_made", "_make")
-
     def __init__(self, codes: NDArray[np.uint8], make: "Callable[[], Iterable[Segment]]") -> None:
         """`codes`: cells x bytes; `make` returns the same cells as segments."""
-        self._codes, self._make = codes, make
-        self._made: list[Segment] = []
         super().__init__((), len(codes))
+        self._codes, self._make = codes, make
+        del self._segments  # made when they are first asked for
 
-    @property
+    @cached_property
     def _segments(self) -> list[Segment]:
-        if not self._made:
-            self._made = list(self._make())
-        return self._made
-
-    @_segments.setter
-    def _segments(self, segments: list[Segment]) -> None:
-        self._made = segments
+        return list(self._make())
 
     def crop(self, start: int, end: int | None = None) -> Strip:
         """Return the cells from `start` to before `end`."""

@@ -48,7 +48,7 @@ class PaintedStrip(Strip):
         del self._segments  # made when they are first asked for
 
     @cached_property
-    def _segments(self) -> list[Segment]:
+    def _segments(self) -> list[Segment]:  # type: ignore[override]
         return list(self._make())
 
     def crop(self, start: int, end: int | None = None) -> Strip:

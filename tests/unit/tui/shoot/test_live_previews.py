@@ -146,7 +146,9 @@ async def test_a_lost_camera_is_grey(tmp_path: Path) -> None:
         await until(pilot, lambda: studio.tiles[0].picture.is_grey)
 
 
-async def test_a_title_that_changes_draws_no_picture_again(tmp_path: Path) -> None:
+async def test_a_title_that_changes_draws_no_picture_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     studio = LiveStudio(2, tmp_path)
     async with studio.app.run_test(size=(120, 40)) as pilot:
         await studio.enter(pilot)
@@ -159,7 +161,7 @@ async def test_a_title_that_changes_draws_no_picture_again(tmp_path: Path) -> No
             spans.extend(getattr(update, "spans", [(0, 0, 9999)] * 40))
             display(screen, update)
 
-        studio.app._display = note  # type: ignore[method-assign]
+        monkeypatch.setattr(studio.app, "_display", note)
         write_border(studio.view.stage, "Live · 2 pictures of another instant")
         await until(pilot, lambda: bool(spans))
         assert {row for row, _, _ in spans} == {studio.view.stage.region.y}

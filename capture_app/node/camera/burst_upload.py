@@ -303,7 +303,17 @@ class Upload:
             here |= {*plan.instants}
         missing = tuple(gap for gap in plan.missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
-        return cls(report, images=images, spooled=spooled)
+        return cls(report, images=images, spooled=spooled, ended=True, end_is_stored=True)
+
+    def continue_from(self, left: "Upload") -> None:
+        """Take over what an earlier run of the node has left of the same streamed burst."""
+        self.images, self.spooled, self.disputed = left.images, left.spooled, left.disputed
+        self.is_doubted = True
+
+    @property
+    def is_left(self) -> bool:
+        """Whether an earlier run of the node left it in the spool."""
+        return self.ended and not self.streamed
 
     @property
     def is_picking(self) -> bool:
@@ -359,7 +369,7 @@ class Upload:
 
         Frames of a streamed burst that do not fit into memory are missing.
         """
-        if not self.streamed and (self.is_committed or self.is_over):
+        if self.ended or (not self.streamed and (self.is_committed or self.is_over)):
             return
         for gap in picked.gaps:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
@@ -378,7 +388,7 @@ class Upload:
             else:
                 held_bytes += frame.frame.picture.held_bytes
                 self.frames.append(frame)
-        if picked.ended and not self.ended:
+        if picked.ended:
             self.ended = True
             self.report = replace(self.report)
 

@@ -162,7 +162,9 @@ class Sender:
 
         Drop images that the leader does not need or has already.
         """
-        report, first = burst.current_report(burst.encoded), burst.reported is None
+        # Without those to be encoded, a burst that has ended would seem complete.
+        waiting = (*burst.encoded, *(frame.instant for frame in burst.frames))
+        report, first = burst.current_report(waiting), burst.reported is None
         burst.reported = burst.report
         answer = self._proven(await self.ask(report if first else replace(report, events=())), burst)
         if isinstance(answer, Refusal):
@@ -343,7 +345,19 @@ class Uploader:
                     spooled.remove()
 
     def add_burst(self, burst: Upload) -> None:
-        """Add a burst; the oldest one is given up when too many wait for a lost leader."""
+        """Add a burst; the oldest one is given up when too many wait for a lost leader.
+
+        Of what an earlier run of the node began, a streamed burst goes on; another one stays as it was.
+        """
+        for left in self._uploads_of(burst.report.leader, burst.report.burst):
+            if not left.is_left:
+                continue
+            if not burst.streamed:
+                return
+            burst.continue_from(left)
+            for bursts in (self._waiting, self._refused):
+                with contextlib.suppress(ValueError):
+                    bursts.remove(left)
         self._waiting.append(burst)
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()

@@ -281,16 +281,18 @@ class ActiveBursts:
         A name that never reported a frame was not one of its cameras.
         """
         now_ns, members = self.now_ns(), self._engine.roster.by_name()
+        # A camera that has joined again takes part only once it has answered the welcome.
+        here = {camera.name for camera in self._engine.roster.cameras()}
         absent: dict[str, str] = {}
         if now_ns < self._awaited_until_ns:
-            # A camera that has joined again takes part only once it has answered the welcome.
-            awaited = {*self._options.awaited} - {camera.name for camera in self._engine.roster.cameras()}
-            absent = dict.fromkeys(sorted(awaited), "it has not come back since the leader was lost")
-        return absent | {
-            member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
-            for member in members
-            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA and member.has_taken
-        }
+            awaited = sorted({*self._options.awaited} - here)
+            absent = dict.fromkeys(awaited, "it has not come back since the leader was lost")
+        for member in members:
+            is_camera = member.camera.kind not in WITHOUT_CAMERA and member.has_taken
+            if is_camera and member.name not in here and member.lost != LEFT:
+                lost_s = (now_ns - member.last_heard_ns) // 10**9
+                absent[member.name] = f"lost {lost_s} s before" if member.lost else "it is joining again"
+        return absent
 
     @property
     def ahead(self) -> tuple[BurstStatus, ...]:

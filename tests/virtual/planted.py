@@ -293,8 +293,8 @@ FAULTS: dict[str, Fault] = {
     "cancelled": Fault(
         "a cancelled take drops the images that had arrived",
         "capture_app/node/burst/burst_session.py",
-        "        if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):\n",
-        "        if self._lost is None and not any(delivery.silent for delivery in deliveries) and missing:\n",
+        "if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):",
+        "if self._lost is None and not any(delivery.silent for delivery in deliveries) and missing:",
         _has("cancel"),
     ),
     "mark": Fault(

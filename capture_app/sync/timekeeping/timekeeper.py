@@ -154,7 +154,7 @@ class Timekeeper:
         if self.clock.add(sample):
             self._agreed_ns = now_ns if self.clock.samples > samples else self._agreed_ns
             if self.map_to_leader is not None and is_contradicted(self.map_to_leader, sample):
-                self.schedule.contradicted()
+                self.schedule.contradicted(now_ns)
         else:
             self._right_until_ns = self._right_until_ns or self._agreed_ns
             self.synced = self.time_is_known = False

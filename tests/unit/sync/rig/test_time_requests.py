@@ -11,7 +11,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockSynced
-from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS
+from capture_app.sync.timekeeping.poll_schedule import NEAR_INTERVAL_NS, POLL_INTERVAL_NS
 from tests.unit.sync.rig.rigs import LAN, MS, S, checked_error_ns
 
 
@@ -33,10 +33,22 @@ def test_a_jump_is_noticed_by_the_next_exchange_and_learned(link: Link, step_ns:
     node.spec = replace(node.spec, clock=SimulatedClock(clock.offset_ns + step_ns, 20.0))
     stepped_true_ns = rig.now_true_ns
     assert rig.run_until(lambda: ClockChanged(jumped=True) in node.events, limit_ns=2 * S)
-    # A request may just have left, and the next is a pace away; then one round trip.
-    assert rig.now_true_ns - stepped_true_ns < 2 * POLL_INTERVAL_NS + 30 * MS
+    # A request may just have left, and the next two are a pace away, or on a cable, which then asks quickly.
+    pace_ns = NEAR_INTERVAL_NS if link is LAN else POLL_INTERVAL_NS
+    assert rig.now_true_ns - stepped_true_ns < 2 * pace_ns + 30 * MS
     events = len(node.events)
     assert rig.run_until(
         lambda: any(isinstance(event, ClockSynced) for event in node.events[events:]), limit_ns=16 * S
     )
+    checked_error_ns(node.client.time_map, node.spec.clock, rig.now_true_ns)
+
+
+@pytest.mark.parametrize(("link", "per_s"), [(LAN, 10), (PAPER_LINK, 40)])
+def test_a_settled_clock_asks_rarely_over_a_cable(link: Link, per_s: int) -> None:
+    rig = VirtualRig([NodeSpec("cam", PROFILES["phone-a"], SimulatedClock(5 * S, 20.0), link)], seed=2)
+    rig.run_for(20 * S)
+    (node,) = rig.nodes.values()
+    before = node.client.timekeeper.requests
+    rig.run_for(10 * S)
+    assert node.client.timekeeper.requests - before == pytest.approx(10 * per_s, abs=0.1 * 10 * per_s)
     checked_error_ns(node.client.time_map, node.spec.clock, rig.now_true_ns)

@@ -301,9 +301,8 @@ class ClockFilter:
     def _look_for_change(self) -> LikelyLine:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""
         line, is_steady = self._line(), self.changes.state is ClockState.STEADY
-        is_new = self._newest_ns - self._first_ns < ALERT_NS
-        is_alert = self.changes.state is ClockState.CHANGED and is_new
-        before = self._watch.before(line.gap, is_alert=is_alert)
+        is_changed, spans_ns = self.changes.state is ClockState.CHANGED, self._newest_ns - self._first_ns
+        before = self._watch.before(line.gap, is_alert=is_changed and spans_ns < ALERT_NS)
         if self._is_known:
             self._watch.add(self._gap(line.gap, line.excess), is_of_path=is_steady)
         if before is None:

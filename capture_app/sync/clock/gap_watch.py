@@ -47,10 +47,6 @@ class LineGap(NamedTuple):
         """Smallest gap of later lines of the same clock and path, in ns."""
         return (1.0 - ASYMMETRY) * self.gap - SIGMAS * self.sigma
 
-    def is_above(self, gap_ns: float, *, is_alert: bool) -> bool:
-        """Whether a later gap is too small for the same clock and path, just after a change (`is_alert`)."""
-        return gap_ns < (self.gap - ALERT_SIGMAS * self.sigma if is_alert else self.least)
-
 
 class Cause(Enum):
     """Why a line's gap is smaller than before."""
@@ -82,8 +78,11 @@ class GapWatch:
             self._gaps.popleft()
 
     def before(self, gap_ns: float, *, is_alert: bool) -> LineGap | None:
-        """Return the newest gap for which this one is too small; None if there is none."""
-        return next((one for one, _ in reversed(self._gaps) if one.is_above(gap_ns, is_alert=is_alert)), None)
+        """Return the newest gap that this one falls short of; by less, just after a change (`is_alert`)."""
+        for one, _ in reversed(self._gaps):
+            if gap_ns < (one.gap - ALERT_SIGMAS * one.sigma if is_alert else one.least):
+                return one
+        return None
 
     def forget_before(self, local_ns: int) -> None:
         """Remove the gaps until a local time in ns: the path was slower then."""

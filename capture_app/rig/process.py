@@ -137,7 +137,14 @@ async def start_rig(
     which the rig's process ended.
     """
     log = _new_log()
-    process = _spawn(sessions, host, port, cameras, stagger, log, is_owned, until_unused)
+    options = (
+        *("--host", host),
+        *(["--or-free-port"] if port is None else ["--port", str(port)]),
+        *(["--until-unused"] if until_unused else []),
+        *(f"--camera={camera}" for camera in cameras),
+        *([] if stagger is None else ["--stagger", str(stagger)]),
+    )
+    process = _spawn(options, sessions, log, is_owned)
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(RIG_START_TIMEOUT_S):
             while process.poll() is None:
@@ -191,25 +198,10 @@ def _new_log() -> Path:
     return folder / f"{time.time_ns()}.log"
 
 
-def _spawn(
-    sessions: Path,
-    host: str,
-    port: int | None,
-    cameras: Sequence[str],
-    stagger: Stagger | None,
-    log: Path,
-    is_owned: bool,
-    until_unused: bool,
-) -> subprocess.Popen[bytes]:
-    arguments = (
-        *("--host", host, "--sessions", str(sessions.absolute()), "--log", str(log)),
-        *Trust.of_user().options,
-        *(["--or-free-port"] if port is None else ["--port", str(port)]),
-        *(["--until-eof"] if is_owned else []),
-        *(["--until-unused"] if until_unused else []),
-        *(f"--camera={camera}" for camera in cameras),
-        *([] if stagger is None else ["--stagger", str(stagger)]),
-    )
+def _spawn(options: Sequence[str], sessions: Path, log: Path, is_owned: bool) -> subprocess.Popen[bytes]:
+    """Start a leader's process, which ends with this one if it `is_owned`."""
+    places = ("--sessions", str(sessions.absolute()), "--log", str(log), *Trust.of_user().options)
+    arguments = (*places, *(["--until-eof"] if is_owned else []), *options)
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-m", "capture_app.cli", "leader", *arguments],

@@ -32,6 +32,10 @@ BEFORE_S, AFTER_S = 3.0, 6.0
 """A fault this long before a burst's order or after its last instant may cost frames."""
 HARMLESS = ("clock-slew", "disk-slow", "late-link")
 """Faults that cost no frame, however long they last."""
+SURVIVED = ("kill", "power", "cut", "freeze", "stop")
+"""Faults of a leader that a recording of an ordered length survives."""
+LONGEST_NS = 60 * 10**9
+"""No recording here is ordered to be longer; one without an ordered end is said to last for days."""
 MAX_LINES_PER_MINUTE = 120
 MAX_HELD_S = 0.1
 """Processor time of one step of a leader's event loop, which hears nobody meanwhile."""
@@ -215,7 +219,11 @@ def _honest(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
     for of in rig.evidence.bursts:
         if of.cancel_asked_ns is not None or of.machine in rig.absent_leaders:
             continue
-        honest = [name for name in of.ready if name not in rig.plan.liars and not _befell(rig, of, name)]
+        honest = [
+            name
+            for name in of.ready
+            if name not in rig.plan.liars and not _befell(rig, of, name, goes_on=_has_end(of))
+        ]
         saved = sessions.get(of.key)
         if saved is None or saved.manifest is None:
             if any(_delivered(rig, of, name, of.burst.instants_ns[0]) for name in honest):
@@ -256,8 +264,18 @@ def _delivered(rig: VirtualRig, of: OrderedBurst, camera: str, leader_ns: int) -
     return place < len(stamps_ns) and stamps_ns[place] <= due_ns + within_ns
 
 
-def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | None = None) -> bool:
-    """Return whether anything befell these cameras or a leader that may have cost frames of a burst."""
+def _befell(
+    rig: VirtualRig,
+    of: OrderedBurst,
+    *cameras: str,
+    ends_ns: int | None = None,
+    goes_on: bool = False,
+) -> bool:
+    """Return whether anything befell these cameras or a leader that may have cost frames of a burst.
+
+    A burst that `goes_on` without its leader loses nothing by a cut, or by the leader's loss, some seconds
+    after its order.
+    """
     begins_ns = min(of.ordered_ns, int(of.clock.true_from_local(of.burst.instants_ns[0]))) - BEFORE_S * 1e9
     ends_ns = of.last_ns() if ends_ns is None else ends_ns
     concerned = {*cameras, of.machine, "lead", "lead2"}
@@ -266,6 +284,11 @@ def _befell(rig: VirtualRig, of: OrderedBurst, *cameras: str, ends_ns: int | Non
     return any(
         span.target in concerned
         and span.kind not in HARMLESS
+        and not (
+            goes_on
+            and span.kind in (("cut",) if span.target in cameras else SURVIVED)
+            and span.from_ns > of.ordered_ns + BEFORE_S * 1e9
+        )
         and span.from_ns <= ends_ns + AFTER_S * 1e9
         # Of what was killed, it takes a while until it is ready again.
         and span.until_ns + AFTER_S * 1e9 >= begins_ns
@@ -294,11 +317,13 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         ordered_ns = int(of.clock.true_from_local(of.burst.instants_ns[-1]))
         # Every camera may have dropped its last frame.
         ends_ns = ordered_ns - 2 * of.burst.period_ns if asked_ns is None else min(asked_ns, ordered_ns)
-        # A cut of all its cameras is no excuse, unless none of them can have learned of it.
+        # A cut of all its cameras is no excuse, unless none of them can have learned of it; nor is the loss
+        # of a leader that comes back, if an end was ordered.
+        goes_on = _has_end(of) and of.machine not in rig.absent_leaders
         if (
-            _befell(rig, of, ends_ns=ends_ns)
+            _befell(rig, of, ends_ns=ends_ns, goes_on=goes_on)
             or _is_unheard(rig, of)
-            or not {*of.burst.clients} - {*rig.plan.liars}
+            or not _stayed(rig, of, ends_ns)
         ):
             continue
         last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns
@@ -310,6 +335,22 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
             )
         elif asked_ns is not None and last_ns > asked_ns + MAX_OVERRUN_S * 1e9:
             yield f"{of.name} went on for {(last_ns - asked_ns) / 1e9:.1f} s after its operator had ended it"
+
+
+def _has_end(of: OrderedBurst) -> bool:
+    """Return whether it is a recording of an ordered length, which no operator ended earlier."""
+    instants_ns = of.burst.instants_ns
+    return of.burst.video and of.end_asked_ns is None and instants_ns[-1] - instants_ns[0] < LONGEST_NS
+
+
+def _stayed(rig: VirtualRig, of: OrderedBurst, until_ns: int) -> set[str]:
+    """Return the honest cameras of a burst whose processes nothing ended until a true time."""
+    ended = {
+        span.target
+        for span in rig.evidence.spans
+        if span.kind.startswith(("kill", "power", "stop")) and of.ordered_ns <= span.from_ns <= until_ns
+    }
+    return {*of.burst.clients} - ended - {*rig.plan.liars}
 
 
 def _timed(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:

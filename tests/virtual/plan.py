@@ -117,6 +117,9 @@ def draw(seed: int) -> Plan:
     latest = random.Random(f"crash {seed}")
     if latest.random() < 0.15:
         steps += _crash(latest, latest.uniform(SETTLE_S, seconds - 10))
+    beheaded = random.Random(f"beheaded {seed}")
+    if not has_standby and beheaded.random() < 0.15:
+        steps += _beheaded(beheaded, beheaded.uniform(SETTLE_S, seconds - 10), cameras)
     lopsided = {further.choice(honest): _lopsided_ms(further)} if further.random() < 0.15 else {}
     return Plan(
         seed,
@@ -184,6 +187,17 @@ def _alone(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[St
     return [
         Step(at_s, "recording", "desk", 0.0, seconds),
         *(Step(cut_s, "cut", camera, 0.0, lasts_s) for camera in cameras),
+    ]
+
+
+def _beheaded(rng: random.Random, at_s: float, cameras: tuple[str, ...]) -> list[Step]:
+    """Return a recording of an ordered length whose leader is lost while its cameras are cut off from it."""
+    cut_s, lasts_s = at_s + rng.uniform(2, 8), rng.uniform(8, 25)
+    kind, after_s = rng.choice(("kill", "power")), rng.uniform(0.2, lasts_s)
+    return [
+        Step(at_s, "recording", "desk", rng.uniform(20, 40)),
+        *(Step(cut_s, "cut", camera, 0.0, lasts_s) for camera in cameras),
+        Step(cut_s + after_s, kind, "lead", 0.0, rng.uniform(0.5, 15)),
     ]
 
 

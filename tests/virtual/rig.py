@@ -87,6 +87,8 @@ class VirtualRig:
         """The newest node of each camera."""
         self.seen: defaultdict[int, set[str]] = defaultdict(set)
         """Cameras that an operator saw ready, by run of the leader."""
+        self._values: dict[tuple[int, str], list[Any]] = {}
+        """By thing and attribute: its value before faults, and those of the faults that last."""
         self.clocks: dict[str, MachineClock] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._down: Counter[str] = Counter()
@@ -433,13 +435,15 @@ class VirtualRig:
         self.world.network.cut(step.target, is_cut=False)
 
     async def _changed(self, things: Iterable[Any], name: str, value: Any, seconds: float) -> None:
-        """Give things another value for a while."""
-        before = [(of, getattr(of, name)) for of in things]
-        for of, _ in before:
+        """Give things another value for a while; when several changes of one are over, it is as before."""
+        changed = [(of, self._values.setdefault((id(of), name), [getattr(of, name)])) for of in things]
+        for of, values in changed:
+            values.append(value)
             setattr(of, name, value)
         await asyncio.sleep(seconds)
-        for of, old in before:
-            setattr(of, name, old)
+        for of, values in changed:
+            values.remove(value)
+            setattr(of, name, values[-1])
 
     async def _loss(self, step: Step) -> None:
         await self._changed(self.world.network.links_of(step.target), "loss", step.value, step.seconds)
@@ -543,7 +547,8 @@ class VirtualRig:
     async def _end(self, taking: Taking) -> None:
         bursts = self._bursts_of(taking)
         for of in bursts:
-            of.end_asked_ns = self.world.now_ns
+            # The end of the evening may have ended it already.
+            of.end_asked_ns = of.end_asked_ns or self.world.now_ns
         await taking.end()
         for of in bursts:
             of.is_ended = True

@@ -102,8 +102,8 @@ class SpoolFolder:
         check_name(report.plan.camera.name, "camera")
         return report
 
-    def remove(self) -> None:
-        """Delete the burst, once the leader has all of it."""
+    def remove(self) -> bool:
+        """Delete the burst, once the leader has all of it; return whether the disk has done so."""
         with self._changing:
             self._is_removed = True
             self.film.close()
@@ -112,6 +112,7 @@ class SpoolFolder:
                 for file in sorted(self.folder.iterdir(), key=lambda file: file.name == REPORT):
                     file.unlink()
                 self.folder.rmdir()
+            return not self.folder.exists()
 
 
 class Spool:
@@ -121,6 +122,8 @@ class Spool:
         self.camera = check_name(camera, "camera")
         self.folder = root / camera
         self._lock = -1
+        self._left: list[SpoolFolder] = []
+        """Bursts that a failing disk has not deleted."""
 
     def open(self) -> list[SpoolFolder]:
         """Lock the spool and return the bursts in it, oldest first.
@@ -161,14 +164,23 @@ class Spool:
             raise disk_error(error, self.folder) from error
         return burst
 
+    def remove(self, burst: SpoolFolder) -> None:
+        """Delete a burst, now or when its disk can do so again."""
+        if not burst.remove():
+            self._left.append(burst)
+
     def look(self) -> SpoolSpace:
-        """Return the free space, and the reason if the spool cannot be used. Blocks on the disk."""
+        """Return the free space, and the reason if the spool cannot be used; delete what could not be before.
+
+        Blocks on the disk.
+        """
         space = SpoolSpace(camera=self.camera, free_bytes=0, spool=str(self.folder))
         probe = self.folder / f"probe{PART}"
         try:
             with disk_errors(self.folder):
                 reserve(probe, LITTLE_BYTES)
                 probe.unlink()
+                self._left = [burst for burst in self._left if not burst.remove()]
                 return replace(space, free_bytes=free_bytes(self.folder))
         except DiskFullError as error:
             return replace(space, problem=cut(error.what))

@@ -421,8 +421,8 @@ class Uploader:
                     burst.frames.popleft()
                     if not isinstance(result, CameraError):
                         burst.images[picked.instant] = result
-            if burst.is_over and burst.spooled is not None:
-                await asyncio.to_thread(burst.spooled.remove)
+            if burst.is_over:
+                await self._remove_spooled(burst)
             self._changed.set()
             self._to_sync.set()
             if burst.streamed:
@@ -540,8 +540,7 @@ class Uploader:
         where = ""
         if refusal is None or (refusal.forget and burst.report.leader == self._run):
             burst.end()
-            if burst.spooled is not None:
-                await asyncio.to_thread(burst.spooled.remove)
+            await self._remove_spooled(burst)
             self._space_is_due = True
         else:
             # A burst that is not this leader's to delete is kept whole: its last frames, too.
@@ -557,6 +556,10 @@ class Uploader:
             self._log.say(f"burst {burst.report.burst} given up: {refusal.as_error()}{where}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
+
+    async def _remove_spooled(self, burst: Upload) -> None:
+        if self.spool is not None and burst.spooled is not None:
+            await asyncio.to_thread(self.spool.remove, burst.spooled)
 
     def _uploads_of(self, leader: int, burst: int) -> list[Upload]:
         return [one for one in self._bursts if one.report.leader == leader and one.report.burst == burst]

@@ -289,9 +289,7 @@ class ActiveBursts:
         return absent | {
             member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
             for member in members
-            if member.lost not in ("", LEFT)
-            and member.camera.kind not in WITHOUT_CAMERA
-            and member.report.frames
+            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA and member.has_taken
         }
 
     @property

@@ -349,7 +349,7 @@ class Leader:
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         if message.report.state is NodeState.LOST:
             event = self.roster.mark_lost(member, message.report.message or LEFT)
-            self._note_lost(event if member.is_confirmed else self.roster.forget(member))
+            self._note_lost(self.roster.forget(member) if member.is_stranger else event)
             return
         is_new = self._pass_up(member, message, now_ns)
         member.report = message.report

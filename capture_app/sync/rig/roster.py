@@ -57,12 +57,24 @@ class Member:
     """Name of the relay that it joined and that speaks for it; None if it joined this leader directly."""
     lost: str = ""
     """Reason why it counts as lost; empty while it is present."""
+    took_before: bool = False
+    """Whether its camera had taken frames before it joined again."""
     is_confirmed: bool = False
     """Whether it has used its assigned number, which proves that it receives at its address."""
     principal: Principal | None = None
     """Machine that seals its messages; None in a rig without seals."""
     pin: str = ""
     """Pin of its own machine, even if a relay seals for it."""
+
+    @property
+    def has_taken(self) -> bool:
+        """Whether its camera has taken a frame, now or before it joined again."""
+        return self.took_before or self.report.frames > 0
+
+    @property
+    def is_stranger(self) -> bool:
+        """Whether it has sent only hellos."""
+        return not (self.is_confirmed or self.has_taken)
 
     @property
     def machine(self) -> str:
@@ -258,6 +270,7 @@ class Roster:
             last_heard_ns=now_ns,
             slot=van_der_corput(self._joins),
             via=hello.via,
+            took_before=known is not None and known.has_taken,
             principal=principal,
             pin=hello.pin,
         )
@@ -327,7 +340,7 @@ class Roster:
             silent_ns = min(heard_ns + CLIENT_SILENT_NS, member.last_heard_ns + unreported_ns)
             if now_ns >= silent_ns:
                 event = self.mark_lost(member, f"silent for {(silent_ns - member.last_heard_ns) // 10**9} s")
-                lost.append(event if member.is_confirmed else self.forget(member))
+                lost.append(self.forget(member) if member.is_stranger else event)
             else:
                 self._silence_ns = min(self._silence_ns, silent_ns)
         return lost

@@ -1,5 +1,6 @@
 """A burst's folder in the spool, which the encoder writes while the sender takes it away."""
 
+import errno
 import os
 import threading
 from collections.abc import Callable
@@ -47,6 +48,27 @@ def test_what_is_written_while_a_burst_is_removed_is_not_left_behind(
     writer.join()
     spool.close()
     assert not list((tmp_path / "a").iterdir())
+
+
+def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    burst = spool.create_burst(UPLOAD.report)
+    add_image(burst, UPLOAD.report)
+
+    def fail(path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "unlink", fail)
+        spool.remove(burst)
+        assert spool.look().problem
+        assert burst.folder.exists()
+    assert not spool.look().problem
+    assert not burst.folder.exists()
+    spool.close()
 
 
 def test_a_burst_of_an_earlier_version_stays_with_a_sentence(tmp_path: Path) -> None:

@@ -88,6 +88,20 @@ def test_a_node_that_returns_in_time_is_not_forgotten(leader: Leader) -> None:
     assert changes(leader) == ["joined", "lost", "returned"]
 
 
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_camera_that_returns_and_is_lost_at_once_had_taken_frames(leader: Leader, answers: bool) -> None:
+    """It was started again, and cut off before its first frame, or before the answer to its hello."""
+    heartbeat = Heartbeat(joined(leader, "cam", S), Report(state=NodeState.READY, frames=9))
+    leader.receive_datagram(encode(heartbeat), ("cam", 0), S)
+    run_timers(leader, 9 * S)
+    number = joined(leader, "cam", 9 * S)
+    if answers:
+        beat(leader, number, 9 * S)
+    run_timers(leader, 20 * S)
+    assert changes(leader) == ["joined", "lost", "returned", "lost"]
+    assert leader.roster.members["cam"].has_taken
+
+
 def test_an_operator_forgets_a_lost_node_but_none_that_is_here(leader: Leader) -> None:
     number = joined(leader, "cam", S)
     with pytest.raises(BadInputError, match="cam is here"):

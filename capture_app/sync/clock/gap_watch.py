@@ -53,7 +53,6 @@ class Cause(Enum):
 
     CLOCK = auto()
     PATH = auto()
-    UNKNOWN = auto()
 
 
 class GapWatch:
@@ -79,10 +78,9 @@ class GapWatch:
 
     def before(self, gap_ns: float, *, is_alert: bool) -> LineGap | None:
         """Return the newest gap that this one falls short of; by less, just after a change (`is_alert`)."""
-        for one, _ in reversed(self._gaps):
-            if gap_ns < (one.gap - ALERT_SIGMAS * one.sigma if is_alert else one.least):
-                return one
-        return None
+        gaps = (one for one, _ in reversed(self._gaps))
+        limits = ((one, one.gap - ALERT_SIGMAS * one.sigma if is_alert else one.least) for one in gaps)
+        return next((one for one, limit_ns in limits if gap_ns < limit_ns), None)
 
     def forget_before(self, local_ns: int) -> None:
         """Remove the gaps until a local time in ns: the path was slower then."""
@@ -100,9 +98,9 @@ class GapWatch:
             self._gaps.append((surest._replace(local_ns=local_ns), self.path_ns))
 
 
-def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause:
-    """Return why a gap is smaller than the one before: the newest samples alone have a gap, too."""
+def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause | None:
+    """Return why a gap is smaller than the one before, if the newest samples' own gap tells."""
     missing, restored = before.gap - gap_ns, newest.gap - gap_ns
     if restored - newest.sigma > RESTORED * missing:
         return Cause.CLOCK
-    return Cause.PATH if restored + newest.sigma < RESTORED * missing else Cause.UNKNOWN
+    return Cause.PATH if restored + newest.sigma < RESTORED * missing else None

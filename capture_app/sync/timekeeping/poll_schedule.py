@@ -174,12 +174,12 @@ class SteadySchedule:
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
         stage = 1 + (progress.samples - max(FIRST_SAMPLES, self._samples_when_synced)) // EASING_SAMPLES
-        if self._is_near and self._is_settled and stage > 1:
-            return max(NEAR_INTERVAL_NS, self.leader_interval_ns)
         # Slower than the initial rate if it is not good enough: several such nodes would disturb each other.
         last = len(self._paces_ns) - (1 if progress.good_enough else 2)
-        easing = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
-        return max(easing, self.leader_interval_ns)
+        pace_ns = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
+        if self._is_near and self._is_settled and stage > 1:
+            pace_ns = max(pace_ns, NEAR_INTERVAL_NS)
+        return max(pace_ns, self.leader_interval_ns)
 
 
 class TreeSchedule(SteadySchedule):

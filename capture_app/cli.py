@@ -18,7 +18,6 @@ from capture_app.commands.shared_options import (
     ADDRESS,
     attached_sessions_option,
     cameras_option,
-    open_option,
     rig_port_option,
 )
 from capture_app.common.address import Address
@@ -119,7 +118,6 @@ class LazyGroup(click.Group):
     default=True,
     help="Compute the depth of each take of a calibrated rig, at low priority.",
 )
-@open_option
 @click.pass_context
 def app(
     ctx: click.Context,

@@ -1,15 +1,14 @@
-"""Live depth beside a rig of five simulated VGA cameras: rate and delay, cost to the rig, and a burst.
+"""Live depth beside a rig of five replayed VGA cameras: rate and delay, cost to the rig, and a burst.
 
     python -m benchmarks.reconstruction.live_depth --seconds 30
 
 Leader, cameras and depth are processes on this machine's loopback. The cameras deliver JPEGs of the sample
 session `jumper`, as webcams do. Phase errors and clock error bars are read twice a second, without depth and
-with it; then a burst is taken. Simulated cameras, real processes.
+with it; then a burst is taken. Replayed cameras, real processes.
 """
 
 import asyncio
 import os
-import shutil
 import tempfile
 from contextlib import AsyncExitStack, aclosing
 from pathlib import Path
@@ -46,12 +45,11 @@ async def look(rig: AsyncRig, seconds: float) -> dict[str, Any]:
 
 async def measure(seconds: float, images: int, sessions: Path) -> dict[str, Any]:
     """Run the rig, without live depth and with it, and return rows of both and the burst."""
-    shutil.copytree(JUMPER, sessions / JUMPER.name)
     async with AsyncExitStack() as stack:
         rig = await stack.enter_async_context(AsyncRig(sessions=sessions))
         names = sorted(folder.name for folder in (JUMPER / "images" / "rig1").iterdir())
         for name in names:
-            camera = f"sim:phone-a,replay={JUMPER / 'images' / 'rig1' / name / '000002.jpg'}"
+            camera = f"replay:{JUMPER},camera={name}"
             command = (
                 "capture_app.cli",
                 "node",
@@ -65,6 +63,7 @@ async def measure(seconds: float, images: int, sessions: Path) -> dict[str, Any]
             child = await Child.start(name, command)
             stack.push_async_callback(child.stop)
         status = await rig.wait_until_ready(len(names), 120.0)
+        await rig.burst(1)  # which has the recording's calibration
         talk("without live depth ...")
         rows = [{"depth": "none", **await look(rig, seconds)}]
         shown: list[DepthPreview] = []

@@ -49,12 +49,13 @@ def make_pictures(path: Path) -> int:
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 255, (HEIGHT // 60, WIDTH // 60, 3), np.uint8)
     scene = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.int16)
-    with path.open("wb") as file:
-        for number in range(PICTURES):
-            noise = rng.normal(0, 4, (HEIGHT, WIDTH, 3)).astype(np.int16)
-            picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
-            file.write(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())
-    return path.stat().st_size // PICTURES
+    cam = path / "cam"
+    cam.mkdir(parents=True)
+    for number in range(PICTURES):
+        noise = rng.normal(0, 4, (HEIGHT, WIDTH, 3)).astype(np.int16)
+        picture = np.clip(np.roll(scene, 7 * number, axis=1) + noise, 0, 255).astype(np.uint8)
+        cv2.imwrite(str(cam / f"{number:02d}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return sum(file.stat().st_size for file in cam.iterdir()) // PICTURES
 
 
 class Rig:
@@ -78,7 +79,7 @@ class Rig:
             where = ["--host", self.address.host, "--port", str(self.address.port)]
             words = ["leader", *where, "--sessions", str(self.sessions)]
         else:
-            camera = f"sim:phone-a,drops=0,outliers=0,replay={self._pictures}"
+            camera = f"replay:{self._pictures},fps=30"
             words = [
                 "node",
                 "--name",
@@ -252,8 +253,8 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
 
 async def measure(options: argparse.Namespace, folder: Path) -> Report:
     """Record for this duration, with this number of kills and outages."""
-    mean_bytes, cameras = make_pictures(folder / "pictures.mjpeg"), options.cameras
-    rig = Rig(folder, folder / "pictures.mjpeg", cameras, options.port)
+    mean_bytes, cameras = make_pictures(folder / "pictures"), options.cameras
+    rig = Rig(folder, folder / "pictures", cameras, options.port)
     rig.sessions.mkdir()
     chance = random.Random(options.seed)
     try:

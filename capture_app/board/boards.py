@@ -173,8 +173,8 @@ class Checkerboard(Squares):
         import numpy as np
 
         size = (self.across - 1, self.down - 1)
-        found, at = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if not found or at is None:
+        is_complete, at = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        if not is_complete or at is None:
             return {}
         grid = np.asarray(at, float).reshape(size[1], size[0], 2)
         along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]

@@ -200,8 +200,10 @@ def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[st
     """Return head and rows of a table: each camera, and the cameras that it shares views with."""
 
     def others(name: str) -> str:
-        shared = (one for one in found.shared if name in one.cameras)
-        return ", ".join(f"{one.cameras[1 - one.cameras.index(name)]} {one.views}" for one in shared)
+        shared = (camera for camera in found.shared if name in camera.cameras)
+        return ", ".join(
+            f"{camera.cameras[1 - camera.cameras.index(name)]} {camera.views}" for camera in shared
+        )
 
     return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), [
         (

@@ -40,11 +40,11 @@ class BoardDetector:
         """Detect the board's corners in an image (uint8); return their px by number, none without a board."""
         for dark, back in self._appearances:
             seen = 255 - grey if dark else grey
-            found = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
-            if found and is_flat_board(self._places[[*found]], np.array([*found.values()])):
+            detection = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
+            if detection and is_flat_board(self._places[[*detection]], np.array([*detection.values()])):
                 self._appearances.sort(key=lambda one: one != (dark, back))
-                mirrored = {n: np.array([grey.shape[1] - 1 - x, y]) for n, (x, y) in found.items()}
-                return mirrored if back else found
+                mirrored = {n: np.array([grey.shape[1] - 1 - x, y]) for n, (x, y) in detection.items()}
+                return mirrored if back else detection
         return {}
 
 

@@ -144,7 +144,7 @@ class CameraDriver(Protocol):
     """A plugin of the group `simulshot.cameras`, usually a module; its entry point names the kind."""
 
     SPEC: str
-    """Syntax of a spec of this kind, such as `webcam:NUMBER[,key=value…]`."""
+    """Syntax of a spec of this kind, such as `v4l2:/dev/videoN[,key=value…]`."""
     HELP: str
     """One-line description of the cameras that this driver supports."""
     NEEDS: str

@@ -66,9 +66,9 @@ def is_installed(module: str, *, folders: Sequence[str | Path] = FOLDERS) -> boo
 
 
 def _system_spec(module: str, folders: Sequence[str | Path]) -> ModuleSpec | None:
-    found = (PathFinder.find_spec(module, [str(folder)]) for folder in folders)
+    specs = (PathFinder.find_spec(module, [str(folder)]) for folder in folders)
     # Without a loader it is a folder left behind by a removed package.
-    return next((spec for spec in found if spec is not None and spec.loader is not None), None)
+    return next((spec for spec in specs if spec is not None and spec.loader is not None), None)
 
 
 def _load(spec: ModuleSpec) -> Any:
@@ -91,7 +91,7 @@ def _other_versions(spec: ModuleSpec) -> list[str]:
     ]
     if any(name.partition(".")[2] in _SUFFIXES for name in compiled):
         return []
-    found = {
+    modules = {
         (int(m[1]), int(m[2])) for name in compiled if (m := re.compile(r"\.cpython-(\d)(\d+)-").search(name))
     }
-    return [f"{major}.{minor}" for major, minor in sorted(found)]
+    return [f"{major}.{minor}" for major, minor in sorted(modules)]

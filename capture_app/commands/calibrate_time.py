@@ -94,7 +94,7 @@ def calibrate_time(
         folder = _take(leader, seconds, todo, ready)
     session = Session.open(folder)
     talk("measuring")
-    found, orders, saved = asyncio.run(calibrate(leader, session, plugin and plugin.measure(session)))
+    delays, orders, saved = asyncio.run(calibrate(leader, session, plugin and plugin.measure(session)))
     cameras = {
         name: {
             "measured": time,
@@ -102,15 +102,15 @@ def calibrate_time(
             "way": orders[name].asymmetry if name in orders else None,
             "kept": saved.get(name, False),
         }
-        for name, time in found.cameras.items()
+        for name, time in delays.cameras.items()
     }
     answer(
         as_json,
-        {"session": str(folder), "reference": found.reference, "cameras": cameras},
-        [table(("camera", "timestamp delay"), _rows_of(found, orders, saved))],
+        {"session": str(folder), "reference": delays.reference, "cameras": cameras},
+        [table(("camera", "timestamp delay"), _rows_of(delays, orders, saved))],
     )
-    if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
-        missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
+    if reason := next((camera.reason for camera in delays.cameras.values() if camera.reason), ""):
+        missing = ", ".join(name for name, camera in delays.cameras.items() if camera.reason)
         raise NotApplicableError(
             f"the timestamp delay of {missing} cannot be measured: {reason}",
             hint="move up and down in front of all cameras, or use a blinking torch: --light",

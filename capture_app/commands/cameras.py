@@ -38,18 +38,18 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
     from capture_app.rig.rig_link import set_cameras
 
-    found = asyncio.run(set_cameras(leader, {}))
+    states = asyncio.run(set_cameras(leader, {}))
     if save is not None:
         profile: Profile = {
             camera: {
-                of.control: "auto" if of.automatic else of.value or 0.0
-                for of in state.controls
-                if of.automatic or of.value is not None
+                control.control: "auto" if control.automatic else control.value or 0.0
+                for control in state.controls
+                if control.automatic or control.value is not None
             }
-            for camera, state in found.items()
+            for camera, state in states.items()
         }
         write_atomic(save, pretty_json(profile))
-    _answer(as_json, found)
+    _answer(as_json, states)
 
 
 @click.command(
@@ -82,11 +82,15 @@ def set_command(
     if bool(values) == (profile is not None):
         raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
     if profile is None:
-        found = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
+        states = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
     else:
-        chosen = {name: of for name, of in _read_profile(profile).items() if not cameras or name in cameras}
-        found = {name: asyncio.run(set_cameras(leader, of, [name]))[name] for name, of in chosen.items()}
-    _answer(as_json, found)
+        chosen = {
+            name: value for name, value in _read_profile(profile).items() if not cameras or name in cameras
+        }
+        states = {
+            name: asyncio.run(set_cameras(leader, value, [name]))[name] for name, value in chosen.items()
+        }
+    _answer(as_json, states)
 
 
 @click.command(
@@ -149,7 +153,9 @@ def _answer(as_json: bool, found: "CamerasControls") -> None:
 
 def _lines(found: "CamerasControls") -> Iterator[str]:
     if found:
-        rows = ((name, *(describe(of.state(control)) for control in Control)) for name, of in found.items())
+        rows = (
+            (name, *(describe(value.state(control)) for control in Control)) for name, value in found.items()
+        )
         yield table(("camera", *NAMES), rows)
     else:
         talk("no camera has joined")
@@ -193,9 +199,9 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
         if as_json:
             raise click.UsageError(f"--json comes after {ctx.invoked_subcommand}")
         return
-    found = list_cameras()
-    rows = [(camera.spec, camera.model, camera.detail) for camera in found]
-    answer(as_json, {"cameras": found}, [table(("spec", "model", "detail"), rows)])
+    listed = list_cameras()
+    rows = [(camera.spec, camera.model, camera.detail) for camera in listed]
+    answer(as_json, {"cameras": listed}, [table(("spec", "model", "detail"), rows)])
 
 
 @cameras.command("list", hidden=True)

@@ -64,7 +64,7 @@ def _lines(result: dict[str, Any]) -> Iterator[str]:
     nodes = (node.values() for node in result["sync"]["nodes"])
     yield table(
         ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs"),
-        [(name, *(f"{time_ns / 1000:.1f}" for time_ns in of)) for name, *of in nodes],
+        [(name, *(f"{time_ns / 1000:.1f}" for time_ns in words)) for name, *words in nodes],
     )
     yield "\n" + textwrap.fill(str(result["compare"].get("verdict", "")), 88) + "\n"
     yield f"session  {result['session']}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.plugins import CAMERA_COMMANDS, COMMANDS, plugin_names
@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     help="With --report: add the measurements of `panel read` of SESSION.",
 )
 @spool_option
-@open_option
 @json_option
 def doctor(
     leaders: tuple[Address, ...],
@@ -84,13 +83,15 @@ def doctor(
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]
     if not as_json:
         talk("checking this machine …")
-    found = asyncio.run(examine(leaders, rigs, spool))
-    problems = [finding for finding in found if finding.grade == "problem"]
+    checks = asyncio.run(examine(leaders, rigs, spool))
+    problems = [finding for finding in checks if finding.grade == "problem"]
     if report is not None:
         measured = {spec: _ask("cameras", "characterize", spec) for spec in specs}
         read = None if panel is None else _ask("panel", "read", str(panel))
-        write_atomic(report, pretty_json({"doctor": found, "cameras": measured, "panel": read}), synced=False)
-    answer(as_json, {"findings": found, "problems": len(problems)}, _lines(found))
+        write_atomic(
+            report, pretty_json({"doctor": checks, "cameras": measured, "panel": read}), synced=False
+        )
+    answer(as_json, {"findings": checks, "problems": len(problems)}, _lines(checks))
     if problems:
         raise SimulshotError(
             f"{count(len(problems), 'problem')} found", hint="each remedy is below its problem"

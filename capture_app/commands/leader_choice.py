@@ -153,9 +153,9 @@ def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | Non
     if named:
         make_known(named, pin, code)
         return named
-    found = find_leader()
-    make_known(found.addresses[:1], pin, code)
-    return found.among or found.addresses[:1]
+    leader = find_leader()
+    make_known(leader.addresses[:1], pin, code)
+    return leader.among or leader.addresses[:1]
 
 
 def find_leader() -> "FoundLeader":
@@ -179,7 +179,7 @@ def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLea
     if len(found) == 1:
         return found[0]
     if not can_ask:
-        names = ", ".join(f"{one.addresses[0]} ({one.name})" for one in found)
+        names = ", ".join(f"{leader.addresses[0]} ({leader.name})" for leader in found)
         raise NetworkError(
             f"several leaders are in this network: {names}", hint="choose one with --leader HOST:PORT"
         )

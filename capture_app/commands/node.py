@@ -116,18 +116,18 @@ def node(
     ring = {} if ring_s is None else {"ring_ns": round(ring_s * 1e9)}
     ring |= {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
     nodes = {
-        one: camera_node(
-            one,
+        label: camera_node(
+            label,
             spec,
             leaders=leaders,
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
             clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
             spool=spool,
-            log=Log(functools.partial(_log_line_of, one), name=one),
+            log=Log(functools.partial(_log_line_of, label), name=label),
             **ring,
         )
-        for one, spec in named.items()
+        for label, spec in named.items()
     }
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
@@ -162,8 +162,8 @@ def _typed_options(*but: str) -> list[str]:
         if name in but or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             continue
         value = context.params.get(name, True)  # a flag with an effect of its own, such as --open
-        for one in value if isinstance(value, tuple) else (value,):
-            words.append(option.secondary_opts[0] if one is False else option.opts[0])
-            if not isinstance(one, bool):
-                words.append(str(one.absolute() if isinstance(one, Path) else one))
+        for part in value if isinstance(value, tuple) else (value,):
+            words.append(option.secondary_opts[0] if part is False else option.opts[0])
+            if not isinstance(part, bool):
+                words.append(str(part.absolute() if isinstance(part, Path) else part))
     return words

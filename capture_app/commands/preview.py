@@ -75,11 +75,11 @@ async def _next_preview(
                 from capture_app.rig.live_depth import live_depth
 
                 async with aclosing(live_depth(link, status, lambda: camera)) as depths:
-                    found = await anext(depths)
-                if found.problem:
-                    raise IncompleteError(found.problem)
-                facts = {"leader_ns": found.instant_ns, "moving_confirmed": found.moving_confirmed}
-                return {"camera": camera, **facts}, found.jpeg
+                    pictures = await anext(depths)
+                if pictures.problem:
+                    raise IncompleteError(pictures.problem)
+                facts = {"leader_ns": pictures.instant_ns, "moving_confirmed": pictures.moving_confirmed}
+                return {"camera": camera, **facts}, pictures.jpeg
             await link.want_previews(cameras=(camera,), width=width, fps=5)
             async for update in link.updates():
                 if isinstance(update, Preview):

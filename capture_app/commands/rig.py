@@ -9,7 +9,6 @@ from capture_app.commands.shared_options import (
     cameras_option,
     host_option,
     leader_option,
-    open_option,
     rig_port_option,
     sessions_option,
     stagger_option,
@@ -34,7 +33,6 @@ def rig() -> None:
 @sessions_option
 @cameras_option
 @stagger_option
-@open_option
 @json_option
 def start(
     host: str,
@@ -63,7 +61,9 @@ def list_command(as_json: bool) -> None:
     from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
-    rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
+    rows = [
+        (record.leader, str(record.pid), record.sessions, record.log or "on its terminal") for record in rigs
+    ]
     answer(
         as_json,
         {"rigs": rigs},

@@ -94,13 +94,13 @@ def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -
 
 def list_trash(root: Path, as_json: bool) -> None:
     """Print what is in the trash of a folder of sessions."""
-    found = trashed_sessions(root)
-    rows = [(one.id, one.name, format_date(one.trashed)) for one in found]
+    trashed = trashed_sessions(root)
+    rows = [(session.id, session.name, format_date(session.trashed)) for session in trashed]
     answer(
         as_json,
-        {"root": str(root), "trash": found},
+        {"root": str(root), "trash": trashed},
         [table(("id", "name", "trashed (UTC)"), rows)] if rows else [],
-        said="" if found else f"the trash of {root} is empty",
+        said="" if trashed else f"the trash of {root} is empty",
     )
 
 
@@ -113,9 +113,9 @@ def list_trash(root: Path, as_json: bool) -> None:
 @json_option
 def empty(root: Path, yes: bool, as_json: bool) -> None:
     """Permanently delete the trash of the folder ROOT (default: ./sessions)."""
-    found = trashed_sessions(root)
-    sessions = count(len(found), "session")
-    if found and not yes:
+    trashed = trashed_sessions(root)
+    sessions = count(len(trashed), "session")
+    if trashed and not yes:
         confirm(f"Delete {sessions} in {root} permanently?", f"{sessions} would be deleted permanently")
     deleted = empty_trash(root)
     answer(as_json, {"root": str(root), "deleted": deleted}, [f"{root}: {deleted} deleted"])
@@ -155,7 +155,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))
-    failed = [one for one in repaired if not one.ok]
+    failed = [session for session in repaired if not session.ok]
     answer(as_json, {"ok": not failed, "sessions": repaired}, map(_describe_result, repaired))
     if failed:
         raise BadInputError(

@@ -47,7 +47,9 @@ class _ImportCommand(click.Command):
         """Write what is recognized, then the examples."""
         from capture_app.session.importing.importer import load_importers
 
-        write_plugins(formatter, "Recognized", [(one.program, one.help) for one in load_importers()])
+        write_plugins(
+            formatter, "Recognized", [(importer.program, importer.help) for importer in load_importers()]
+        )
         super().format_epilog(ctx, formatter)
 
 
@@ -199,8 +201,8 @@ def _aligned_by_motion(session: Session) -> Session:
         return session
     talk("aligning by motion, as no other method applies")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
-    found = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - our own program
-    lines = (found.stdout if found.returncode == 0 else found.stderr).strip().splitlines()
+    result = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - our own program
+    lines = (result.stdout if result.returncode == 0 else result.stderr).strip().splitlines()
     talk(f"by motion: {lines[-1] if lines else 'no answer'}")
     return Session.open(session.folder)
 
@@ -236,17 +238,17 @@ def _say_next(session: Session) -> None:
 
 
 def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
-    found = {}
+    values = {}
     for text in texts:
         camera, _, value = text.rpartition("=")
         try:
-            found[camera] = float(value)
-            round(found[camera])  # neither infinite nor NaN
+            values[camera] = float(value)
+            round(values[camera])  # neither infinite nor NaN
         except (ValueError, OverflowError):
             raise BadInputError(
                 f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
             ) from None
-    return found
+    return values
 
 
 class _Format(click.Choice[str]):
@@ -296,12 +298,14 @@ class _ExportCommand(click.Command):
             for name, (kind, option) in stated.items()
         ]
         session, *general = super().get_params(ctx)
-        at = next(place for place, one in enumerate(general) if one.name == "as_json")
+        at = next(place for place, argument in enumerate(general) if argument.name == "as_json")
         return [session, to, *general[:at], *own, *general[at:]]
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the formats, then the examples."""
-        write_plugins(formatter, "Formats", [(name, one.help) for name, one in self._exporters(ctx).items()])
+        write_plugins(
+            formatter, "Formats", [(name, exporter.help) for name, exporter in self._exporters(ctx).items()]
+        )
         super().format_epilog(ctx, formatter)
 
     def _exporters(self, ctx: click.Context) -> dict[str, Exporter]:

@@ -36,16 +36,20 @@ def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
     """Yield a table of the sessions, and a line for each unusable one."""
     rows = [
         (
-            *(one.name, format_date(one.created)),
-            *map(str, (len(one.cameras), one.instants, one.images, one.missing)),
-            one.origin,
+            *(session.name, format_date(session.created)),
+            *map(str, (len(session.cameras), session.instants, session.images, session.missing)),
+            session.origin,
         )
-        for one in found
-        if not one.problem
+        for session in found
+        if not session.problem
     ]
     if rows:
         yield table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
-    yield from (f"unusable: {one.name}: {one.problem} ({one.remedy})" for one in found if one.problem)
+    yield from (
+        f"unusable: {session.name}: {session.problem} ({session.remedy})"
+        for session in found
+        if session.problem
+    )
 
 
 def session_lines(session: Session) -> Iterator[str]:
@@ -79,8 +83,8 @@ def session_lines(session: Session) -> Iterator[str]:
             lasting = duration(of.until_local_ns - of.from_local_ns)
             yield f"{camera.name}, times of {lasting}: {of.reason}"
     missing = defaultdict[tuple[str, str], list[str]](list)
-    for one in manifest.missing:
-        missing[one.camera, one.reason].append(str(one.instant))
+    for absence in manifest.missing:
+        missing[absence.camera, absence.reason].append(str(absence.instant))
     for (name, reason), at in missing.items():
         named = ", ".join([*at[:8], "…"] if len(at) > 8 else at)
         yield f"{name} lacks {count(len(at), 'image')}: {reason} (instants {named})"
@@ -126,7 +130,7 @@ def _describe_scatter(session: Session) -> Iterator[str]:
 
 def describe_common_times(times: CommonTimes) -> list[str]:
     """Describe the source of an imported recording's times, and each camera's offset and rate."""
-    return [times.words, *(f"  {name}: {_describe_times(of)}" for name, of in times.cameras.items())]
+    return [times.words, *(f"  {name}: {_describe_times(camera)}" for name, camera in times.cameras.items())]
 
 
 def _describe_times(times: CameraTimes) -> str:
@@ -154,7 +158,9 @@ def _true_differences_ns(session: Session) -> list[int]:
     if {camera.name for camera in session.manifest.cameras} <= {image.camera for image in images}:
         for image in images:
             times_ns[image.instant].append(image.true_ns - session.camera(image.camera).delay_ns)
-    return [max(of) - min(of) for of in times_ns.values() if len(of) > 1]
+    return [
+        max(own_times_ns) - min(own_times_ns) for own_times_ns in times_ns.values() if len(own_times_ns) > 1
+    ]
 
 
 def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:

@@ -53,7 +53,8 @@ open_option = click.option(
     expose_value=False,
     is_eager=True,
     callback=_skip_pairing,
-    help="Skip pairing and accept any machine. Use only on a trusted network, and set it on every machine.",
+    help="Skip pairing and accept any machine. Use only on a trusted network, and on every machine; other "
+    "commands do so where SIMULSHOT_OPEN=1 is set.",
 )
 
 
@@ -64,18 +65,14 @@ def _default_leader() -> str:
     return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))
 
 
-leader_option = together(
-    click.option(
-        "--leader",
-        type=ADDRESS,
-        default=_default_leader,
-        show_default=f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
-        metavar="HOST:PORT",
-        help="Address of the leader or a relay.",
-    ),
-    open_option,
+leader_option = click.option(
+    "--leader",
+    type=ADDRESS,
+    default=_default_leader,
+    show_default=f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
+    metavar="HOST:PORT",
+    help="Address of the leader or a relay.",
 )
-"""The options --leader and --open."""
 leaders_option = click.option(
     "--leader",
     "leaders",

@@ -90,7 +90,11 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     if rig.nodes:
         rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
         # Hide columns that are empty for every node.
-        shown = [one for one in rows[0] if one != _STAMPS or any(row[one] != NO_TIME for row in rows)]
+        shown = [
+            heading
+            for heading in rows[0]
+            if heading != _STAMPS or any(row[heading] != NO_TIME for row in rows)
+        ]
         yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:
         yield table(

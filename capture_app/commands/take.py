@@ -156,7 +156,11 @@ def _verdict_of(ended: "TakeEnd") -> "Verdict | None":
 
 def _records(ended: "list[TakeEnd]") -> list[dict[str, Any]]:
     """Return the JSON records of those ended takes that had begun at the leader."""
-    return [{**asdict(one.status), "verdict": _verdict_of(one)} for one in ended if one.status is not None]
+    return [
+        {**asdict(ending.status), "verdict": _verdict_of(ending)}
+        for ending in ended
+        if ending.status is not None
+    ]
 
 
 def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
@@ -282,8 +286,8 @@ def burst(
     finally:
         if as_json and (records := _records(ended)):
             print_json(records[0] if plan.repeat == 1 else {"bursts": records})
-    for one in ended:
-        require_whole(one)
+    for ending in ended:
+        require_whole(ending)
 
 
 @click.command(

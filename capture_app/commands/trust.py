@@ -46,19 +46,24 @@ def list_command(as_json: bool) -> None:
     mine = own_machine()
     machines = mine.known.all()
     shown = [
-        {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
-        | ({"vouched_by": one.vouched_by} if one.vouched_by else {})
-        for one in machines
+        {
+            "pin": machine.pin,
+            "name": machine.name,
+            "roles": machine.roles,
+            "added_unix_s": machine.added_unix_s,
+        }
+        | ({"vouched_by": machine.vouched_by} if machine.vouched_by else {})
+        for machine in machines
     ]
     rows = [
         (
-            one.name,
-            ", ".join(one.roles),
-            one.pin,
-            f"{datetime.fromtimestamp(one.added_unix_s, UTC).astimezone():%Y-%m-%d}",
-            one.vouched_by and "its leader",
+            machine.name,
+            ", ".join(machine.roles),
+            machine.pin,
+            f"{datetime.fromtimestamp(machine.added_unix_s, UTC).astimezone():%Y-%m-%d}",
+            machine.vouched_by and "its leader",
         )
-        for one in machines
+        for machine in machines
     ]
     known = [table(("machine", "may be", "pin", "since", "by"), rows)] if rows else []
     answer(

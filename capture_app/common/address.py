@@ -67,23 +67,23 @@ class Address(NamedTuple):
 
 def parse_address(text: str) -> Address:
     """Parse `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
-    if (found := _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)) is None:
+    if (match := _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)) is None:
         hint = f", or did you mean [{text}]?" if text.count(":") > 1 and "[" not in text else ""
         raise ValueError(f"{text!r} is not HOST:PORT{hint}")
-    port = int(found["port"]) if found["port"] else DEFAULT_PORT
+    port = int(match["port"]) if match["port"] else DEFAULT_PORT
     if not 0 < port < 65536:
         raise ValueError(f"port {port} in {text!r} is not between 1 and 65535")
     try:
-        found["host"].encode("idna")
+        match["host"].encode("idna")
     except UnicodeError:
         raise ValueError(f"the host in {text!r} has an empty part or one of over 63 letters") from None
-    return Address(found["host"], port)
+    return Address(match["host"], port)
 
 
 async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
     """Return the address family and the numeric address of a host; raises NetworkError if it has none."""
     try:
-        found = await asyncio.get_running_loop().getaddrinfo(
+        hosts = await asyncio.get_running_loop().getaddrinfo(
             address.host, address.port, type=socket.SOCK_DGRAM, proto=socket.IPPROTO_UDP
         )
     except (OSError, UnicodeError) as error:
@@ -92,7 +92,7 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
             hint="check the name, or give its IP address",
         ) from error
     # Most leaders listen on IPv4 only, so it is preferred if a name has both.
-    family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    family, _, _, _, where = min(hosts, key=lambda entry: entry[0] != socket.AF_INET)
     return family, Address(str(where[0]), int(where[1]))
 
 

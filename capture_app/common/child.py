@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self, TypeVar
@@ -50,9 +50,15 @@ class Child:
 
     @classmethod
     async def start(
-        cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None, niceness: int = 0
+        cls,
+        name: str,
+        arguments: Sequence[str],
+        *,
+        variables: Mapping[str, str] | None = None,
+        on_line: Talk | None = None,
+        niceness: int = 0,
     ) -> Self:
-        """Start a module of this installation.
+        """Start a module of this installation, with further environment `variables`.
 
         With a `niceness`: run in the background, at that priority, killed when this process ends, even by
         SIGKILL, and cleaning up when it is stopped. Other modules implement that themselves, as nodes do.
@@ -67,6 +73,7 @@ class Child:
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
+            env={**os.environ, **(variables or {})},
         )
         return cls(name, process, on_line)
 

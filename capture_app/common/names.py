@@ -35,7 +35,9 @@ def check_name(text: str, what: str) -> str:
 
 def name_like(text: str, otherwise: str) -> str:
     """Return the valid name nearest to a text without accents, or `otherwise` if nothing is usable."""
-    plain = "".join(one for one in normalize("NFKD", text.replace("ß", "ss")) if not combining(one))
+    plain = "".join(
+        character for character in normalize("NFKD", text.replace("ß", "ss")) if not combining(character)
+    )
     return _FORBIDDEN.sub("-", plain).lstrip("_.-")[:_MAX_LENGTH].rstrip("-") or otherwise
 
 

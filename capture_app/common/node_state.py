@@ -25,8 +25,13 @@ class NodeState(StrEnum):
     LOST = "lost"
     FAILED = "failed"
 
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the node is ready or degraded."""
+        return self in (NodeState.READY, NodeState.DEGRADED)
+
     def with_error(self, error_ns: float | None) -> str:
         """Return the state in words; a ready or degraded one with its 95 % error in ns: ready, ±180 µs."""
-        if error_ns is None or self not in (NodeState.READY, NodeState.DEGRADED):
+        if error_ns is None or not self.is_aligned:
             return str(self)
         return f"{self}, ±{duration(error_ns)}"

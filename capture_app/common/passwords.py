@@ -26,9 +26,9 @@ def hide_password(spec: str) -> str:
 
 def reveal_password(spec: str) -> str:
     """Return the spec with its stored password, for the code that opens the camera."""
-    if (found := _WITH_USER.fullmatch(spec)) is None:
+    if (match := _WITH_USER.fullmatch(spec)) is None:
         return spec
-    scheme, user, rest = found.groups()
+    scheme, user, rest = match.groups()
     if (password := os.environ.get(_variable(user, rest))) is None:
         password = quote(os.environ.get(VARIABLE, ""), safe="")
     return f"{scheme}{user}:{password}@{rest}" if password else spec

@@ -35,11 +35,11 @@ def load_plugin(group: str, name: str, *attributes: str) -> Any:
         BadInputError: no installed package has a plugin of this name.
         NotAvailableError: the plugin cannot be imported, or not in time, or lacks an attribute.
     """
-    found = _find_plugins(group, tuple(sys.path))
-    if name not in found:
-        known = ", ".join(found) or f"none; reinstall {DISTRIBUTION}"
+    plugins = _find_plugins(group, tuple(sys.path))
+    if name not in plugins:
+        known = ", ".join(plugins) or f"none; reinstall {DISTRIBUTION}"
         raise BadInputError(f"{name!r} is not in {group}", hint=f"installed: {known}")
-    return _load(*found[name], attributes, NAMED_PLUGIN_TIMEOUT_S)
+    return _load(*plugins[name], attributes, NAMED_PLUGIN_TIMEOUT_S)
 
 
 def load_plugins(group: str, *attributes: str) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def _load_all(group: str, attributes: tuple[str, ...], path: tuple[str, ...]) ->
 
 def _find_plugins(group: str, path: tuple[str, ...]) -> Mapping[str, tuple[str, EntryPoint]]:
     """Return a group's packages and entry points by name, sorted; no package replaces one of simulshot's."""
-    found = [one for one in _find_all(path) if one[1].group == group]
+    found = [entry for entry in _find_all(path) if entry[1].group == group]
     found.sort(key=lambda one: (one[0] == DISTRIBUTION, one[0]))
     return dict(sorted({printable(entry.name): (package, entry) for package, entry in found}.items()))
 
@@ -68,21 +68,25 @@ def _find_plugins(group: str, path: tuple[str, ...]) -> Mapping[str, tuple[str, 
 @cache
 def _find_all(path: tuple[str, ...]) -> list[tuple[str, EntryPoint]]:
     """Read all packages on the path once: their names and plugins. Report each damaged one, and skip it."""
-    found: dict[str, list[EntryPoint]] = {}
+    by_name: dict[str, list[EntryPoint]] = {}
     for distribution in distributions():
         try:
-            entries = [one for one in distribution.entry_points if one.group.startswith(_GROUPS)]
+            entries = [
+                entry_point
+                for entry_point in distribution.entry_points
+                if entry_point.group.startswith(_GROUPS)
+            ]
             if entries and "Name" not in distribution.metadata:
                 raise FileNotFoundError("it has no METADATA")
             if entries:  # of two versions of a package, the first one is imported
-                found.setdefault(distribution.name, entries)
+                by_name.setdefault(distribution.name, entries)
         except Exception as error:  # noqa: BLE001 - whatever other people's packages hold
             _log.warning(
                 "the package at %s is skipped: %s (reinstall it, or remove that folder)",
                 printable(str(getattr(distribution, "_path", distribution))),
                 printable(first_line(error)),
             )
-    return [(package, entry) for package, entries in found.items() for entry in entries]
+    return [(package, entry) for package, entries in by_name.items() for entry in entries]
 
 
 def _load(package: str, entry: EntryPoint, attributes: tuple[str, ...], timeout_s: float) -> Any:
@@ -90,7 +94,7 @@ def _load(package: str, entry: EntryPoint, attributes: tuple[str, ...], timeout_
 
     def load() -> Any:
         plugin = entry.load()
-        if missing := [one for one in attributes if not hasattr(plugin, one)]:
+        if missing := [attribute for attribute in attributes if not hasattr(plugin, attribute)]:
             raise AttributeError(f"it has no {missing[0]!r}")
         return plugin
 

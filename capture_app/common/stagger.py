@@ -54,7 +54,11 @@ class Stagger:
     def __str__(self) -> str:
         """Return the text that `parse` reads."""
         delays_ns = self.delays_ns
-        return EVEN if delays_ns is None else ",".join(f"{one}={ns / 1e6}ms" for one, ns in delays_ns.items())
+        return (
+            EVEN
+            if delays_ns is None
+            else ",".join(f"{camera}={ns / 1e6}ms" for camera, ns in delays_ns.items())
+        )
 
     def plan_ns(self, cameras: Collection[str], period_ns: int) -> dict[str, int]:
         """Return the planned delay in ns of each of these cameras in a rig with this frame period."""

@@ -120,5 +120,5 @@ class ProgressStep:
     @classmethod
     def parse(cls, line: str) -> Self | None:
         """Parse a progress line such as `[3/9] stereo cam00-cam01`; return None for any other line."""
-        found = _PROGRESS.match(line)
-        return cls(int(found[1]), int(found[2]), found[3]) if found else None
+        match = _PROGRESS.match(line)
+        return cls(int(match[1]), int(match[2]), match[3]) if match else None

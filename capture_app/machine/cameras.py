@@ -22,13 +22,13 @@ def list_cameras(*, simulated: bool = True) -> list[CameraListing]:
 
     A driver that fails is named on stderr and left out.
     """
-    found: list[CameraListing] = []
+    cameras: list[CameraListing] = []
     for kind, driver in specs.load_drivers().items():
         try:
-            found += driver.list_cameras() if simulated or kind != SIMULATED else ()
+            cameras += driver.list_cameras() if simulated or kind != SIMULATED else ()
         except Exception as error:  # noqa: BLE001 - a plugin raises what it likes, and the others still list
             _log.warning("the driver of %s cameras cannot list them: %s", kind, first_line(error))
-    return found
+    return cameras
 
 
 def modes_of(spec: str) -> str:
@@ -38,4 +38,4 @@ def modes_of(spec: str) -> str:
     """
     parsed = specs.parse_spec(spec)
     listed = specs.load_driver(parsed.kind).list_cameras()
-    return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
+    return next((camera.detail for camera in listed if camera.spec == f"{parsed.kind}:{parsed.device}"), "")

@@ -50,16 +50,16 @@ SLOW_MB_S = 20.0
 
 def usb_cameras(devices: Path = Path("/sys/class/video4linux")) -> list[tuple[str, int, int]]:
     """Return device node, USB bus and speed (Mbit/s) of each USB camera here, in the order of the nodes."""
-    found: dict[Path, tuple[str, int, int]] = {}
+    disks: dict[Path, tuple[str, int, int]] = {}
     for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
         interface = (entry / "device").resolve()
         # A camera has several device nodes; the first one delivers the images.
         device = next((path for path in (interface, *interface.parents) if (path / "busnum").is_file()), None)
-        if device is not None and device not in found:
+        if device is not None and device not in disks:
             with suppress(OSError, ValueError):
                 bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
-                found[device] = f"/dev/{entry.name}", bus, round(speed)
-    return list(found.values())
+                disks[device] = f"/dev/{entry.name}", bus, round(speed)
+    return list(disks.values())
 
 
 class Finding(Struct, frozen=True):
@@ -178,8 +178,8 @@ def _write_speed(folder: Path, size: int) -> float:
 async def leader(address: Address) -> Finding:
     """Test the connection to a leader."""
     began_s = time.monotonic()
-    if (found := await find_obstacle(address)) is not None:
-        return Finding("leader", "problem", found.what, found.remedy)
+    if (obstacle := await find_obstacle(address)) is not None:
+        return Finding("leader", "problem", obstacle.what, obstacle.remedy)
     return Finding(
         "leader",
         "good",
@@ -212,8 +212,8 @@ async def announced_leaders(listen_s: float = 1.5) -> list[Finding]:
     async with LeaderBrowser() as browser:
         await browser.refresh()
         await asyncio.sleep(listen_s)
-        found = browser.found
-    if not found:
+        leaders = browser.found
+    if not leaders:
         return [
             Finding(
                 "discovery",
@@ -222,7 +222,7 @@ async def announced_leaders(listen_s: float = 1.5) -> list[Finding]:
                 "start one with: capture-app; for one beyond multicast give --leader HOST:PORT",
             )
         ]
-    return list(await asyncio.gather(*map(_announced_leader, found)))
+    return list(await asyncio.gather(*map(_announced_leader, leaders)))
 
 
 async def _announced_leader(found: FoundLeader) -> Finding:
@@ -230,7 +230,10 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     obstacles = await asyncio.gather(*map(find_obstacle, found.addresses))
     reached = [address for address, obstacle in zip(found.addresses, obstacles, strict=True) if not obstacle]
     if not reached:
-        what, remedy = next(((one.what, one.remedy) for one in obstacles if one), ("it has no address", ""))
+        what, remedy = next(
+            ((obstacle.what, obstacle.remedy) for obstacle in obstacles if obstacle),
+            ("it has no address", ""),
+        )
         text = f"{kind} {found.name} is announced but not reachable: {what}"
         return Finding("discovery", "warning", text, remedy)
     text = f"{kind} {found.name} is announced and answers at {reached[0]}"
@@ -249,8 +252,8 @@ def warnings_for_leader(host: str, port: int, sessions: Path, root: Path = Path(
     lacks = [f"{sessions}: {lack}" for lack in missing_abilities(sessions)] if sessions.is_dir() else []
     if not announced_hosts(host):
         return lacks
-    found = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
-    return lacks + [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
+    checks = (*firewalls(active_firewalls(root), [port]), *wifi(wifi_interfaces(root / "sys/class/net")))
+    return lacks + [f"{finding.text}: {finding.remedy}" for finding in checks if finding.grade == "warning"]
 
 
 def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:
@@ -309,7 +312,7 @@ async def examine(
         asyncio.gather(*map(leader, leaders)),
     )
     written = await asyncio.gather(
-        *(asyncio.to_thread(disk, *one) for one in ((spool, "the spool", "--spool"), *sessions))
+        *(asyncio.to_thread(disk, *folder) for folder in ((spool, "the spool", "--spool"), *sessions))
     )
     return [
         version(),

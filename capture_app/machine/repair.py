@@ -84,8 +84,8 @@ def _sessions(path: Path) -> list[Path]:
         raise BadInputError(f"no folder {path}", hint="capture-app sessions list shows what is there")
     for pattern in ("", "*/"):
         files = (file for name in (MANIFEST, JOURNAL, PLAN) for file in path.glob(pattern + name))
-        if found := sorted({file.parent for file in files if file.is_file()}):
-            return found
+        if folders := sorted({file.parent for file in files if file.is_file()}):
+            return folders
     raise BadInputError(
         f"no session in {path}", hint="give a session, or the folder that contains the sessions"
     )

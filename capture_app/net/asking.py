@@ -11,7 +11,7 @@ from capture_app.common.timeouts import ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol import messages
 from capture_app.protocol.status import NodeStatus, RigStatus
-from capture_app.trust.trust import Trust
+from capture_app.trust.trust import OPEN_VARIABLE, Trust
 
 A = TypeVar("A", bound=Message)
 
@@ -27,7 +27,7 @@ async def next_message(channel: Channel[Any], timeout_s: float) -> messages.From
             hint=f"look for the cause: capture-app doctor --leader {channel.peer}",
         ) from error
     if answer is None:
-        asks = "; if it requires pairing, leave out --open" if Trust.of_user().is_open else ""
+        asks = f"; if it requires pairing: unset {OPEN_VARIABLE}" if Trust.of_user().is_open else ""
         raise NetworkError(
             f"the leader at {channel.peer} closed the connection", hint=f"check that it runs{asks}"
         )

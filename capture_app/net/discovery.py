@@ -112,17 +112,17 @@ async def _keep_announced(host: str, info: AsyncServiceInfo) -> None:
     hosts: list[str] | None = None
     async with AsyncExitStack() as announcing:
         while True:
-            if (found := announced_hosts(host)) != hosts:
+            if (hosts_now := announced_hosts(host)) != hosts:
                 await announcing.aclose()
                 # A failed announcement is ended and retried at the next look, whatever the addresses then.
                 hosts = None
                 with contextlib.suppress(Error, OSError, TimeoutError):
-                    if found:
-                        responder = AsyncZeroconf(interfaces=found)
+                    if hosts_now:
+                        responder = AsyncZeroconf(interfaces=hosts_now)
                         announcing.push_async_callback(_close, responder)
-                        info.addresses = [socket.inet_aton(one) for one in found]
+                        info.addresses = [socket.inet_aton(leader) for leader in hosts_now]
                         await (await responder.async_register_service(info, allow_name_change=True))
-                    hosts = found
+                    hosts = hosts_now
             await asyncio.sleep(LOOK_EVERY_S)
 
 
@@ -221,18 +221,20 @@ async def search_leaders(
             if (mine := await first_to_answer(own(), OWN_S)) is not None:
                 return [FoundLeader("this machine", (mine,))]
             await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
-            found = browser.found
-            answered = await _answering(found, trust or Trust.of_user())
+            leaders = browser.found
+            answered = await _answering(leaders, trust or Trust.of_user())
             is_late = time.monotonic() - began_s >= SAY_S
             # A relay, or an unknown leader, may merely have answered sooner.
-            if any(one.is_known and not one.is_relay for one in answered) or (answered and is_late):
-                known = [one for one in answered if one.is_known] or answered
-                return [one for one in known if not one.is_relay] or known
+            if any(leader.is_known and not leader.is_relay for leader in answered) or (answered and is_late):
+                known = [leader for leader in answered if leader.is_known] or answered
+                return [leader for leader in known if not leader.is_relay] or known
             if is_late:
                 obstacles = await asyncio.gather(
-                    *(find_obstacle(address) for leader in found for address in leader.addresses[:1])
+                    *(find_obstacle(address) for leader in leaders for address in leader.addresses[:1])
                 )
-                sentence = "; ".join(str(one) for one in obstacles if one is not None) or NOBODY
+                sentence = (
+                    "; ".join(str(obstacle) for obstacle in obstacles if obstacle is not None) or NOBODY
+                )
                 if sentence != said:
                     report(sentence)
                     said = sentence

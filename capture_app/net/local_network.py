@@ -55,9 +55,9 @@ class Firewall:
 
 def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
     """Return the firewalls that are enabled at boot, by their files below `root`."""
-    found = []
+    addresses = []
     if _UFW_ENABLED.search(_read(root / "etc/ufw/ufw.conf") or ""):
-        found.append(
+        addresses.append(
             Firewall(
                 "ufw",
                 "sudo ufw allow {port}",
@@ -70,14 +70,14 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
         rules = "\n".join(zone for zone in zones if zone is not None) if None not in zones else None
         change = "sudo firewall-cmd --permanent --add-port={{port}}/udp{} && sudo firewall-cmd --reload"
         both, udp = change.format(" --add-port={port}/tcp"), change.format("")
-        found.append(Firewall("firewalld", both, udp, rules))
+        addresses.append(Firewall("firewalld", both, udp, rules))
     if (root / "etc/systemd/system/sysinit.target.wants/nftables.service").is_symlink():
         rules = _read(root / "etc/nftables.conf")
         # The default file drops nothing. An additional table cannot open what another one drops.
         if rules is None or _DENIES.search(rules):
             line = "add a rule for port {port} to /etc/nftables.conf, then: sudo systemctl reload nftables"
-            found.append(Firewall("nftables", line, line, rules))
-    return found
+            addresses.append(Firewall("nftables", line, line, rules))
+    return addresses
 
 
 def _read(path: Path) -> str | None:

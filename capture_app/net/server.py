@@ -103,8 +103,8 @@ class TransferServer(Generic[M]):
 
     def _admit(self, stream: Channel[M]) -> bool:
         """Return whether a new stream may stay; another one may be closed to make room."""
-        own = [one for one in self._open if one.peer.host == stream.peer.host]
-        silent = [one for one in self._open if not one.has_spoken]
+        own = [channel for channel in self._open if channel.peer.host == stream.peer.host]
+        silent = [channel for channel in self._open if not channel.has_spoken]
         admitted = True
         if len(silent) >= MAX_SILENT:
             admitted = self._make_room(_by_host(silent)[0])
@@ -125,18 +125,20 @@ class TransferServer(Generic[M]):
         if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
             return True
         stays = not stream.is_beyond
-        own = [one for one in self._open if who.pin and one.who == who]
+        own = [channel for channel in self._open if who.pin and channel.who == who]
         if stays and len(own) > MAX_STREAMS_PER_MACHINE:
-            spare = next((one for one in own if not one.is_known), stream)
+            spare = next((channel for channel in own if not channel.is_known), stream)
             self._break_off(spare)
             stays = spare is not stream
         return stays
 
     def _make_room(self, streams: Iterable[Channel[M]]) -> bool:
         unknown = [
-            one for one in streams if not (one.is_known or (one.who.pin and one.who.may(Role.OPERATOR)))
+            channel
+            for channel in streams
+            if not (channel.is_known or (channel.who.pin and channel.who.may(Role.OPERATOR)))
         ]
-        stream = next((one for one in unknown if not one.has_spoken), next(iter(unknown), None))
+        stream = next((channel for channel in unknown if not channel.has_spoken), next(iter(unknown), None))
         if stream is not None:
             self._break_off(stream)
         return stream is not None
@@ -158,10 +160,10 @@ class TransferServer(Generic[M]):
 
 def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
     """Group streams by the host of the other end, largest group first."""
-    of: defaultdict[str, list[Channel[M]]] = defaultdict(list)
+    by_machine: defaultdict[str, list[Channel[M]]] = defaultdict(list)
     for stream in streams:
-        of[stream.peer.host].append(stream)
-    return sorted(of.values(), key=len, reverse=True)
+        by_machine[stream.peer.host].append(stream)
+    return sorted(by_machine.values(), key=len, reverse=True)
 
 
 def allowed_streams() -> int:
@@ -215,8 +217,8 @@ def bind_datagrams(host: str, port: int, *, hint: str) -> socket.socket:
 
 
 def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    found = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
-    family, _, protocol, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    addresses = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
+    family, _, protocol, _, where = min(addresses, key=lambda entry: entry[0] != socket.AF_INET)
     sock = socket.socket(family, kind, protocol)
     try:
         if kind == socket.SOCK_STREAM:

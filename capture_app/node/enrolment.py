@@ -76,7 +76,11 @@ class Enrolment:
             sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
             sealed.set_direct_pins(
                 self._trust.identity.pin,
-                (one.pin for one in machines if Role.CAMERA in one.roles and Role.RELAY not in one.roles),
+                (
+                    machine.pin
+                    for machine in machines
+                    if Role.CAMERA in machine.roles and Role.RELAY not in machine.roles
+                ),
             )
 
     def invite(self, role: Role) -> pairing_messages.Invited:
@@ -187,9 +191,9 @@ class Enrolment:
         """Return the pins of the leaders above this relay, or of their standbys; none for a leader."""
         roots = dict.fromkeys(
             pin
-            for one in self._trust.known.all()
-            if Role.LEADER in one.roles
-            for pin in one.roots or (one.pin,)
+            for machine in self._trust.known.all()
+            if Role.LEADER in machine.roles
+            for pin in machine.roots or (machine.pin,)
         )
         return tuple(roots)[:MAX_ROOTS] if self._is_relay else ()
 

@@ -116,9 +116,11 @@ async def watch_join(time: TimeClient, leaders: Sequence[Address], log: Log) -> 
         if not _is_unanswered(time):
             await asyncio.sleep(LOOK_EVERY_S)
             continue
-        found = await asyncio.gather(*map(find_obstacle, leaders))
+        obstacles = await asyncio.gather(*map(find_obstacle, leaders))
         # What a leader has reported itself is already logged.
-        sentence = "; ".join(str(one) for one in found if one and one.what not in time.why_joining)
+        sentence = "; ".join(
+            str(obstacle) for obstacle in obstacles if obstacle and obstacle.what not in time.why_joining
+        )
         if _is_unanswered(time):
             if sentence and sentence != said:
                 log.say(sentence)

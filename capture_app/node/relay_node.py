@@ -85,16 +85,16 @@ class RelayNode(PortEndpoint):
         the host to listen on; DiskError or BadInputError where this machine's key is not available.
         """
         options.trust.server_context()
-        found = [await resolve(parent) for parent in options.parents]
+        addresses = [await resolve(parent) for parent in options.parents]
         bound = bind_port(options.host, options.port)
-        if any(family != bound[0].family for family, _ in found):
+        if any(family != bound[0].family for family, _ in addresses):
             for sock in bound:
                 sock.close()
             raise NetworkError(
                 f"{Address(options.host, options.port)} and a leader's address mix IPv4 and IPv6",
                 hint="listen on an address of the leader's kind with --host",
             )
-        peers = tuple((peer.host, peer.port) for _, peer in found)
+        peers = tuple((peer.host, peer.port) for _, peer in addresses)
         instance, rng = secrets.randbits(32), random.Random(secrets.randbits(64))
         engine = Relay(
             TreeMember(options.name, instance, peers, rng, OF_CAMERAS),

@@ -89,21 +89,21 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
     common_ns = records[measured.reference].facts.shared_uncertainty_ns if is_known else own.uncertainty_ns
     by_light = {name for name, time in measured.cameras.items() if time.source == StampSource.LIGHT}
     by_light |= {measured.reference} if by_light else set()
-    found = {}
+    times = {}
     for name, time in measured.cameras.items():
         if time.offset_ms is None or time.sd_ms is None or name not in records:
             continue
         facts, known = records[name].facts, records[name].facts.stamp_accuracy
         parts_ns = [SIGMAS_95 * time.sd_ms * 1e6, base_ns]
         if name != measured.reference:
-            parts_ns += [_clock_error_ns(records[one]) for one in (name, measured.reference)]
+            parts_ns += [_clock_error_ns(records[camera]) for camera in (name, measured.reference)]
         error_ns = round(math.hypot(*parts_ns))
         if known.source not in UNMEASURED:
             same_reference = known.against == against
             before_ns = known.uncertainty_ns + (0 if same_reference else facts.shared_uncertainty_ns)
             if before_ns <= error_ns + (0 if same_reference else common_ns):
                 continue
-        found[name] = StampAccuracy(
+        times[name] = StampAccuracy(
             # Light later than its timestamp means a smaller timestamp delay than the one subtracted.
             bias_ns=known.bias_ns - round(time.offset_ms * 1e6),
             uncertainty_ns=error_ns,
@@ -112,7 +112,7 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             against=against,
             against_uncertainty_ns=common_ns if against else None,
         )
-    return found
+    return times
 
 
 def measured_asymmetries(
@@ -123,7 +123,7 @@ def measured_asymmetries(
     Unequal path delays shift a clock, and messages cannot reveal that. Measurements that are no better than
     the typical symmetry of two paths are left out.
     """
-    reference, found = records[measured.reference], {}
+    reference, times = records[measured.reference], {}
     for name, time in measured.cameras.items():
         if time.offset_ms is None or time.sd_ms is None or name not in records or name in stamps:
             continue
@@ -139,8 +139,8 @@ def measured_asymmetries(
         )
         asymmetry = PathAsymmetry(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
         if name != measured.reference and asymmetry.sigma(asymmetry.round_trip_ns) is not None:
-            found[name] = asymmetry
-    return found
+            times[name] = asymmetry
+    return times
 
 
 def _clock_error_ns(record: CameraRecord) -> int:

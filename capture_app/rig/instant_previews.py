@@ -29,14 +29,14 @@ class InstantPreviews(Struct, frozen=True):
     """States of the other cameras by name, as `syncing`; one that is `ready` gave its preview too late."""
 
     def __repr__(self) -> str:
-        seen = [f"{name} {one.width}x{one.height}" for name, one in self.previews.items()]
+        seen = [f"{name} {preview.width}x{preview.height}" for name, preview in self.previews.items()]
         without = [f"without {name}: {state}" for name, state in self.absent.items()]
         return f"<{type(self).__name__} {', '.join(seen + without)}>"
 
     @property
     def spread_ns(self) -> int:
         """Time from the first to the last of their frames, in ns."""
-        times_ns = [one.leader_ns for one in self.previews.values() if one.leader_ns is not None]
+        times_ns = [preview.leader_ns for preview in self.previews.values() if preview.leader_ns is not None]
         return max(times_ns) - min(times_ns)
 
     def age_ns(self) -> int | None:
@@ -46,7 +46,7 @@ class InstantPreviews(Struct, frozen=True):
 
     def bgr(self) -> "dict[str, NDArray[np.uint8]]":
         """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
-        images = {name: decode_preview(one.jpeg) for name, one in self.previews.items()}
+        images = {name: decode_preview(preview.jpeg) for name, preview in self.previews.items()}
         return {name: image for name, image in images.items() if image is not None}
 
 
@@ -89,15 +89,15 @@ class Gathering:
 
         A preview without an instant, of a camera that is not synchronized, waits for none.
         """
-        found = collect(self._newest, preview)
+        previews = collect(self._newest, preview)
         if preview.instant_ns is None:
             return (preview,), None
         is_second = preview.camera in self._waiting  # the last of its instant never came
         self._waiting[preview.camera] = preview
-        if found is None and not is_second:
+        if previews is None and not is_second:
             return (), None
         shown, self._waiting = tuple(self._waiting.values()), {}
-        return shown, found
+        return shown, previews
 
 
 async def instant_previews(
@@ -119,6 +119,6 @@ async def instant_previews(
             if isinstance(update, RigStatus):
                 states = {node.name: node.state.value for node in update.cameras}
                 moments.hear(update.now_ns, time.monotonic_ns())
-            if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
-                absent = {name: state for name, state in states.items() if name not in found.previews}
-                yield replace(found, leader_ahead_ns=moments.ahead_ns, absent=absent)
+            if isinstance(update, Preview) and (previews := collect(newest, update)) is not None:
+                absent = {name: state for name, state in states.items() if name not in previews.previews}
+                yield replace(previews, leader_ahead_ns=moments.ahead_ns, absent=absent)

@@ -25,7 +25,6 @@ from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.rig_link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
-from capture_app.trust.trust import Trust
 
 
 class LeaderRecord(Struct, frozen=True, kw_only=True):
@@ -60,7 +59,7 @@ class AttachedRig:
     @property
     def screen_arguments(self) -> tuple[str, ...]:
         """Command-line arguments that show the same rig."""
-        return ("--leader", str(self.leader), "--sessions", str(self.sessions), *Trust.of_user().options)
+        return ("--leader", str(self.leader), "--sessions", str(self.sessions))
 
 
 def rigs_folder() -> Path:
@@ -178,11 +177,11 @@ async def attach(
             with contextlib.suppress(SimulshotError):
                 folder = Path((await ask_status(leader)).sessions_folder or folder)
         return AttachedRig(leader, folder, is_local=local)
-    found = await find_rig(sessions=sessions, port=port)
-    if found is not None:
+    rig_here = await find_rig(sessions=sessions, port=port)
+    if rig_here is not None:
         for camera in cameras:
-            await give_order(found.address, AddCamera(spec=reveal_password(camera)))
-        return AttachedRig(found.address, Path(found.sessions), is_local=True)
+            await give_order(rig_here.address, AddCamera(spec=reveal_password(camera)))
+        return AttachedRig(rig_here.address, Path(rig_here.sessions), is_local=True)
     folder = sessions or Path("sessions")
     rig = await start_rig(sessions=folder, host=host, port=port, cameras=cameras, until_unused=True)
     return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)
@@ -200,7 +199,7 @@ def _new_log() -> Path:
 
 def _spawn(options: Sequence[str], sessions: Path, log: Path, is_owned: bool) -> subprocess.Popen[bytes]:
     """Start a leader's process, which ends with this one if it `is_owned`."""
-    places = ("--sessions", str(sessions.absolute()), "--log", str(log), *Trust.of_user().options)
+    places = ("--sessions", str(sessions.absolute()), "--log", str(log))
     arguments = (*places, *(["--until-eof"] if is_owned else []), *options)
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program

@@ -170,22 +170,22 @@ class AsyncRig:
         Raises NetworkError, and IncompleteError if no synchronized camera gives one.
         """
         ready = {node.name for node in (await self.status()).nodes if node.state is NodeState.READY}
-        found: InstantPreviews | None = None
+        latest: InstantPreviews | None = None
         try:
             async with asyncio.timeout(wait_s), contextlib.aclosing(self.previews(width)) as previews:
                 async for instant in previews:
-                    if found is None or len(instant.previews) > len(found.previews):
-                        found = instant
+                    if latest is None or len(instant.previews) > len(latest.previews):
+                        latest = instant
                     if ready <= instant.previews.keys():
                         break
         except TimeoutError as error:
-            if found is None:
+            if latest is None:
                 raise IncompleteError(
                     f"no synchronized camera gave a preview within {wait_s:g} s",
                     hint="see their states: capture-app status",
                 ) from error
-        assert found is not None, "previews end with an error"
-        return found
+        assert latest is not None, "previews end with an error"
+        return latest
 
     async def _stop(self) -> None:
         """End the rig that was started here, and wait until its process has ended."""

@@ -378,10 +378,10 @@ class Taking:
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s) as limit, aclosing(self._link.another().updates()) as updates:
                 async for update in updates:
-                    if isinstance(update, RigStatus) and (found := _find(update, last)) is not None:
-                        self._note(number, found)
-                        if found.done:
-                            return found
+                    if isinstance(update, RigStatus) and (burst := _find(update, last)) is not None:
+                        self._note(number, burst)
+                        if burst.done:
+                            return burst
                         limit.reschedule(now() + wait_s)
         raise NetworkError(
             f"the leader was lost after {last.received} of {last.expected} images of {last.name} had arrived",

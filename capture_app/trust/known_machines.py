@@ -116,7 +116,9 @@ class KnownMachines:
             seen = state.st_ino, state.st_mtime_ns, state.st_size
         if seen != self._seen:
             try:
-                self._by_pin = {one.pin: one for one in (self._file.read() if seen is not None else ())}
+                self._by_pin = {
+                    machine.pin: machine for machine in (self._file.read() if seen is not None else ())
+                }
             except SimulshotError:
                 if self._seen is None:
                     raise
@@ -154,7 +156,7 @@ class KnownMachines:
                 known,
                 name=known.name
                 if known.name and not name
-                else free_name(name_like(name, "machine"), {one.name for one in others}),
+                else free_name(name_like(name, "machine"), {other.name for other in others}),
                 roles=tuple(sorted({*known.roles, *INCLUDED.get(role, (role,))})),
                 certificate=certificate or known.certificate,
                 vouched_by="",
@@ -165,11 +167,16 @@ class KnownMachines:
 
     def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
         """Return the machines to vouch for to the machine `who` (a pin): all to a standby, else standbys."""
-        asks, own = self.find(who), [one for one in self.all() if not one.vouched_by and one.pin != who]
+        asks, own = (
+            self.find(who),
+            [machine for machine in self.all() if not machine.vouched_by and machine.pin != who],
+        )
         if asks is not None and Role.STANDBY in asks.roles:
             return tuple(own)
         return tuple(
-            replace(one, roles=(Role.LEADER,), certificate=None) for one in own if Role.STANDBY in one.roles
+            replace(machine, roles=(Role.LEADER,), certificate=None)
+            for machine in own
+            if Role.STANDBY in machine.roles
         )
 
     def take_trust_of(self, of: str, offered: Collection[KnownMachine]) -> None:
@@ -184,8 +191,8 @@ class KnownMachines:
         allowed = set(Role) if Role.STANDBY in voucher.roles else {Role.LEADER}
 
         def change(machines: tuple[KnownMachine, ...]) -> tuple[KnownMachine, ...]:
-            known = {one.pin: one for one in machines if one.vouched_by != of}
-            names = {one.name for one in known.values()}
+            known = {machine.pin: machine for machine in machines if machine.vouched_by != of}
+            names = {machine.name for machine in known.values()}
             for one in offered:
                 roles = tuple(sorted(allowed & {*one.roles}))
                 if roles and one.pin not in known and len(known) < MAX_MACHINES:
@@ -212,19 +219,21 @@ class KnownMachines:
 
         Raises BadInputError if no machine matches, or more than one; DiskError.
         """
-        found = [
+        machines = [
             machine
             for machine in self.all()
             if machine.name == which or (len(which) >= 4 and machine.pin.startswith(which.lower()))
         ]
-        if len(found) != 1:
+        if len(machines) != 1:
             raise BadInputError(
-                f"{'more than one' if found else 'no'} machine here is called {which!r}",
+                f"{'more than one' if machines else 'no'} machine here is called {which!r}",
                 hint="see capture-app trust list",
             )
-        gone = found[0].pin
-        self._file.change(lambda known: tuple(one for one in known if gone not in (one.pin, one.vouched_by)))
-        return found[0]
+        gone = machines[0].pin
+        self._file.change(
+            lambda known: tuple(machine for machine in known if gone not in (machine.pin, machine.vouched_by))
+        )
+        return machines[0]
 
 
 def _check_certificate(certificate: bytes, pin: str) -> None:

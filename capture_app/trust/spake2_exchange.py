@@ -43,13 +43,17 @@ class Invitations:
     def invite(self, role: Role) -> Invitation:
         """Make a code for one machine; earlier codes remain valid, up to ten in all."""
         good = self._good()[1 - 10 :]
-        free = sorted({*map(str, range(10))} - {one.code[0] for one in good})
+        free = sorted({*map(str, range(10))} - {invitation.code[0] for invitation in good})
         code = f"{secrets.choice(free)}{secrets.randbelow(10 ** (CODE_DIGITS - 1)):0{CODE_DIGITS - 1}d}"
         self._invitations = [*good, Invitation(code, role, self._now_s() + GOOD_FOR_S)]
         return self._invitations[-1]
 
     def _good(self) -> list[Invitation]:
-        return [one for one in self._invitations if one.tries_left > 0 and self._now_s() < one.ends_s]
+        return [
+            invitation
+            for invitation in self._invitations
+            if invitation.tries_left > 0 and self._now_s() < invitation.ends_s
+        ]
 
     def answer(
         self, pin: str, spake2_message: bytes, own_pin: str, digit: str = ""

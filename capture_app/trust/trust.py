@@ -16,7 +16,7 @@ from capture_app.trust.identity import Identity, load_identity
 from capture_app.trust.known_machines import CameraNames, KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
-"""If 1, pairing is skipped, as with --open."""
+"""If 1, pairing is skipped, as with --open: by this process and those that it starts."""
 _IN_USE: ContextVar["Trust | None"] = ContextVar("trust", default=None)
 
 
@@ -80,9 +80,9 @@ class Trust:
             _IN_USE.reset(before)
 
     @property
-    def options(self) -> tuple[str, ...]:
-        """Command-line options that make a child command use the same trust."""
-        return ("--open",) if self.is_open else ()
+    def variables(self) -> dict[str, str]:
+        """Environment variables that make a child process use the same trust."""
+        return {OPEN_VARIABLE: "1"} if self.is_open else {}
 
     @property
     def is_open(self) -> bool:
@@ -150,7 +150,7 @@ class Trust:
                 cadata=b"".join(
                     (
                         self.identity.certificate,
-                        *(one.certificate for one in machines if one.certificate is not None),
+                        *(machine.certificate for machine in machines if machine.certificate is not None),
                     )
                 )
             )

@@ -41,7 +41,11 @@ class PageCertificate:
         from cryptography import x509
 
         extensions = x509.load_pem_x509_certificate(self.file.read_bytes()).extensions
-        found = [one.value for one in extensions if isinstance(one.value, x509.SubjectAlternativeName)]
+        found = [
+            extension.value
+            for extension in extensions
+            if isinstance(extension.value, x509.SubjectAlternativeName)
+        ]
         return [name for one in found for name in one.get_values_for_type(x509.DNSName)]
 
 

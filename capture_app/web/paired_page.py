@@ -145,10 +145,12 @@ class Door:
     def _close_unknown(self, server: web.Server) -> None:
         """Close unknown connections that are open for too long, and the oldest where there are too many."""
         now_s = asyncio.get_running_loop().time()
-        transports = (one.transport for one in server.connections)
+        transports = (connection.transport for connection in server.connections)
         open_now = {one for one in transports if one is not None and not one.is_closing()}
         self.trusted &= open_now
-        self._since_s = {one: self._since_s.get(one, now_s) for one in open_now - self.trusted}
+        self._since_s = {
+            connection: self._since_s.get(connection, now_s) for connection in open_now - self.trusted
+        }
         newest_first = sorted(self._since_s.items(), key=itemgetter(1), reverse=True)
         for number, (transport, since_s) in enumerate(newest_first):
             is_late = now_s - since_s >= IDENTIFY_TIMEOUT_S

@@ -179,11 +179,11 @@ def depth_sheets(root: Path, rows: Sequence[UnitRow]) -> list[dict[str, Any]]:
         if row.picture and row.instant is not None:
             pictured.setdefault(row.session, {})[row.condition, row.instant] = row.picture
     sheets = []
-    for session, found in islice(pictured.items(), MAX_SHEETS):
-        instants = evenly_spaced(sorted({instant for _, instant in found}), MAX_COLUMNS)
+    for session, pictures in islice(pictured.items(), MAX_SHEETS):
+        instants = evenly_spaced(sorted({instant for _, instant in pictures}), MAX_COLUMNS)
         shown = [
-            (condition, [_thumbnail(root, found.get((condition, instant), "")) for instant in instants])
-            for condition in dict.fromkeys(condition for condition, _ in found)
+            (condition, [_thumbnail(root, pictures.get((condition, instant), "")) for instant in instants])
+            for condition in dict.fromkeys(condition for condition, _ in pictures)
         ]
         sheets.append({"session": session, "instants": instants, "rows": shown})
     return sheets
@@ -234,9 +234,9 @@ def _html(root: Path, result: BatchResult) -> str:
             "Every unit",
             "Instant",
             [
-                _row(one, f"{one.instant}", link=f"{one.folder}/{RESULT}")
-                for one in result.units
-                if not one.problem
+                _row(unit, f"{unit.instant}", link=f"{unit.folder}/{RESULT}")
+                for unit in result.units
+                if not unit.problem
             ],
         ),
     }

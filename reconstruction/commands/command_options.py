@@ -38,13 +38,13 @@ def parse_pair(text: str) -> tuple[str, str]:
 
 def parse_instants(text: str) -> tuple[int, ...]:
     """Parse instants and ranges of instants, such as 0-9,20."""
-    found: list[int] = []
+    instants: list[int] = []
     for part in text.split(","):
         ends = [int(end) if end.strip().isdecimal() else -1 for end in part.split("-", 1)]
         if not 0 <= ends[0] <= ends[-1] < MAX_INSTANTS:
             raise click.BadParameter(f"{text!r} is not a list of instants, as in 0-9,20")
-        found += range(ends[0], ends[-1] + 1)
-    return tuple(dict.fromkeys(found))
+        instants += range(ends[0], ends[-1] + 1)
+    return tuple(dict.fromkeys(instants))
 
 
 def parse_names(text: str) -> tuple[str, ...]:
@@ -60,12 +60,12 @@ def parse_all_or_some(text: str) -> tuple[int, ...]:
 def click_options(options: type[msgspec.Struct], *, own: bool = False) -> Iterator[click.Option]:
     """Yield the options of a method's `Options` for `reconstruct compare`, or for its `own` command."""
     defaults = {field.name: field.default for field in msgspec.structs.fields(options)}
-    for one in described(options):
-        if one.own == own:
-            default = defaults[one.field]
+    for option in described(options):
+        if option.own == own:
+            default = defaults[option.field]
             settings: dict[str, Any] = {"default": str(default) if isinstance(default, str) else default}
-            settings |= _click_type(one) | one.settings
-            yield click.Option([*dict.fromkeys((*one.names, one.keyword))], **settings)
+            settings |= _click_type(option) | option.settings
+            yield click.Option([*dict.fromkeys((*option.names, option.keyword))], **settings)
 
 
 def _click_type(one: Described) -> dict[str, Any]:
@@ -102,7 +102,7 @@ PAIR: dict[str, Any] = {
 session_argument = click.argument("session", type=click.Path(path_type=Path))
 matcher_option = click.option(
     "--matcher",
-    type=click.Choice([str(one) for one in Matcher]),
+    type=click.Choice([str(matcher) for matcher in Matcher]),
     default=str(Matcher.AUTO),
     callback=lambda ctx, param, value: Matcher(value),
     help=MATCHER_HELP,
@@ -120,15 +120,15 @@ def _parse_time_shifts(
     ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, float]:
     """Parse CAMERA=MS of each text."""
-    found = {}
+    values = {}
     for text in texts:
         camera, _, value = (part.strip() for part in text.rpartition("="))
-        found[camera] = math.nan
+        values[camera] = math.nan
         with suppress(ValueError):
-            found[camera] = float(value)
-        if not camera or not abs(found[camera]) < MAX_OFFSET_MS:
+            values[camera] = float(value)
+        if not camera or not abs(values[camera]) < MAX_OFFSET_MS:
             raise click.BadParameter(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
-    return found
+    return values
 
 
 time_shift_option = click.option(

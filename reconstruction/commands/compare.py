@@ -36,9 +36,9 @@ class _CompareCommand(click.Command):
             show_default="all",
             help="Make only this study and the studies it needs. Repeat for several.",
         )
-        own = [one for options in scored() for one in command_options.click_options(options)]
+        own = [option for options in scored() for option in command_options.click_options(options)]
         params = super().get_params(ctx)
-        out = [one.name for one in params].index("out")
+        out = [param.name for param in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]
 
 
@@ -117,11 +117,12 @@ def _lines(result: "OffsetTolerance") -> Iterator[str]:
     from reconstruction.method.phrases import late_or_early
 
     yield result.verdict
-    for one in result.timing.instants if result.timing else ():
-        yield f"instant {one.instant:3d}: {result.cameras[1]} is {late_or_early(one.late_ms, 2 * one.sd_ms)}"
+    for instant in result.timing.instants if result.timing else ():
+        late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
+        yield f"instant {instant.instant:3d}: {result.cameras[1]} is {late}"
     for point in result.points:
-        found = point.interval(result.measure, "offset")
-        value = "n/a" if found is None else f"{100 * found.value:5.1f} %"
-        ends = () if found is None or found.low is None else found.ends
+        interval = point.interval(result.measure, "offset")
+        value = "n/a" if interval is None else f"{100 * interval.value:5.1f} %"
+        ends = () if interval is None or interval.low is None else interval.ends
         around = f"  ({' to '.join(f'{100 * end:.1f}' for end in ends)})" if ends else ""
         yield f"{point.late_ms or 0.0:6.1f} ms  {value}{around}"

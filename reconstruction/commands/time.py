@@ -61,13 +61,13 @@ def time_command(
 
 def change_lines(reference: str, cameras: Mapping[str, "CameraTime"]) -> Iterator[str]:
     """Yield what changes over the take: dropped frames, other rates, and single images."""
-    for name, found in cameras.items():
+    for name, camera_time in cameras.items():
         others = "the others" if name == reference else reference
-        if found.change:
-            yield found.change.describe(name, others)
-        if found.jitter_ms is not None:
-            yield f"{name}'s frames wander by ± {2 * found.jitter_ms:.1f} ms (95 %) about this offset"
-        yield from found.images.describe(name, others)
+        if camera_time.change:
+            yield camera_time.change.describe(name, others)
+        if camera_time.jitter_ms is not None:
+            yield f"{name}'s frames wander by ± {2 * camera_time.jitter_ms:.1f} ms (95 %) about this offset"
+        yield from camera_time.images.describe(name, others)
 
 
 def _advice(result: "TimeResult") -> str:
@@ -77,19 +77,19 @@ def _advice(result: "TimeResult") -> str:
 
 def time_lines(result: "TimeResult") -> Iterator[str]:
     """Yield each camera's offset, or why it is unknown."""
-    for name, found in result.cameras.items():
-        if found.offset_ms is None or found.sd_ms is None:
-            yield f"{name}: unknown: {found.reason}"
+    for name, camera in result.cameras.items():
+        if camera.offset_ms is None or camera.sd_ms is None:
+            yield f"{name}: unknown: {camera.reason}"
         elif name == result.reference:
             yield f"{name}: the reference"
         else:
-            more = " at first" if found.change and found.change.steps else ""
-            if found.misfit_px is not None:
-                more += f", with the calibration corrected: its lines are {found.misfit_px:.1f} px off"
-            if found.rate_ppm is not None and found.rate_sd_ppm is not None:
-                more += f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
-            if found.row_time_ns is not None and found.row_time_sd_ns is not None:
-                more += f", rows {found.row_time_ns / 1e3:.2f} ± {2 * found.row_time_sd_ns / 1e3:.2f} us"
-            plan = f", beyond the {found.planned_ms:+.2f} ms by which it is staggered on purpose"
-            said = f"{found.offset_ms:+.2f} ± {2 * found.sd_ms:.2f} ms{more} (95 %)"
-            yield f"{name}: {said}{plan if found.planned_ms else ''}"
+            more = " at first" if camera.change and camera.change.steps else ""
+            if camera.misfit_px is not None:
+                more += f", with the calibration corrected: its lines are {camera.misfit_px:.1f} px off"
+            if camera.rate_ppm is not None and camera.rate_sd_ppm is not None:
+                more += f", rate {camera.rate_ppm:+.1f} ± {2 * camera.rate_sd_ppm:.1f} ppm"
+            if camera.row_time_ns is not None and camera.row_time_sd_ns is not None:
+                more += f", rows {camera.row_time_ns / 1e3:.2f} ± {2 * camera.row_time_sd_ns / 1e3:.2f} us"
+            plan = f", beyond the {camera.planned_ms:+.2f} ms by which it is staggered on purpose"
+            said = f"{camera.offset_ms:+.2f} ± {2 * camera.sd_ms:.2f} ms{more} (95 %)"
+            yield f"{name}: {said}{plan if camera.planned_ms else ''}"

@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.camera_order import order_on_arc
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, look_along
 
 RING_DEG = 100.0
 """Angle around the subject from which on cameras stand around it, and a path follows them."""
@@ -54,9 +54,7 @@ class Frame(NamedTuple):
         ahead = self.subject - place
         focal = self.scale * width * float(np.linalg.norm(ahead))
         ahead = ahead / np.linalg.norm(ahead)
-        right = np.cross(self.down, ahead)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        rotation = look_along(ahead, self.down)
         x, y = np.array(self.spot) * (width, height) - 0.5
         matrix = np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
         return View(width, height, matrix, np.zeros(5), rotation, -rotation @ place)

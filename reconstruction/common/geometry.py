@@ -133,6 +133,13 @@ def angles_deg(a: Array, b: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+def look_along(ahead: Array, down: Array) -> Array:
+    """Return the rotation of an upright camera that looks along a unit vector; `down` is about downwards."""
+    right = np.cross(down, ahead)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(ahead, right), ahead])
+
+
 def resize_view(view: View, width: int, height: int) -> View:
     """Return the view for images of another size."""
     sx, sy = width / view.width, height / view.height

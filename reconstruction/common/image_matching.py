@@ -24,7 +24,7 @@ def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
 
     Pixels that are NaN in b are left out.
     """
-    x, y = (of[np.isfinite(b)][::7].astype(np.float64) for of in (b, a))
+    x, y = (image[np.isfinite(b)][::7].astype(np.float64) for image in (b, a))
     keep = np.ones(len(x), bool)
     gain, bias = 1.0, 0.0
     for _ in range(3):
@@ -61,7 +61,7 @@ def track_there_and_back(
     """
     start = at.astype(np.float32).reshape(-1, 1, 2)
     window = (window_px, window_px)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=window, maxLevel=levels)
+    there, is_tracked, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=window, maxLevel=levels)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, winSize=window, maxLevel=levels)
     drift = np.linalg.norm(back - start, axis=2)
-    return there.reshape(-1, 2), np.where((found > 0) & (returned > 0), drift, np.inf).ravel()
+    return there.reshape(-1, 2), np.where((is_tracked > 0) & (returned > 0), drift, np.inf).ravel()

@@ -96,13 +96,13 @@ class GuardedModule(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         """Return functions and submodules guarded, everything else unchanged."""
-        found = getattr(self._module, name)
-        if isinstance(found, ModuleType):
-            found = GuardedModule(found, self._library)
-        elif isinstance(found, BuiltinFunctionType | FunctionType):
-            found = foreign_calls(self._library, found.__name__.replace("_", " "))(found)
-        setattr(self, name, found)
-        return found
+        member = getattr(self._module, name)
+        if isinstance(member, ModuleType):
+            member = GuardedModule(member, self._library)
+        elif isinstance(member, BuiltinFunctionType | FunctionType):
+            member = foreign_calls(self._library, member.__name__.replace("_", " "))(member)
+        setattr(self, name, member)
+        return member
 
 
 _lock = threading.Lock()

@@ -15,8 +15,7 @@ from reconstruction.common.geometry import Array
 
 METRICS, REPORT = "metrics.json", "report.html"
 OURS = {METRICS, REPORT, "pictures", "depth.tiff", "depth_filled.tiff", "depth_checked.tiff"}
-OURS |= {"difference.tiff", "registration.json", "stages"}
-"""Earlier versions wrote `stages`."""
+OURS |= {"difference.tiff", "registration.json"}
 
 
 def comparison_folder(out: Path) -> OutputFolder:

@@ -203,9 +203,9 @@ class Comparison:
         needs = {name: [need for need in self.chosen[name].needs if need in known] for name in names}
         left = {name: self.chosen[name].text.subject for name in names} | {TIMING: "time offsets"}
         with closing(run_in_order(needs | {TIMING: pairs}, self._measure)) as steps:
-            for name, found in steps:
+            for name, result in steps:
                 del left[name]
-                added = found if name == TIMING else {"studies": (*self.known["studies"], found)}
+                added = result if name == TIMING else {"studies": (*self.known["studies"], result)}
                 self.known = self.known | added  # a new one: studies that run read the one before
                 yield tuple(left.values())
         if not self._has_measures:
@@ -267,8 +267,8 @@ class Comparison:
         """Return everything found so far, in the studies' order, and its words."""
         order = [*self.studies]
         made = tuple(sorted(self.known["studies"], key=lambda study: order.index(study.name)))
-        found = self.known | {"studies": made, "calibration": self.context.scene.source}
-        result = with_provenance(CompareResult(**found, **more), self._began_s, self.options.time_shifts_ms)
+        fields = self.known | {"studies": made, "calibration": self.context.scene.source}
+        result = with_provenance(CompareResult(**fields, **more), self._began_s, self.options.time_shifts_ms)
         return structs.replace(result, verdict=verdict(result), words=report_words(result))
 
 
@@ -301,16 +301,16 @@ def _measure_timing(context: Context, studies: Mapping[str, Score]) -> dict[str,
     offsets = PairOffsets(context.compared)
     pairs = (study for study in studies.values() if study.of_pair and not study.found.skipped)
     study = next(pairs, None)
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     with worker_pool(1) as pool:
         if len(context.scene.views) > 2:
             context.progress.step("time offsets of all cameras")
             rig = pool.submit(measure_rig_timing, offsets, study.cameras[0] if study else None)
         if study:
-            found |= _measure_pair_timing(context, offsets, study)
+            fields |= _measure_pair_timing(context, offsets, study)
         if len(context.scene.views) > 2:
-            found["rig_timing"] = rig.result()
-    return found
+            fields["rig_timing"] = rig.result()
+    return fields
 
 
 def _measure_pair_timing(context: Context, offsets: PairOffsets, study: Score) -> dict[str, Any]:

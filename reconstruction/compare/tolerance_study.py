@@ -128,8 +128,8 @@ def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[f
     """Return the known values from zero to the earliest and to the latest point, by absolute offset."""
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
     return [
-        [(-ms, one) for ms, one in reversed(known) if ms <= 0],
-        [(ms, one) for ms, one in known if ms >= 0],
+        [(-ms, value) for ms, value in reversed(known) if ms <= 0],
+        [(ms, value) for ms, value in known if ms >= 0],
     ]
 
 
@@ -214,12 +214,12 @@ def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
     count = max(1, min(int(max_ms * 1e6 / spacing_ns + 0.25), len(dataset.instants_ns) // 2))
     steps = sorted({round(k) for k in np.linspace(1, count, min(count, MAX_STEPS))})
     late = [nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in steps]
-    return [*(one.reversed for one in reversed(late)), *late]
+    return [*(point.reversed for point in reversed(late)), *late]
 
 
 def _depth_study() -> type[Score]:
     """Return the installed study whose depth the tolerance curve uses."""
-    studies = (one for one in study_reports().values() if one.of_pair and one.measures_delay)
+    studies = (score for score in study_reports().values() if score.of_pair and score.measures_delay)
     if study := next(studies, None):
         return study
     raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")

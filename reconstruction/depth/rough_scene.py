@@ -45,7 +45,7 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
         NotApplicableError: no two cameras' views overlap, or no two images agree on any depth.
     """
     overlaps = {name: find_overlaps({n: i.view for n, i in images.items()}, name) for name in images}
-    neighbours = {name: choose_neighbours(found) for name, found in overlaps.items()}
+    neighbours = {name: choose_neighbours(overlap) for name, overlap in overlaps.items()}
     if not any(neighbours.values()):
         raise refuse_views({name: image.view for name, image in images.items()})
     small = {name: image.scaled(min(1.0, WIDTH_PX / image.view.width)) for name, image in images.items()}
@@ -58,14 +58,14 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     with worker_pool() as pool:
         names = [name for name in images if neighbours[name]]
         surfaces = dict(zip(names, pool.map(sweep, names), strict=True))
-        found = pool.map(lambda name: _confirmed_points(name, small, surfaces, neighbours[name]), names)
-        own = dict(zip(names, found, strict=True))
+        confirmed = pool.map(lambda name: _confirmed_points(name, small, surfaces, neighbours[name]), names)
+        own = dict(zip(names, confirmed, strict=True))
     views = {name: images[name].view for name in names}
     points = {name: _shared_points(name, views, own, neighbours[name]) for name in names}
-    points = {name: found for name, found in points.items() if len(found) >= MIN_PIXELS}
+    points = {name: own_points for name, own_points in points.items() if len(own_points) >= MIN_PIXELS}
     if not points:
         raise _nothing_in_common(views, neighbours)
-    depth_ranges = {name: _depth_range(views[name], found) for name, found in points.items()}
+    depth_ranges = {name: _depth_range(views[name], own_points) for name, own_points in points.items()}
     return RoughScene(points, depth_ranges)
 
 

@@ -162,7 +162,7 @@ class SweepEngine:
     ) -> tuple[Array, Array]:
         """Return where another view's surface agrees with this one, and where it could see it (bool)."""
         same, able = (np.empty(inverse_depth.shape, bool) for _ in range(2))
-        rays = [np.linalg.inv(one.view.matrix) for one in (source_view.source, source_view.reference)]
+        rays = [np.linalg.inv(view.view.matrix) for view in (source_view.source, source_view.reference)]
         rotation = source_view.rotation.T
         pair = np.concatenate(
             [

@@ -59,7 +59,7 @@ def render(view: View, moment: Moment) -> Rendered:
     colours, weights = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32)
     held = [(np.ascontiguousarray(seen.colours), floats(seen.depth)) for seen in moment.values()]
     sources = (_SeenFrom * len(held))(
-        *(_seen_from(view, *one) for one in zip(moment.values(), held, strict=True))
+        *(_seen_from(view, *pair) for pair in zip(moment.values(), held, strict=True))
     )
     scalars = ctypes.c_float(TOLERANCE), ctypes.c_float(1 / SCALE**2), ctypes.c_float(UNSURE)
 

@@ -201,7 +201,9 @@ def smallest_group(sources: Mapping[str, Sequence[str]]) -> int:
     sizes = []
     while left:
         group = {left.pop()}
-        while linked := {o for o in left if group & {*sources[o]} or any(o in sources[one] for one in group)}:
+        while linked := {
+            o for o in left if group & {*sources[o]} or any(o in sources[view] for view in group)
+        }:
             group |= linked
             left -= linked
         sizes.append(len(group))

@@ -78,10 +78,10 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
         flags = {option.field: option for option in described(type(self)) if option.own}
         loop = "instants" not in flags and getattr(self, "instants", None)
         words = ["reconstruct", self.name, str(session)]
-        for name, one in flags.items():
+        for name, flag in flags.items():
             value = getattr(self, name)
             if value != type(self).__struct_defaults__[type(self).__struct_fields__.index(name)]:
-                words += _typed(one.names[0], value)
+                words += _typed(flag.names[0], value)
         if loop:
             words += ["--instant", "$k"]
         if condition != SYNCHRONIZED:
@@ -197,7 +197,7 @@ def methods() -> Mapping[str, type[Method]]:
 def scored() -> Sequence[type[Check]]:
     """Return all methods and checks that are parts of a comparison."""
     checks: Mapping[str, type[Check]] = load_plugins(CHECKS, "name", "study")
-    return [one for one in (*methods().values(), *checks.values()) if one.study]
+    return [kind for kind in (*methods().values(), *checks.values()) if kind.study]
 
 
 def study_names() -> list[str]:

@@ -48,23 +48,6 @@ class Picture(Struct, frozen=True, kw_only=True):
     """Number of panels side by side in each file; a slider across several panels would mix them."""
 
 
-class InstantClouds(Struct, frozen=True, kw_only=True):
-    """Fused clouds of one instant, with the viewpoint; paths of PLY files in the rig's frame."""
-
-    instant: int
-    synced: str
-    offset: str = ""
-    """Cloud of the offset condition; empty if only the synchronized cloud exists."""
-    rotation: tuple[float, ...]
-    """Rotation from the rig's frame to the reference camera's frame, row by row."""
-    centre: tuple[float, ...]
-    """Position of the reference camera."""
-    focal: float
-    """Focal length of the reference camera divided by its image width."""
-    pivot: tuple[float, ...]
-    """Point about which the view rotates: the centre of what moves."""
-
-
 Facts = TypeVar("Facts")
 
 

@@ -37,8 +37,8 @@ class Measurements:
 
     def update(self, other: "Measurements", prefix: str = "") -> None:
         """Add another object's measurements, with a prefix such as `mover_` before their names."""
-        for kind, found in vars(other).items():
-            getattr(self, kind).update({prefix + name: values for name, values in found.items()})
+        for kind, pooled in vars(other).items():
+            getattr(self, kind).update({prefix + name: values for name, values in pooled.items()})
 
     @property
     def names(self) -> list[str]:
@@ -123,7 +123,7 @@ class Tally:
         return tuple({key: None if np.isnan(v) else v for key, v in row.items()} for row in rows)
 
     def _measure(self, name: str) -> Measure:
-        values = [np.array([one[side].value(name) for one, _ in self.rows]) for side in CONDITIONS]
+        values = [np.array([row[side].value(name) for row, _ in self.rows]) for side in CONDITIONS]
         before, after = (_resampled_medians(side) for side in values)
         synced, offset = _interval(values[0], before), _interval(values[1], after)
         if not (synced and offset and len(before) and len(after)):

@@ -128,16 +128,20 @@ def measure_pair_timing(
 def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "SessionTiming":
     """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
     rig_offsets = measure_rig_offsets(offsets.scene, preferred=reference, finder=offsets)
-    first = next(name for name, one in rig_offsets.items() if one.sd_ms == 0)
+    first = next(name for name, offset in rig_offsets.items() if offset.sd_ms == 0)
     judged = (
         measure_pair_timing(
             offsets,
             (first, name),
             OffsetFit(
-                one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px, change=one.change or UNCHANGED
+                offset.offset_ms,
+                offset.sd_ms,
+                offset.reason,
+                misfit_px=offset.misfit_px,
+                change=offset.change or UNCHANGED,
             ),
         )
-        for name, one in rig_offsets.items()
+        for name, offset in rig_offsets.items()
         if name != first
     )
     return SessionTiming(reference=first, cameras=tuple(judged))
@@ -304,13 +308,15 @@ def with_depth_runs(timing: Timing, peaks_ms: Mapping[int, float], spacing_ms: f
     `peaks_ms` holds the offset of each instant, in order, whose own depth curve has a clear maximum. A single
     one may be a wrong match. A measured offset, a change of it and a certificate by motion remain.
     """
-    instants, found = [*peaks_ms], [*peaks_ms.values()]
-    most_ms = min(multimode(found), default=0.0)
-    runs = [[*run] for _, run in groupby(range(len(found)), key=found.__getitem__)]
-    odd = [run for run in runs if len(run) > 1 and abs(found[run[0]] - most_ms) > spacing_ms / 2]
+    instants, offsets_ms = [*peaks_ms], [*peaks_ms.values()]
+    most_ms = min(multimode(offsets_ms), default=0.0)
+    runs = [[*run] for _, run in groupby(range(len(offsets_ms)), key=offsets_ms.__getitem__)]
+    odd = [run for run in runs if len(run) > 1 and abs(offsets_ms[run[0]] - most_ms) > spacing_ms / 2]
     if timing.offset or timing.synchronized or timing.misfit_px is not None or not odd:
         return timing
-    where = [f"{_paired(found[run[0]])} at instants {instants[run[0]]} to {instants[run[-1]]}" for run in odd]
+    where = [
+        f"{_paired(offsets_ms[run[0]])} at instants {instants[run[0]]} to {instants[run[-1]]}" for run in odd
+    ]
     reason = f"depth is found best {', '.join(where)}, and {_paired(most_ms)} at most others"
     disagreeing = {*timing.disagreeing, *(instants[k] for run in odd for k in run)}
     return structs.replace(_denied(timing, reason), disagreeing=tuple(sorted(disagreeing)))

@@ -7,11 +7,11 @@ from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array
-from reconstruction.method.study_result import InstantClouds
 
 MAX_POINTS = 400_000
 """Maximum points of all conditions, drawn at random: 4.8 MB of the page."""
@@ -27,6 +27,23 @@ MAX_ENCODED = 128
 """Pictures whose encoding is remembered: a page is written again when a part of it is ready."""
 MAX_PANEL_PX = 1024
 """Width to which larger panels are reduced; no page shows more."""
+
+
+class InstantClouds(Struct, frozen=True, kw_only=True):
+    """Fused clouds of one instant, with the viewpoint; paths of PLY files in the rig's frame."""
+
+    instant: int
+    synced: str
+    offset: str = ""
+    """Cloud of the offset condition; empty if only the synchronized cloud exists."""
+    rotation: tuple[float, ...]
+    """Rotation from the rig's frame to the reference camera's frame, row by row."""
+    centre: tuple[float, ...]
+    """Position of the reference camera."""
+    focal: float
+    """Focal length of the reference camera divided by its image width."""
+    pivot: tuple[float, ...]
+    """Point about which the view rotates: the centre of what moves."""
 
 
 def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict[str, object]:
@@ -90,7 +107,7 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     places = {condition: (cloud.points - centre) @ rotation.T for condition, cloud in read.items()}
     box = np.percentile(places["synced"], [CROP, 100 - CROP], axis=0)
     packed = {
-        one: _pack(places[one], cloud.colours, box, MAX_POINTS // len(read)) for one, cloud in read.items()
+        path: _pack(places[path], cloud.colours, box, MAX_POINTS // len(read)) for path, cloud in read.items()
     }
     return {
         "files": clouds,

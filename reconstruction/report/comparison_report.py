@@ -53,8 +53,8 @@ def report_words(result: CompareResult) -> dict[str, Any]:
     """
     names = name_conditions(result)
     tables = [
-        study_table(found, name_conditions(result, found.cameras))
-        for study, found in reported(result)
+        study_table(result_of, name_conditions(result, result_of.cameras))
+        for study, result_of in reported(result)
         if study.text.measures
     ]
     return {
@@ -124,7 +124,9 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "opening": "opening.html",
         "running": running,
         "failed": [
-            (study_reports()[one.name].text.subject, one.skipped) for one in result.studies if one.failed
+            (study_reports()[study.name].text.subject, study.skipped)
+            for study in result.studies
+            if study.failed
         ],
         "kind": kind,
         "claims": two_claims,
@@ -140,8 +142,10 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "pictures": [shown for shown in pictures if shown is not hero],
         "image": lambda path, panels=1: embed_image(out / path, panels),
         "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
-        "pairs": any(study.text.measures and len(found.cameras) == 2 for study, found in made),
-        "control": next(filter(None, (study.control_sentence(result, found) for study, found in made)), ""),
+        "pairs": any(study.text.measures and len(result_of.cameras) == 2 for study, result_of in made),
+        "control": next(
+            filter(None, (study.control_sentence(result, result_of) for study, result_of in made)), ""
+        ),
         "synchronization": describe_synchronization(result),
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
         "conditions_table": conditions_table(result),
@@ -151,20 +155,20 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
 
 def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictures: bool) -> list[Section]:
     """Return the sections that have content, in page order."""
-    found = [
+    sections = [
         (0, Section("why.html", "why", "Why the instant matters")),
         (80, Section("measures.html", "measures", "The measurements")),
         (90, Section("provenance.html", "provenance", "How it was made")),
     ]
     if pictures:
-        found.append((10, Section("pictures.html", "pictures", "See the difference")))
+        sections.append((10, Section("pictures.html", "pictures", "See the difference")))
     if result.tolerance:
-        found.append((40, Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))))
-    found += [
+        sections.append((40, Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))))
+    sections += [
         (
             text.section_place,
             Section(as_template(text.section), text.name.replace("_", "-"), text.title, views[text.name]),
         )
         for text in (study.text for study, _ in reported(result) if study.text.section)
     ]
-    return [section for _, section in sorted(found, key=itemgetter(0))]
+    return [section for _, section in sorted(sections, key=itemgetter(0))]

@@ -46,7 +46,7 @@ def _offset_found(timing: Timing) -> str:
 
 
 def _offset_sentences(timing: Timing, by: str) -> str:
-    found, late_ms = "These cameras were not synchronized:", timing.late_ms
+    sentence, late_ms = "These cameras were not synchronized:", timing.late_ms
     if timing.planned_ms and late_ms is not None and not timing.change and timing.jitter_ms is None:
         return (
             f"{timing.other} is staggered by {timing.planned_ms:+.2f} ms on purpose, and is "
@@ -54,32 +54,33 @@ def _offset_sentences(timing: Timing, by: str) -> str:
         )
     if timing.change:
         if timing.change.steps:
-            found = f"These cameras were not synchronized throughout: {timing.reason}; before that"
-            return f"{found} it is {offset_text(timing)} ({by}; 95 %). {REPAIR}."
-        found = f"{found} {timing.reason}, and {timing.other} is {offset_text(timing)} on average"
-        return f"{found} ({by}; 95 %). Import it with its own times: --times or --timestamps."
+            sentence = f"These cameras were not synchronized throughout: {timing.reason}; before that"
+            return f"{sentence} it is {offset_text(timing)} ({by}; 95 %). {REPAIR}."
+        sentence = f"{sentence} {timing.reason}, and {timing.other} is {offset_text(timing)} on average"
+        return f"{sentence} ({by}; 95 %). Import it with its own times: --times or --timestamps."
     paired = f"{timing.option} pairs the pictures that belong together" if timing.option else ""
     if timing.jitter_ms is not None:
         shift = f" {paired} on average." if paired else ""
         return (
-            f"{found} {timing.reason} against {timing.reference}'s ({by}; 95 %), {offset_text(timing)} on "
+            f"{sentence} {timing.reason} against {timing.reference}'s ({by}; 95 %), {offset_text(timing)} on "
             f"average.{shift} Other pairs of pictures stay apart; it takes synchronized cameras."
         )
     if late_ms is None:
         return (
-            f"{found} most of what moves is lost, and the rest is found {timing.out_of_place_px:.0f} pixels "
-            f"off its rows, unlike things at rest. The offset in ms could not be measured: {timing.reason}."
+            f"{sentence} most of what moves is lost, and the rest is found "
+            f"{timing.out_of_place_px:.0f} pixels off its rows, unlike things at rest. "
+            f"The offset in ms could not be measured: {timing.reason}."
         )
     paired = paired or "No other pairing of their pictures is closer in time; it takes synchronized cameras"
     side = f"{'earlier' if late_ms < 0 else 'later'} than {timing.reference}'s"
     if timing.by_depth:
         return (
-            f"{found} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, where most "
+            f"{sentence} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, where most "
             f"depth is found. This is accurate to one frame only: {timing.reason}. {paired}."
         )
     size = offset_text(timing).rpartition(" ")[0]
     odd = f" But {timing.reason}." if timing.reason else ""
-    return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {paired}."
+    return f"{sentence} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {paired}."
 
 
 def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
@@ -88,11 +89,14 @@ def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     late = [camera for camera in rig.cameras if camera.offset and camera.other not in paired]
     if not late:
         return ""
-    shown = [one.reason if one.change else f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
+    shown = [
+        camera.reason if camera.change else f"{camera.other} is {offset_text(camera)}"
+        for camera in late[:MAX_NAMED]
+    ]
     more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
     # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
-    options = " ".join(one.option for one in late if one.option and one_reference)
+    options = " ".join(camera.option for camera in late if camera.option and one_reference)
     remedy = f" {options} pairs the pictures that belong together." if options else ""
     return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{remedy}"
 
@@ -233,7 +237,7 @@ def _what_was_found(result: CompareResult) -> str:
     timing, made = result.timing, reported(result)
     if timing is not None and timing.offset:
         recorded = (study.as_recorded(found) for study, found in made)
-        if (text := next((one for one in recorded if one is not None), None)) is not None:
+        if (text := next((study for study in recorded if study is not None), None)) is not None:
             return f"{timing_sentences(timing)} {text}".strip()
     names = {found.name for _, found in made}
     clear = (study.verdict(result, found) for study, found in made if study.text.replaces not in names)

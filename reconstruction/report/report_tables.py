@@ -113,9 +113,11 @@ def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
 
 def conditions_table(result: CompareResult) -> Table:
     """Return a table of all conditions with a few measures; without rows for only two conditions."""
-    made = [one for one in result.studies if not one.skipped]
-    pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
-    first = name_conditions(result, list({name for one in made for name in one.cameras})).first.lower()
+    made = [study for study in result.studies if not study.skipped]
+    pairs, everybody = (
+        [study for study in made if (len(study.cameras) > 2) is many] for many in (False, True)
+    )
+    first = name_conditions(result, list({name for study in made for name in study.cameras})).first.lower()
     listed = [
         (first, "", _intervals(made, "synced")),
         (wording.offset_text(result.actual_offset_ms), "one camera of a pair", _intervals(pairs, "offset")),
@@ -127,7 +129,7 @@ def conditions_table(result: CompareResult) -> Table:
         listed.append((name, _details(one), _intervals(one.studies, "offset")))
     columns = [
         (study, measure, head)
-        for study in (one.text for one in study_reports().values())
+        for study in (score.text for score in study_reports().values())
         for measure, head in study.condition_columns
         if any((study.name, measure) in found for *_, found in listed)
     ]
@@ -183,7 +185,7 @@ def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames)
     """Return every instant's numbers on moving things in both conditions; without rows if there are none."""
     text = study_reports()[study.name].text
     known = {key for row in study.per_instant for key, value in row.items() if value is not None}
-    measures = {one: name for one, name in text.instant_columns if f"synced_{one}" in known}
+    measures = {column: name for column, name in text.instant_columns if f"synced_{column}" in known}
     columns = [("mover_pixels", wording.COUNT)] if "mover_pixels" in known else []
     heads = [Column("Moving pixels") for _ in columns]
     for measure, name in measures.items():

@@ -7,10 +7,10 @@ from reconstruction.method.comparison_results import OffsetTolerance
 from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.words import StudyText
-from reconstruction.pages.charts import tolerance_chart
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.report.findings import motion_sentence, timing_sentences
 from reconstruction.report.report_tables import Cell, Column, Row, Table, interval_cell
+from reconstruction.report.tolerance_chart import tolerance_chart
 
 COLUMNS = {
     "mover_within_2pct": "Measured correctly",
@@ -33,12 +33,12 @@ def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
 
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """Return the curve's result in a few sentences; images are called synchronized only if found so."""
-    timing, found = tolerance.timing, _found_in_both_directions(tolerance)
+    timing, both_ways = tolerance.timing, _found_in_both_directions(tolerance)
     if timing is None:
-        return f"As recorded, {found}"
-    texts = [f"As recorded, {found}", timing_sentences(timing)]
+        return f"As recorded, {both_ways}"
+    texts = [f"As recorded, {both_ways}", timing_sentences(timing)]
     if timing.synchronized:
-        texts[0] = f"Synchronized, {found} {_tolerated(tolerance)}"
+        texts[0] = f"Synchronized, {both_ways} {_tolerated(tolerance)}"
     elif timing.offset:
         texts = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
     return " ".join(filter(None, (motion_sentence(timing), *texts)))
@@ -51,12 +51,12 @@ def tolerance_heading(tolerance: OffsetTolerance) -> str:
 
 
 def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
-    found = [
+    sentences = [
         f"{wording.offset_text(ms)}, for {_found(tolerance, point)}"
         for point in (tolerance.points[0], tolerance.points[-1])
         if (ms := point.late_ms)
     ]
-    directions = f"; with the second picture {'; '.join(dict.fromkeys(found))}" if found else ""
+    directions = f"; with the second picture {'; '.join(dict.fromkeys(sentences))}" if sentences else ""
     return f"{_found_as_recorded(tolerance)}{directions}."
 
 

@@ -152,12 +152,12 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    found, shared, board, check = _candidate(scene, options)
-    views = calibrated_views(dataset, found)
+    calibration, shared, board, check = _candidate(scene, options)
+    views = calibrated_views(dataset, calibration)
     quality = judge_calibration(views, shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(
-            quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in found.source else ""
+            quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in calibration.source else ""
         )
     if check is not None and not check.holds:
         raise BadInputError(
@@ -165,21 +165,21 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
             hint="calibrate the rig again, from a board",
         )
     if options.rescales:
-        found = _rescaled(dataset, found, options)
+        calibration = _rescaled(dataset, calibration, options)
     if stores:
-        write_calibration(target, found)
+        write_calibration(target, calibration)
     keeps = options.source in FOUND_HERE or options.rescales if options.keep is None else options.keep
     return CalibrateResult(
         session=str(session),
-        source=found.source,
+        source=calibration.source,
         cameras=tuple(views),
         missing=tuple(name for name in dataset.cameras if name not in views),
-        unit=found.unit,
+        unit=calibration.unit,
         quality=quality,
         check=check,
         board=board,
         stored=stores,
-        kept=keeps and _keep(dataset, found),
+        kept=keeps and _keep(dataset, calibration),
     )
 
 
@@ -205,12 +205,12 @@ def _candidate(
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
             return *_from_board(scene.dataset, options), None
         case CalibrationSource.SFM:
-            found = calibrate_from_images(scene.motion, options.field_of_view_deg)
-            views = calibrated_views(scene.dataset, found)
-            return found, _still_points(scene.features.middle, views), None, None
+            calibration = calibrate_from_images(scene.motion, options.field_of_view_deg)
+            views = calibrated_views(scene.dataset, calibration)
+            return calibration, _still_points(scene.features.middle, views), None, None
         case _:
-            found, shared, check = _from_elsewhere(scene, options.source)
-            return found, shared, None, check
+            calibration, shared, check = _from_elsewhere(scene, options.source)
+            return calibration, shared, None, check
 
 
 def _from_board(
@@ -286,7 +286,7 @@ def _from_elsewhere(
     """Load a calibration of the session, its rig or another session, and check it against static points."""
     dataset = scene.dataset
     if source is CalibrationSource.SESSION:
-        if (found := dataset.session.calibration()) is None:
+        if (calibration := dataset.session.calibration()) is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
     elif source is CalibrationSource.KEPT:
         if (stored := find_calibration(camera_modes(dataset))) is None:
@@ -295,13 +295,13 @@ def _from_elsewhere(
                 f"no calibration is kept of these cameras in these modes: {', '.join(modes)}",
                 hint="reconstruct calibrate keeps one; another session's can be given by its path",
             )
-        found = stored.with_origin
+        calibration = stored.with_origin
     else:
-        found = read_calibration(dataset, Path(source))
-    features, (views, faults) = scene.features.middle, sound_views(dataset, found)
+        calibration = read_calibration(dataset, Path(source))
+    features, (views, faults) = scene.features.middle, sound_views(dataset, calibration)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
-    return found, _still_points(features, views), check_rig(views, features)
+    return calibration, _still_points(features, views), check_rig(views, features)
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:
@@ -314,7 +314,7 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
         sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
         return fit_calibration(read_views([("", path)], dataset.cameras), sizes, talk=talk)
     (other,) = _opened([path])
-    if (found := other.session.calibration()) is None:
+    if (calibration := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
     ours, theirs = camera_modes(dataset), camera_modes(other)
     for name in ours.keys() & theirs.keys():
@@ -327,7 +327,9 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
                 f"{name} is not the same camera in the same mode: {what}",
                 hint="calibrate in the session's own mode, from a board: --recording BOARD_SESSION",
             )
-    return msgspec.structs.replace(found, source=f"{found.source or 'unknown'}, given by {other.name}")
+    return msgspec.structs.replace(
+        calibration, source=f"{calibration.source or 'unknown'}, given by {other.name}"
+    )
 
 
 def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:

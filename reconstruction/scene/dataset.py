@@ -294,9 +294,9 @@ class Dataset:
             return None
         facts = {camera.name: camera.facts for camera in self.session.manifest.cameras}
         unknown_ns = unshared_uncertainties_ns(facts)
-        for name, one in facts.items():
-            unknown_ns[name] += 0 if one.stamp is None else one.stamp.uncertainty_ns
-        return max(abs(one.residual_ns) + unknown_ns[one.camera] for one in records) / 1000
+        for name, camera_facts in facts.items():
+            unknown_ns[name] += 0 if camera_facts.stamp is None else camera_facts.stamp.uncertainty_ns
+        return max(abs(record.residual_ns) + unknown_ns[record.camera] for record in records) / 1000
 
     def worst_hard_bound_us(self) -> float | None:
         """Return the largest hard bound on the error of an image's time, us; None if any image has none."""
@@ -372,13 +372,13 @@ class Dataset:
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])
         data = self.checked_bytes(camera, instant)
-        size, found = self.size_on_disk(camera), image_size(path, data)
-        if sorted(found) == sorted(size):
+        size, on_disk = self.size_on_disk(camera), image_size(path, data)
+        if sorted(on_disk) == sorted(size):
             image = read_image(path, self.size(camera) if self._scale < 1.0 else None, data)
-            size, found = self.size(camera), (image.shape[1], image.shape[0])
-        if found != size:
+            size, on_disk = self.size(camera), (image.shape[1], image.shape[0])
+        if on_disk != size:
             raise BadInputError(
-                f"{path} is {found[0]}x{found[1]}, but {camera} is {size[0]}x{size[1]}",
+                f"{path} is {on_disk[0]}x{on_disk[1]}, but {camera} is {size[0]}x{size[1]}",
                 hint="restore the image from a copy, or import the recording again",
             )
         return image

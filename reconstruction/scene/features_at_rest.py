@@ -34,7 +34,9 @@ class SceneFeatures:
 
     def _at_rest(self, instant: int) -> dict[str, Features]:
         there = {name: self.dataset.instants(name) for name in self.dataset.cameras}
-        nearest = {name: min(of, key=lambda k: abs(k - instant)) for name, of in there.items() if of}
+        nearest = {
+            name: min(pixels, key=lambda k: abs(k - instant)) for name, pixels in there.items() if pixels
+        }
         return {
             name: self.of_image(name, k).at_rest(self.motion.widened_moving(name, k))
             for name, k in nearest.items()

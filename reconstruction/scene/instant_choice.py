@@ -94,7 +94,7 @@ def complete_instants(
     Raises:
         ValueError: there is no such instant, or the condition is the synchronized one under another name.
     """
-    found = []
+    instants = []
     problem = "no instant has its pictures in both conditions"
     for instant in dataset.instants(reference):
         try:
@@ -104,11 +104,11 @@ def complete_instants(
         else:
             with_images = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
             if len(with_images) >= min_cameras:
-                found.append(ShownInstant(instant, with_images))
-    if not found:
+                instants.append(ShownInstant(instant, with_images))
+    if not instants:
         raise ValueError(problem)
-    max_cameras = max(len(moment.shown) for moment in found)
-    complete = [moment for moment in found if len(moment.shown) == max_cameras]
+    max_cameras = max(len(moment.shown) for moment in instants)
+    complete = [moment for moment in instants if len(moment.shown) == max_cameras]
     refuse_synchronized(condition, [(moment.instant, moment.shown) for moment in complete])
     return complete
 
@@ -119,7 +119,7 @@ def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping
     Raises:
         ValueError: all cameras do so, although the condition is not the synchronized one.
     """
-    if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
+    if condition.name == SYNCED or any(set(moment.values()) != {instant} for instant, moment in shown):
         return
     if condition.drawn:
         raise ValueError(f"the frames are too far apart for offsets of up to {DISTINCT_MS[-1]:g} ms")

@@ -223,7 +223,7 @@ def _cell_motions(before: Array, after: Array) -> Array:
     there, drift = track_there_and_back(before, after, start, TRACKED_PX)
     sure = np.where(drift < SHAKE_PX / 2, np.linalg.norm(there - start, axis=1) / scale, np.nan)
     cells = np.split(sure, np.cumsum([len(some) for some in corners])[:-1])
-    return np.array([np.nanmedian(of) for of in cells if np.isfinite(of).sum() >= 2])
+    return np.array([np.nanmedian(cell) for cell in cells if np.isfinite(cell).sum() >= 2])
 
 
 def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> dict[str, float]:

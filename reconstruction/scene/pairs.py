@@ -9,6 +9,7 @@ from operator import itemgetter
 import cv2
 import numpy as np
 
+from capture_app.session.exporting.descriptor_matches import match_descriptors
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, other_from_reference
 
 MAX_SIDE_PX = 1280
@@ -97,24 +98,6 @@ def match_features(a: Features, b: Features) -> tuple[Array, Array]:
     """Return the positions (n, 2) of points that are each other's best match, in a and in b."""
     of_a, of_b = match_at_rest(a, b)
     return a.positions[of_a], b.positions[of_b]
-
-
-def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
-    """Return the indices (n,) of descriptors that are each other's best match, with Lowe's ratio test."""
-    if len(a) < 2 or len(b) < 2:
-        return np.zeros(0, int), np.zeros(0, int)
-    # Squared distances without the own squared length; in both directions, as reading rows is faster.
-    own, others, doubled = (a**2).sum(1), (b**2).sum(1), -2 * b
-    ahead, back = a @ doubled.T, doubled @ a.T
-    ahead += others
-    back += own
-    best = ahead.argmin(1)
-    rows = np.arange(len(best))
-    mutual = back.argmin(1)[best] == rows
-    first = ahead[rows, best] + own
-    ahead[rows, best] = np.inf
-    keep = mutual & (first < ratio**2 * (ahead.min(1) + own))
-    return rows[keep], best[keep]
 
 
 def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
@@ -282,21 +265,21 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
     The score is the part of one image that the other does not show, times the fraction of static points that
     one homography explains. That fraction falls as the distance of the cameras grows.
     """
-    found = {
+    pairs = {
         (a, b): fit
         for a, b in combinations(points, 2)
         if (fit := fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])) is not None
     }
     scores = {
         pair: (1 - overlap) * fitting
-        for pair, (overlap, fitting) in found.items()
+        for pair, (overlap, fitting) in pairs.items()
         if OVERLAP_LIMITS[0] <= overlap <= OVERLAP_LIMITS[1]
     }
     if scores:
         best = max(scores, key=scores.__getitem__)
-        return PairChoice(best, f"{100 * found[best][0]:.0f} % overlap")
-    if found:
-        least = 100 * min(overlap for overlap, _ in found.values())
+        return PairChoice(best, f"{100 * pairs[best][0]:.0f} % overlap")
+    if pairs:
+        least = 100 * min(overlap for overlap, _ in pairs.values())
         why = f"the cameras show too much of the same ({least:.0f} % or more) for a panorama"
         return PairChoice(None, f"{why} to show anything new")
     return PairChoice(None, "no two cameras' pictures can be laid over each other")

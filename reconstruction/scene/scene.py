@@ -181,5 +181,9 @@ class Scene:
     def moving_share(self, instants: Sequence[int]) -> float:
         """Return the largest fraction of moving pixels of any camera, averaged over these instants."""
         there = {c: [k for k in instants if self.dataset.has_image(c, k)] for c in self.dataset.cameras}
-        shares = {c: [self.motion.detected_moving(c, k).mean() for k in of] for c, of in there.items() if of}
-        return max((float(np.mean(of)) for of in shares.values()), default=0.0)
+        shares = {
+            c: [self.motion.detected_moving(c, k).mean() for k in pixels]
+            for c, pixels in there.items()
+            if pixels
+        }
+        return max((float(np.mean(share)) for share in shares.values()), default=0.0)

@@ -5,7 +5,7 @@ B's images show the point before and after. Its path in B crosses the line at th
 which A's image was taken. Motion along the line carries no information.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -102,7 +102,7 @@ class Crossings:
         """Concatenate sets of crossings."""
         none = np.zeros(0)
         every = [cls(none, none, none, none, none, np.zeros((0, TERMS)), none), *parts]
-        return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
+        return cls(*(np.concatenate([getattr(part, field.name) for part in every]) for field in fields(cls)))
 
     def later(self, by_ms: float | Array) -> Self:
         """Return the crossings with the second camera's offset increased by `by_ms`."""
@@ -114,7 +114,7 @@ class Crossings:
 
     def only(self, chosen: Array) -> Self:
         """Return the crossings selected by a mask (bool)."""
-        return replace(self, **{of.name: getattr(self, of.name)[chosen] for of in fields(self)})
+        return replace(self, **{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
 
 
 Path = tuple[Array, Array]
@@ -136,11 +136,11 @@ def find_crossings(
     """
     a, b = paths
     later, earlier = _crossed(views, a, b), _crossed(views[::-1], b, a)
-    offset_ms, across = (np.concatenate([one, -other]) for one, other in zip(later, earlier, strict=True))
+    offset_ms, across = (np.concatenate([late, -other]) for late, other in zip(later, earlier, strict=True))
     if not (good := np.isfinite(offset_ms)).any():
         return Crossings.join(())
     at_a, at_b, counts, shared_px = (
-        np.concatenate([of, of])[good] for of in (a[0][1], b[0][1], counts, shared_px)
+        np.concatenate([part, part])[good] for part in (a[0][1], b[0][1], counts, shared_px)
     )
     of_a, geometry = np.full(len(counts), instants[0]), geometry_terms(*views, at_a, at_b)
     in_second = np.repeat([-1, instants[1]], len(good) // 2)[good]
@@ -262,7 +262,9 @@ class OffsetFit:
     @property
     def _voted(self) -> set[int]:
         return (
-            {one.instant for one in self.instants} | self.glitches_ms[0].keys() | self.glitches_ms[1].keys()
+            {instant.instant for instant in self.instants}
+            | self.glitches_ms[0].keys()
+            | self.glitches_ms[1].keys()
         )
 
     def examined_at(self, instants: Iterable[int]) -> "OffsetFit":
@@ -271,9 +273,9 @@ class OffsetFit:
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
-        moved = tuple(structs.replace(one, late_ms=one.late_ms + by_ms) for one in self.instants)
-        found = replace(self, instants=moved)
-        return found if self.offset_ms is None else replace(found, offset_ms=self.offset_ms + by_ms)
+        moved = tuple(structs.replace(instant, late_ms=instant.late_ms + by_ms) for instant in self.instants)
+        shifted = replace(self, instants=moved)
+        return shifted if self.offset_ms is None else replace(shifted, offset_ms=self.offset_ms + by_ms)
 
     def under(self, others: Sequence["OffsetFit"]) -> "OffsetFit":
         """Return the fit with error bars that include these fits, of other calibrations that may be right.
@@ -288,13 +290,17 @@ class OffsetFit:
         def wider(sd_ms: float, late_ms: float, theirs_ms: Iterable[float]) -> float:
             return float(np.hypot(sd_ms, max((abs(ms - late_ms) for ms in theirs_ms), default=0.0)))
 
-        theirs = [{one.instant: one.late_ms for one in other.instants} for other in others]
+        theirs = [{instant.instant: instant.late_ms for instant in other.instants} for other in others]
         instants = tuple(
             structs.replace(
-                one,
-                sd_ms=wider(one.sd_ms, one.late_ms, (of[one.instant] for of in theirs if one.instant in of)),
+                instant,
+                sd_ms=wider(
+                    instant.sd_ms,
+                    instant.late_ms,
+                    (track[instant.instant] for track in theirs if instant.instant in track),
+                ),
             )
-            for one in self.instants
+            for instant in self.instants
         )
         offsets_ms = [other.offset_ms for other in others if other.offset_ms is not None]
         return replace(self, sd_ms=wider(self.sd_ms, self.offset_ms, offsets_ms), instants=instants)
@@ -303,7 +309,7 @@ class OffsetFit:
         """Return the standard deviation of single images' own offsets, if it is certainly not zero."""
         if self.change:
             return None
-        own_ms = {one.instant: one.late_ms - (self.offset_ms or 0.0) for one in self.instants}
+        own_ms = {instant.instant: instant.late_ms - (self.offset_ms or 0.0) for instant in self.instants}
         glitches_ms = max(self.glitches_ms, key=len)
         own_ms |= glitches_ms
         if len(glitches_ms) < max(MIN_JITTER_INSTANTS, MIN_GLITCHES * len(own_ms)):
@@ -338,38 +344,38 @@ def fit_offset(
     """
     if (at_rest_px := median_px(still[0])) > MAX_AT_REST_PX:
         return misfit(len(still[0]), "points at rest", at_rest_px)
-    found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
-    if found.counts.sum() < MIN_VOTES:
+    moving = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
+    if moving.counts.sum() < MIN_VOTES:
         return OffsetFit(
             reason="too few moving points are found in both cameras, or they move along their epipolar lines"
         )
     # A calibration that is worse at rest has larger errors elsewhere too.
     prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
-    at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
-    votes = _votes(found.by(at_rest.geometry))
+    at_rest = _fit(moving.only(np.zeros(len(moving.counts), bool)), still, prior_sd)
+    votes = _votes(moving.by(at_rest.geometry))
     if change := UNCHANGED if steady else find_change(votes, period_ms):
-        found = found.later(-change.at_ms(found.instant, period_ms))
-        votes = _votes(found.by(at_rest.geometry))
+        moving = moving.later(-change.at_ms(moving.instant, period_ms))
+        votes = _votes(moving.by(at_rest.geometry))
     peak, best, rival = _best_offset(votes, period_ms)
     if best < MIN_VOTES or best < DISTINCT * rival:
         return OffsetFit(reason="the moving points do not agree on one offset")
-    all_points, across = (float(one.counts.sum()) for one in (crossings, found))
+    all_points, across = (float(points.counts.sum()) for points in (crossings, moving))
     if across < MIN_ACROSS * all_points and best < MIN_AGREEING * across:
         return OffsetFit(reason="nearly all moving points move along their epipolar lines")
-    late_ms = found.by(at_rest.geometry).offset_ms - peak
-    near = (np.abs(late_ms * found.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
-    at_rest.values[0] = peak
-    fit = _Fit(found.only(near), still, prior_sd, at_rest)
+    late_ms = moving.by(at_rest.geometry).offset_ms - peak
+    near = (np.abs(late_ms * moving.across_px_per_ms) < NEAR_PX) & (np.abs(late_ms) < period_ms)
+    first = np.append(peak, at_rest.geometry)
+    fit = _fit(moving.only(near), still, prior_sd, first, at_rest.rest_px)
     if len(instants := _by_instant(fit, period_ms)) < MIN_INSTANTS:
         return OffsetFit(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    if not change.witnessed([one.instant for one in instants]):
+    if not change.witnessed([instant.instant for instant in instants]):
         return fit_offset(crossings, still, period_ms, recorded_px, steady=True)
     if change.drift:
         change = _refined(change, instants, period_ms)
-    offset_ms, own = float(fit.values[0]), _votes(found.by(fit.geometry))
+    offset_ms, own = float(fit.values[0]), _votes(moving.by(fit.geometry))
     return OffsetFit(
         offset_ms=offset_ms,
         sd_ms=float(np.hypot(max(fit.sd_ms, _drift_sd_ms(instants)), SYSTEMATIC_MS)),
@@ -378,7 +384,7 @@ def fit_offset(
         misfit_px=recorded_px if recorded_px > MAX_AT_REST_PX else None,
         change=change,
         disagreeing=own.disagreeing(offset_ms, period_ms),
-        glitches_ms=_glitches_ms(found.by(fit.geometry), offset_ms, period_ms),
+        glitches_ms=_glitches_ms(moving.by(fit.geometry), offset_ms, period_ms),
     )
 
 
@@ -396,7 +402,7 @@ def _glitches_ms(
     of_b = seen.in_second >= 0
     in_b = seen.only(of_b)
     votes = [_votes(seen.only(~of_b)), _votes(replace(in_b, instant=in_b.in_second))]
-    first, second = (one.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for one in votes)
+    first, second = (vote.apart_ms(offset_ms, period_ms, GLITCH_FRAMES, GLITCH_VOTES) for vote in votes)
     limit_ms = MAX_GLITCH_FRAMES * period_ms
     return (
         {k: -ms for k, ms in first.items() if abs(ms) < limit_ms},
@@ -415,8 +421,10 @@ def fit_slope(instants: Sequence[InstantOffset]) -> tuple[float, float, float]:
 
     Weighted least squares; the offsets' scatter widens their errors.
     """
-    weights = np.array([one.sd_ms for one in instants]) ** -2.0
-    at, late_ms = (np.array([getattr(one, of) for one in instants], float) for of in ("instant", "late_ms"))
+    weights = np.array([instant.sd_ms for instant in instants]) ** -2.0
+    at, late_ms = (
+        np.array([getattr(instant, field) for instant in instants], float) for field in ("instant", "late_ms")
+    )
     middle = float(np.average(at, weights=weights))
     at, late_ms = at - middle, late_ms - np.average(late_ms, weights=weights)
     normal = float(weights @ at**2)
@@ -429,9 +437,10 @@ def _changing(
     instants: tuple[InstantOffset, ...], change: Change, period_ms: float
 ) -> tuple[InstantOffset, ...]:
     """Return the instants' offsets, measured without the change, with it."""
-    by_ms = change.at_ms(np.array([one.instant for one in instants]), period_ms)
+    by_ms = change.at_ms(np.array([instant.instant for instant in instants]), period_ms)
     return tuple(
-        structs.replace(one, late_ms=one.late_ms + float(ms)) for one, ms in zip(instants, by_ms, strict=True)
+        structs.replace(instant, late_ms=instant.late_ms + float(ms))
+        for instant, ms in zip(instants, by_ms, strict=True)
     )
 
 
@@ -441,7 +450,9 @@ def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
     A time offset is one number, so such a drift is an error of the geometry. Neighbouring instants share it:
     the effective number of instants is that of an autoregressive process (Wilks 2011, section 5.2.4).
     """
-    late_ms, sds_ms = (np.array([getattr(one, name) for one in instants]) for name in ("late_ms", "sd_ms"))
+    late_ms, sds_ms = (
+        np.array([getattr(instant, name) for instant in instants]) for name in ("late_ms", "sd_ms")
+    )
     off = (late_ms - np.median(late_ms)) / sds_ms
     limit = 4 * _robust_sd(off, 1.0)
     off = np.clip(off, -limit, limit)
@@ -458,10 +469,10 @@ def steps_ratio(values: Array) -> float:
 
 def scatter_ms(instants: Sequence[InstantOffset], period_ms: float) -> tuple[float | None, bool]:
     """Return the jitter (standard deviation, ms) or None, and whether the offsets drift over the take."""
-    late_ms = np.array([one.late_ms for one in instants])
+    late_ms = np.array([instant.late_ms for instant in instants])
     if len(late_ms) < MIN_JITTER_INSTANTS:
         return None, False
-    error_ms = float(np.median([one.sd_ms for one in instants]))
+    error_ms = float(np.median([instant.sd_ms for instant in instants]))
     found_ms = 1.4826 * float(np.median(np.abs(late_ms - np.median(late_ms))))
     if found_ms < max(MIN_JITTER * error_ms, MIN_JITTER_FRAMES * period_ms):
         return None, False
@@ -477,61 +488,19 @@ def _best_offset(votes: Votes, period_ms: float) -> tuple[float, float, float]:
     return float(grid[best]), float(total[best]), float(total[elsewhere].max(initial=0.0))
 
 
+@dataclass(frozen=True, eq=False)
 class _Fit:
-    """Offset and geometry errors of a pair: iteratively reweighted least squares (Cauchy weights).
+    """Offset and geometry errors of a pair, as `_fit` finds them."""
 
-    The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
-    has a zero-mean prior of `prior_sd` standard deviations.
-    """
-
-    def __init__(
-        self, moving: Crossings, still: StillErrors, prior_sd: float, at_rest: "_Fit | None" = None
-    ) -> None:
-        self.moving = moving
-        count = len(moving.counts)
-        still_px, still_geometry = still
-        rows = np.block(
-            [
-                [moving.across_px_per_ms[:, None], moving.geometry],
-                [np.zeros((len(still_px), 1)), still_geometry],
-            ]
-        )
-        seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
-        # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
-        _, of_instant = np.unique(moving.instant, return_inverse=True)
-        shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0))
-        if at_rest is not None:
-            # Static points match to MATCH_PX; the geometry's terms do not explain larger residuals.
-            shared_px2 += max(0.0, at_rest.rest_px**2 - MATCH_PX**2)
-        counts = np.append(moving.counts, np.ones(len(still_px)))
-        parts = _parts(moving.geometry, moving.instant)
-        max_still = _parts(still_geometry, np.zeros(len(still_px))) / SHARED_PX**2
-        self.values: Array = np.zeros(1 + TERMS) if at_rest is None else at_rest.values
-        match_px = 2.0
-        for step in range(ROUNDS):
-            miss = seen - rows @ self.values
-            if step:
-                match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
-            rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
-            sds = np.append(np.hypot(match_px, moving.shared_px), np.full(len(still_px), rest_px))
-            weights = counts / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
-            # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
-            weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
-            # Successive instants share the error of an outline.
-            object_px = np.bincount(of_instant, weights[:count] * moving.shared_px)
-            object_px2 = ALIKE_INSTANTS * object_px @ object_px / max(1e-9, weights[:count].sum()) ** 2
-            max_moving = parts / (shared_px2 + object_px2)
-            for of, its in ((np.s_[:count], max_moving), (np.s_[count:], max_still)):
-                weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
-            prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
-            normal = rows.T @ (weights[:, None] * rows) + prior
-            self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
-            # Errors larger than the prior's contradict it (evidence approximation, MacKay 1992).
-            free = TERMS - np.trace(np.linalg.inv(normal)[1:, 1:]) / prior_sd**2
-            prior_sd = max(prior_sd, float(np.sqrt(self.geometry @ self.geometry / max(1.0, free))))
-        self.match_px = match_px
-        self.rest_px: float = rest_px if len(still_px) else 0.0
-        self._rows, self._weights, self._miss, self._normal = rows, weights, miss, normal
+    moving: Crossings
+    values: Array
+    """Offset, ms, and the errors of the geometry (1 + TERMS,)."""
+    match_px: float
+    rest_px: float
+    rows: Array
+    weights: Array
+    miss: Array
+    normal: Array
 
     @property
     def geometry(self) -> Array:
@@ -541,14 +510,14 @@ class _Fit:
     def geometry_sd_ms(self, moving: Crossings, weights: Array) -> float:
         """Return the standard deviation of crossings' weighted mean that the geometry's error leaves."""
         mean = weights @ (moving.geometry / moving.across_px_per_ms[:, None]) / weights.sum()
-        return float(np.sqrt(mean @ np.linalg.inv(self._normal)[1:, 1:] @ mean))
+        return float(np.sqrt(mean @ np.linalg.inv(self.normal)[1:, 1:] @ mean))
 
     @property
     def sd_ms(self) -> float:
         """Standard deviation of the offset: the larger of the instants' scatter and the geometry's part."""
         count, instant = len(self.moving.counts), self.moving.instant.astype(int)
-        inverse = np.linalg.inv(self._normal)
-        pull = self._weights[:count] * self._miss[:count] * (self._rows[:count] @ inverse[0])
+        inverse = np.linalg.inv(self.normal)
+        pull = self.weights[:count] * self.miss[:count] * (self.rows[:count] @ inverse[0])
         # The points of a cluster share errors: use each instant's pull on the offset (Liang and Zeger 1986).
         # The paths of an instant use its neighbouring images (Newey and West 1987).
         pulls = np.bincount(instant - instant.min(), pull)
@@ -559,6 +528,71 @@ class _Fit:
         # Few instants estimate their scatter poorly: ratio of Student's t to the normal quantile, at 95 %.
         drawn *= 1 + 1.2 / free + 2.4 / free**2
         return float(np.sqrt(max(drawn**2, inverse[0, 0])))
+
+
+def _fit(
+    moving: Crossings,
+    still: StillErrors,
+    prior_sd: float,
+    first: Array | None = None,
+    at_rest_px: float = 0.0,
+) -> _Fit:
+    """Fit by iteratively reweighted least squares (Cauchy weights), from `first` values, else from zero.
+
+    The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
+    has a zero-mean prior of `prior_sd` standard deviations. `at_rest_px` is the residual of points at rest
+    alone: static points match to MATCH_PX, and the geometry's terms do not explain larger residuals.
+    """
+    count, (still_px, still_geometry) = len(moving.counts), still
+    speeds = np.append(moving.across_px_per_ms, np.zeros(len(still_px)))
+    rows = np.column_stack([speeds, np.concatenate([moving.geometry, still_geometry])])
+    seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
+    weigh = _weigher(moving, still, max(0.0, at_rest_px**2 - MATCH_PX**2))
+    values: Array = np.zeros(1 + TERMS) if first is None else first
+    match_px = 2.0
+    for step in range(ROUNDS):
+        miss = seen - rows @ values
+        if step:
+            match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
+        rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
+        weights = weigh(miss, match_px, rest_px)
+        prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
+        normal = rows.T @ (weights[:, None] * rows) + prior
+        values = np.linalg.solve(normal, rows.T @ (weights * seen))
+        # Errors larger than the prior's contradict it (evidence approximation, MacKay 1992).
+        free = TERMS - np.trace(np.linalg.inv(normal)[1:, 1:]) / prior_sd**2
+        prior_sd = max(prior_sd, float(np.sqrt(values[1:] @ values[1:] / max(1.0, free))))
+    return _Fit(moving, values, match_px, rest_px if len(still_px) else 0.0, rows, weights, miss, normal)
+
+
+def _weigher(
+    moving: Crossings, still: StillErrors, unexplained_px2: float
+) -> Callable[[Array, float, float], Array]:
+    """Return a function that weighs moving and static points by their residuals and the residuals' scatter.
+
+    More points do not reduce an error that they share: it limits the total weight of each group, px^-2.
+    """
+    count, (still_px, still_geometry) = len(moving.counts), still
+    _, of_instant = np.unique(moving.instant, return_inverse=True)
+    shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0)) + unexplained_px2
+    counts = np.append(moving.counts, np.ones(len(still_px)))
+    parts = _parts(moving.geometry, moving.instant)
+    max_still = _parts(still_geometry, np.zeros(len(still_px))) / SHARED_PX**2
+
+    def weigh(miss: Array, match_px: float, rest_px: float) -> Array:
+        sds = np.append(np.hypot(match_px, moving.shared_px), np.full(len(still_px), rest_px))
+        weights = counts / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
+        # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
+        weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
+        # Successive instants share the error of an outline.
+        object_px = np.bincount(of_instant, weights[:count] * moving.shared_px)
+        object_px2 = ALIKE_INSTANTS * object_px @ object_px / max(1e-9, weights[:count].sum()) ** 2
+        max_moving = parts / (shared_px2 + object_px2)
+        for group, max_weight in ((np.s_[:count], max_moving), (np.s_[count:], max_still)):
+            weights[group] *= min(1.0, max_weight / max(1e-9, float(weights[group].sum())))
+        return np.asarray(weights)
+
+    return weigh
 
 
 def _parts(geometry: Array, instant: Array) -> float:

@@ -30,7 +30,7 @@ CLEARER = 0.9
 
 def image_change(before: Array, image: Array) -> float:
     """Return how much an image (grey, uint8) differs from the one before: mean grey levels beyond noise."""
-    old, new = (cv2.GaussianBlur(one.astype(np.float32), (0, 0), BLUR_PX) for one in (before, image))
+    old, new = (cv2.GaussianBlur(picture.astype(np.float32), (0, 0), BLUR_PX) for picture in (before, image))
     difference = np.abs(new - old)
     return float(np.maximum(difference - NOISES * np.median(difference), 0).mean())
 

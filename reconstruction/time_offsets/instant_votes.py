@@ -187,21 +187,21 @@ class Votes:
         """
         odd = self.apart_ms(offset_ms, period_ms, ELSEWHERE_FRAMES)
         clear = [int(k) for k in self.instants[self.votes.max(1) >= MIN_VOTES]]
-        found = {k for k in odd if k in (clear[0], clear[-1]) and abs(odd[k]) < MAX_LAST_FRAMES * period_ms}
+        jumps = {k for k in odd if k in (clear[0], clear[-1]) and abs(odd[k]) < MAX_LAST_FRAMES * period_ms}
         for k, other in pairwise(clear):
             if k in odd and other in odd and abs(odd[other] - odd[k]) < period_ms / 2:
-                found |= {k, other}
-        return tuple(sorted(found))
+                jumps |= {k, other}
+        return tuple(sorted(jumps))
 
 
 def count_votes(instant: Array, offset_ms: Array, across_px_per_ms: Array, counts: Array) -> Votes:
     """Count the votes of crossings (n,), each a bell of the width of its error; see `Crossings`."""
-    instants, of = np.unique(instant, return_inverse=True)
+    instants, place = np.unique(instant, return_inverse=True)
     max_abs_ms = float(np.abs(offset_ms).max(initial=0.0)) + 1
     grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
     widths = np.maximum(MATCH_PX / np.abs(across_px_per_ms), BIN_MS)
     votes = np.zeros((len(instants), len(grid)))
-    for row, at, width, count in zip(of, offset_ms, widths, counts, strict=True):
+    for row, at, width, count in zip(place, offset_ms, widths, counts, strict=True):
         begin, end = np.searchsorted(grid, (at - 4 * width, at + 4 * width))
         votes[row, begin:end] += count * np.exp(-0.5 * ((grid[begin:end] - at) / width) ** 2)
     return Votes(instants, grid, votes)

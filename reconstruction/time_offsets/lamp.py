@@ -128,7 +128,7 @@ def find_blink_edges(dataset: Dataset, camera: str, rows_ms: Mapping[int, Array]
         return []
     changes = _changes(np.array([float(dataset.grey(camera, k).mean()) for k in there]))
     borders = [-BESIDE, *(at for at, _ in changes), len(there) + BESIDE]
-    found = []
+    blinks = []
     for (at, rising), before, after in zip(changes, borders, borders[2:], strict=False):
         # Each change shows in the image that it falls into and in both neighbours.
         first, last = at - 1, at + 1
@@ -136,8 +136,8 @@ def find_blink_edges(dataset: Dataset, camera: str, rows_ms: Mapping[int, Array]
         late = there[last + 1 : min(last + 1 + BESIDE, after - 1)]
         if early and late:
             shown = {k: rows_ms[k] for k in there[first : last + 1]}
-            found.append(_edge(dataset, camera, rising, shown, early, late))
-    return found
+            blinks.append(_edge(dataset, camera, rising, shown, early, late))
+    return blinks
 
 
 def _changes(brightness: Array) -> list[tuple[int, bool]]:
@@ -148,15 +148,15 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
     # With a slow lamp most images change.
     typical = float(np.quantile(size, 0.2)) / 0.253
     threshold = max(CLEAR * typical, MIN_FRACTION * float(np.median(brightness)), 0.5)
-    found: list[int] = []
+    starts: list[int] = []
     for k in map(int, np.flatnonzero(size > threshold)):
-        if not found or steps[k] * steps[found[-1]] < 0 or k - found[-1] > STEP + 1:
-            found.append(k)
-        elif size[k] > size[found[-1]]:
-            found[-1] = k
+        if not starts or steps[k] * steps[starts[-1]] < 0 or k - starts[-1] > STEP + 1:
+            starts.append(k)
+        elif size[k] > size[starts[-1]]:
+            starts[-1] = k
     # A lamp makes equal steps up and down; much smaller steps have another cause.
-    typical_step = float(np.median(size[found])) if found else 0.0
-    return [(k, bool(steps[k] > 0)) for k in found if size[k] > 0.3 * typical_step]
+    typical_step = float(np.median(size[starts])) if starts else 0.0
+    return [(k, bool(steps[k] > 0)) for k in starts if size[k] > 0.3 * typical_step]
 
 
 def _edge(
@@ -168,8 +168,8 @@ def _edge(
     late: Sequence[int],
 ) -> BlinkEdge:
     dark, bright = (
-        np.mean([dataset.grey(camera, k).astype(np.float32) for k in of], axis=0)
-        for of in ((early, late) if rising else (late, early))
+        np.mean([dataset.grey(camera, k).astype(np.float32) for k in edge], axis=0)
+        for edge in ((early, late) if rising else (late, early))
     )
     rise = bright - dark
     usable = (rise > MIN_RISE) & (bright < WHITE)
@@ -262,16 +262,16 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
     first = reference or max(seen, key=lambda name: len(seen[name].exact))
     if len(seen[first].exact) < MIN_EDGES:
         blinks = f"the lamp does not time {first}: {seen[first].reason}"
-        return {name: CameraTime(reason=of.reason or blinks) for name, of in seen.items()}
+        return {name: CameraTime(reason=lamp.reason or blinks) for name, lamp in seen.items()}
     edges = {}
     for name, of in seen.items():
         numbers = _same_edges(seen[first], of)
-        exact = {numbers[k]: one for k, one in of.exact.items() if k in numbers}
+        exact = {numbers[k]: edge for k, edge in of.exact.items() if k in numbers}
         if len(exact.keys() & seen[first].exact.keys()) >= MIN_EDGES:
             edges[name] = exact
     solved = _solve(first, edges, seen) if len(edges) > 1 else {}
     few = f"it shares fewer than {MIN_EDGES} of the lamp's edges with {first}"
-    return {name: solved.get(name) or CameraTime(reason=of.reason or few) for name, of in seen.items()}
+    return {name: solved.get(name) or CameraTime(reason=lamp.reason or few) for name, lamp in seen.items()}
 
 
 def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
@@ -285,7 +285,9 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
     if edges:
         ramp = fit_ramp(edges, height)
         exposures = [dataset.record(camera, k).exposure_ns for k in rows_ms]
-        exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
+        exposure_ms = (
+            float(np.median([exposure for exposure in exposures if exposure] or [dataset.period_ns])) / 1e6
+        )
         if ramp[0] > exposure_ms + SLOW_MS:
             reason = f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge"
         else:
@@ -341,30 +343,34 @@ def _solve(
     The camera's own time of an edge = the edge's - offset - error of the row time * row + bend * direction.
     """
     names = list(edges)
-    numbers = sorted({number for of in edges.values() for number in of})
-    rows = [(camera, number, one) for camera, of in enumerate(edges.values()) for number, one in of.items()]
+    numbers = sorted({number for own_edges in edges.values() for number in own_edges})
+    rows = [
+        (camera, number, edge)
+        for camera, own_edges in enumerate(edges.values())
+        for number, edge in own_edges.items()
+    ]
     values, at_rows, sds = np.array([time for _, _, time in rows]).T
     count, spare = len(numbers), len(rows) - len(numbers) - len(names)
     row_sds = [RECORDED_ROW_SD if seen[name].recorded else ASSUMED_ROW_SD for name in names]
     priors = np.concatenate([np.zeros(count), *([0.0, 1 / sd**2, 1 / BEND_MS**2] for sd in row_sds)])
     design = np.zeros((len(rows), len(priors)))
     for line, (camera, number, _) in enumerate(rows):
-        of, at = seen[names[camera]], count + 3 * camera
-        from_row = at_rows[line] - (0.0 if of.recorded else of.height / 2)
+        lamp, at = seen[names[camera]], count + 3 * camera
+        from_row = at_rows[line] - (0.0 if lamp.recorded else lamp.height / 2)
         direction = 1 if seen[first].rising[number] else -1
         design[line, numbers.index(number)] = 1
-        design[line, at : at + 3] = (-1, -of.row_ms * from_row, direction)
+        design[line, at : at + 3] = (-1, -lamp.row_ms * from_row, direction)
     priors[count + 3 * names.index(first)] = 1e12
-    found, found_sd = _robust_fit(design, values, np.maximum(sds, SYSTEMATIC_MS), priors, spare)
+    solution, found_sd = _robust_fit(design, values, np.maximum(sds, SYSTEMATIC_MS), priors, spare)
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].row_ms
         solved[name] = CameraTime(
-            offset_ms=0.0 if name == first else float(found[at]),
+            offset_ms=0.0 if name == first else float(solution[at]),
             sd_ms=0.0 if name == first else float(np.hypot(found_sd[at], SYSTEMATIC_MS)),
             source=REFERENCE if name == first else LIGHT,
             edges=len(edges[name]),
-            row_time_ns=row_ns * (1 + float(found[at + 1])),
+            row_time_ns=row_ns * (1 + float(solution[at + 1])),
             row_time_sd_ns=row_ns * float(found_sd[at + 1]),
         )
     return solved
@@ -375,8 +381,8 @@ def _robust_fit(design: Array, values: Array, sds: Array, priors: Array, spare: 
     weights = 1 / sds**2
     for _ in range(20):
         normal = design.T @ (weights[:, None] * design) + np.diag(priors)
-        found = np.linalg.solve(normal, design.T @ (weights * values))
-        misses = (values - design @ found) / sds
+        solution = np.linalg.solve(normal, design.T @ (weights * values))
+        misses = (values - design @ solution) / sds
         scale = max(1.0, 1.4826 * float(np.median(np.abs(misses)) * np.sqrt(len(values) / max(1, spare))))
         weights = 1 / (sds * scale) ** 2 / (1 + (misses / (3 * scale)) ** 2)
-    return found, np.sqrt(np.diagonal(np.linalg.inv(normal)))
+    return solution, np.sqrt(np.diagonal(np.linalg.inv(normal)))

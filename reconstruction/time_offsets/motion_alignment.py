@@ -141,12 +141,12 @@ def _rough_offset(
 
 def _line(dataset: Dataset, first: str, second: str, fit: OffsetFit) -> CameraTimes:
     times = ImageTimes(dataset, (first, second))
-    reference_ms = np.array([times.middle_ms(first, one.instant) for one in fit.instants]) + (
+    reference_ms = np.array([times.middle_ms(first, instant.instant) for instant in fit.instants]) + (
         dataset.instants_ns[0] / 1e6
     )
-    camera_ms = reference_ms - np.array([one.late_ms for one in fit.instants])
+    camera_ms = reference_ms - np.array([instant.late_ms for instant in fit.instants])
     # More points do not average out the error that an instant's points share.
-    sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
+    sds_ms = np.array([np.hypot(instant.sd_ms, SYSTEMATIC_MS) for instant in fit.instants])
     return fit_clock_line(
         camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3
     )

@@ -64,12 +64,12 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     height, width = image.shape
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
-    found: list[tuple[Array, float, float]] = []
+    outlines: list[tuple[Array, float, float]] = []
     for k in largest:
         left, top, wide, high, area = (int(value) for value in stats[k])
         whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
         compact = max(wide, high) < MAX_ASPECT * min(wide, high)
-        if area < MIN_AREA_PX or len(found) == MAX_THINGS:
+        if area < MIN_AREA_PX or len(outlines) == MAX_THINGS:
             break
         if area > MAX_FRACTION * image.size or not whole or not compact:
             continue
@@ -77,8 +77,8 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
         mask = labels[part] == k
         solid = mask.sum() > MIN_SOLID * cv2.contourArea(cv2.convexHull(_contour(mask)))
         if solid and (moving[part] & mask).any():
-            found.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
-    at, areas, errors_px = (np.array([one[i] for one in found]) for i in range(3))
+            outlines.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
+    at, areas, errors_px = (np.array([outline[i] for outline in outlines]) for i in range(3))
     return Outlines(at.reshape(-1, 2), areas, errors_px)
 
 

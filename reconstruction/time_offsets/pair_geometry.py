@@ -135,8 +135,8 @@ def other_calibrations(views: tuple[View, View], at_a: Array, at_b: Array) -> li
         )
         for factors in OTHER_FOCALS
     )
-    found = (correct_views((a, b), at_a, at_b, errors_of=POSE_CORRECTIONS) for a, b in scaled)
-    return [correction[0] for correction in found if correction is not None]
+    corrected = (correct_views((a, b), at_a, at_b, errors_of=POSE_CORRECTIONS) for a, b in scaled)
+    return [correction[0] for correction in corrected if correction is not None]
 
 
 def _corrected(views: tuple[View, View], errors: Array) -> tuple[View, View]:

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.descriptor_matches import match_descriptors
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.common.worker_pool import computed_once
@@ -18,7 +19,7 @@ from reconstruction.scene.calibration.structure_from_motion import GUESS
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.instant_choice import choose_moving_instants
 from reconstruction.scene.moving_pixels import MIN_STILL, measure_camera_motion
-from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest, match_descriptors
+from reconstruction.scene.pairs import FAINT_CONTRAST, detect_features, match_at_rest
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import ImageTimes
 from reconstruction.time_offsets.crossings import (
@@ -127,9 +128,9 @@ class PairOffsets:
     def moving(self, cameras: Iterable[str]) -> dict[str, tuple[float, float]]:
         """Return the motion (px, in ms) of cameras that move while they record, without static background."""
         return {
-            name: one[1:]
+            name: motion[1:]
             for name in cameras
-            if (one := self._motion(name)) is not None and one[0] < MIN_STILL
+            if (motion := self._motion(name)) is not None and motion[0] < MIN_STILL
         }
 
     def _measure(
@@ -175,12 +176,12 @@ class PairOffsets:
         period_ms = self.dataset.period_ns / 1e6
 
         def cross(pair: tuple[View, View], instants: Sequence[int] = chosen) -> Crossings:
-            found = [
+            clusters = [
                 find_crossings(pair, images, *paths(images))
                 for images, ms in apart_ms(instants).items()
                 if abs(ms) <= max_offset_ms
             ]
-            return Crossings.join(found).later(-near_ms)
+            return Crossings.join(clusters).later(-near_ms)
 
         def in_motion(offset_ms: float) -> MovingMatches:
             same = [images for images, ms in apart_ms(chosen).items() if abs(ms + offset_ms) <= period_ms / 2]
@@ -302,8 +303,8 @@ class PairOffsets:
         left, top, wide, tall = cv2.boundingRect(moving.astype(np.uint8))
         corner = max(0, left - MARGIN_PX), max(0, top - MARGIN_PX)
         part = np.s_[corner[1] : top + tall - 1 + MARGIN_PX, corner[0] : left + wide - 1 + MARGIN_PX]
-        found = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, allowed=moving[part])
-        at, raw = found.positions + corner, found.descriptors
+        points = detect_features(image[part], MAX_SIDE_PX, MAX_POINTS, FAINT_CONTRAST, allowed=moving[part])
+        at, raw = points.positions + corner, points.descriptors
         roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7))
         others = (None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant))
         before, after = (_follow(image, other, at) for other in others)
@@ -315,15 +316,15 @@ class PairOffsets:
 
     def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera."""
-        found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
+        matches = [(np.zeros((0, 2)), np.zeros((0, 2)))]
         some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
         half = len(some) // 2
         for k, other in zip(some, some[half:] + some[:half], strict=True):
             a, b = (self.scene.features.at_rest(k)[name] for name in (first, second))
             of_a, of_b = match_at_rest(a, b)
             stays = self._stays(first, k, other)[of_a] & self._stays(second, k, other)[of_b]
-            found.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))
-        at_a, at_b = map(np.concatenate, zip(*found, strict=True))
+            matches.append((a.positions[of_a[stays]], b.positions[of_b[stays]]))
+        at_a, at_b = map(np.concatenate, zip(*matches, strict=True))
         return at_a, at_b
 
     def _find_staying(self, camera: str, instant: int, other: int) -> Array:
@@ -393,9 +394,9 @@ def _correct_in_motion(
 ) -> Correction | None:
     """Correct a calibration and the offset, starting at `near_ms`; None if that does not converge."""
     for _ in range(LINEAR_STEPS):
-        if (found := correct_views(pair, *in_motion(near_ms), period_ms)) is None:
+        if (geometry := correct_views(pair, *in_motion(near_ms), period_ms)) is None:
             break
-        views, late_ms, sd_ms = found
+        views, late_ms, sd_ms = geometry
         near_ms += late_ms
         if abs(late_ms) < period_ms / 2:
             return views, near_ms, sd_ms

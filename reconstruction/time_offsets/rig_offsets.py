@@ -54,8 +54,8 @@ def measure_rig_offsets(
 
     with worker_pool() as pool:
         measured = dict(zip(pairs, pool.map(measure, pairs), strict=True))
-    found = adjust_offsets(scene.dataset.cameras, reference, measured, preferred)
-    return with_changes(found, measured, scene.dataset.period_ns / 1e6)
+    offsets = adjust_offsets(scene.dataset.cameras, reference, measured, preferred)
+    return with_changes(offsets, measured, scene.dataset.period_ns / 1e6)
 
 
 def likely_pairs(scene: Scene) -> list[Pair]:
@@ -86,7 +86,7 @@ def adjust_offsets(
     reference = reference or max(names, key=lambda name: (len(_joined_to(name, known)), name == preferred))
     joined = _joined_to(reference, known)
     others = [name for name in names if name in joined and name != reference]
-    found = {reference: CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)}
+    times = {reference: CameraTime(offset_ms=0.0, sd_ms=0.0, source=REFERENCE)}
     if others:
         rows = [pair for pair in known if pair[0] in joined]
         design = np.array([[(name == b) - (name == a) for name in others] for a, b in rows], float)
@@ -100,14 +100,14 @@ def adjust_offsets(
         errors = factor * np.sqrt(np.diagonal(np.linalg.inv(normal)))
         for name, offset, sd in zip(others, offsets, errors, strict=True):
             its = [pair for pair in known if name in pair]
-            found[name] = CameraTime(
+            times[name] = CameraTime(
                 offset_ms=float(offset),
                 sd_ms=float(sd),
                 source=MOTION,
                 against=tuple(other for pair in its for other in pair if other != name),
                 misfit_px=max((off for pair in its if (off := measured[pair].misfit_px)), default=None),
             )
-    return {n: found[n] if n in found else CameraTime(reason=_why(n, measured, known)) for n in names}
+    return {n: times[n] if n in times else CameraTime(reason=_why(n, measured, known)) for n in names}
 
 
 def with_changes(
@@ -118,7 +118,7 @@ def with_changes(
     A camera's images wander if they do against every other camera.
     """
     known = {pair: fit for pair, fit in measured.items() if fit.offset_ms is not None}
-    changes = {name: UNCHANGED for name, one in found.items() if one.source == REFERENCE}
+    changes = {name: UNCHANGED for name, offset in found.items() if offset.source == REFERENCE}
     while more := [pair for pair in known if (pair[0] in changes) != (pair[1] in changes)]:
         first, second = more[0]
         if first in changes:
@@ -126,8 +126,10 @@ def with_changes(
         else:
             changes[first] = changes[second].followed_by(known[first, second].change.reversed())
     return {
-        name: structs.replace(one, change=changes.get(name) or None, **_single(name, found, known, period_ms))
-        for name, one in found.items()
+        name: structs.replace(
+            offset, change=changes.get(name) or None, **_single(name, found, known, period_ms)
+        )
+        for name, offset in found.items()
     }
 
 
@@ -153,15 +155,18 @@ def _single(
 
 def with_own_changes(cameras: Mapping[str, CameraTime]) -> dict[str, CameraTime]:
     """Return each camera's own changes: one that all others have against the reference is the reference's."""
-    others = [one for one in cameras.values() if one.source != REFERENCE and one.offset_ms is not None]
+    others = [
+        camera for camera in cameras.values() if camera.source != REFERENCE and camera.offset_ms is not None
+    ]
     if len(others) < 2 or (first := others[0].change) is None:
         return dict(cameras)
     own = {
-        name: (one.change or UNCHANGED).followed_by(first.reversed()) or None for name, one in cameras.items()
+        name: (camera.change or UNCHANGED).followed_by(first.reversed()) or None
+        for name, camera in cameras.items()
     }
     if sum(change is not None for change in own.values()) > 1:
         return dict(cameras)
-    return {name: structs.replace(one, change=own[name]) for name, one in cameras.items()}
+    return {name: structs.replace(camera, change=own[name]) for name, camera in cameras.items()}
 
 
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:

@@ -71,30 +71,34 @@ def measure_times(
     if alone:
         _calibrate(scene, progress)
         aligned = align_cameras(scene, progress)
-        cameras, calibration = {name: _aligned_time(one) for name, one in aligned.items()}, scene.source
+        cameras, calibration = {name: _aligned_time(offset) for name, offset in aligned.items()}, scene.source
     else:
         cameras, calibration = _common_times(scene, reference, progress)
     progress.last("offsets")
     if apply:
         realign_session(dataset.session, aligned, MOTION)
     if repair_drops:
-        steps = {name: one.change.steps for name, one in cameras.items() if one.change and one.change.steps}
+        steps = {
+            name: camera.change.steps
+            for name, camera in cameras.items()
+            if camera.change and camera.change.steps
+        }
         if not steps:
             raise NotApplicableError(
                 f"no dropped or repeated frame is found in {dataset.name}", hint="leave out --repair-drops"
             )
         repair_drops_of(
             dataset.session,
-            {name: [(one.instant, one.frames) for one in of] for name, of in steps.items()},
+            {name: [(image.instant, image.frames) for image in step] for name, step in steps.items()},
         )
-    reference = next(name for name, one in cameras.items() if one.source == REFERENCE)
+    reference = next(name for name, camera in cameras.items() if camera.source == REFERENCE)
     stalled = stalled_images(dataset, list(cameras))
     return TimeResult(
         session=str(session),
         reference=reference,
         cameras={
-            name: _whole(dataset, reference, name, one, stalled[name]).rounded()
-            for name, one in cameras.items()
+            name: _whole(dataset, reference, name, camera, stalled[name]).rounded()
+            for name, camera in cameras.items()
         },
         calibration=calibration,
         seconds=time.monotonic() - began,
@@ -109,10 +113,10 @@ def _common_times(
     """Return each camera's offset, from a lamp if it sees one, else from motion; and the calibration used."""
     progress.step("lamp")
     lit = measure_light_offsets(scene.dataset, reference)
-    if not (unlit := [name for name, one in lit.items() if one.offset_ms is None]):
+    if not (unlit := [name for name, offset in lit.items() if offset.offset_ms is None]):
         return lit, ""
     if len(unlit) < len(lit):
-        reference = next(name for name, one in lit.items() if one.source == REFERENCE)
+        reference = next(name for name, offset in lit.items() if offset.source == REFERENCE)
     _calibrate(scene, progress)
     moved = with_own_changes(measure_rig_offsets(scene, reference, progress))
     for name in unlit:

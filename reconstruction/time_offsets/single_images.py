@@ -96,17 +96,17 @@ def stalled_images(dataset: Dataset, cameras: Collection[str]) -> dict[str, tupl
     moves in the camera's own images before and after. Long takes are searched in parts.
     """
     changes = {name: _changes(dataset, name) for name in cameras}
-    found = dict[str, tuple[int, ...]]()
+    repeated = dict[str, tuple[int, ...]]()
     for name, own in changes.items():
-        others = [of for other, of in changes.items() if other != name]
-        found[name] = tuple(
+        others = [change for other, change in changes.items() if other != name]
+        repeated[name] = tuple(
             k
             for k in own
             if own[k] < STALLED
-            and any(of.get(k, 0.0) > MOVING for of in others)
+            and any(other.get(k, 0.0) > MOVING for other in others)
             and all(max(own.get(k + side, 0.0), own.get(k + 2 * side, 0.0)) > MOVING for side in (-1, 1))
         )
-    return found
+    return repeated
 
 
 def _changes(dataset: Dataset, camera: str) -> dict[int, float]:

@@ -50,9 +50,9 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     """
     from capture_app.companions.characterize.camera_character import characterize as measure
 
-    found = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
+    character = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
     saved = ["saved in this user's profiles; nodes use them from now on"]
-    answer(as_json, found, [table((spec, ""), _rows(found)), *saved[: found.saved]])
+    answer(as_json, character, [table((spec, ""), _rows(character)), *saved[: character.saved]])
 
 
 def _rows(found: "Character") -> list[tuple[str, str]]:

@@ -72,8 +72,8 @@ def heartbeat_name(text: str) -> str | None:
     The address in the text is ignored: it may belong to another network. The last field is the synchronized
     flag.
     """
-    found = re.fullmatch(r"(.*),[^,]*,(?:true|false)", text, re.DOTALL)
-    return None if found is None else found[1]
+    match = re.fullmatch(r"(.*),[^,]*,(?:true|false)", text, re.DOTALL)
+    return None if match is None else match[1]
 
 
 class AppPhone:

@@ -39,7 +39,7 @@ def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Seq
     from capture_app.companions.interop.rpicam import RpicamSync
 
     try:
-        found = [socket.gethostbyname(host) for host in hosts if host != "all"]
+        addresses = [socket.gethostbyname(host) for host in hosts if host != "all"]
     except (OSError, UnicodeError) as error:
         raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="give a host, or all") from None
-    return (RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000)),)
+    return (RpicamSync(addresses, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000)),)

@@ -1,4 +1,4 @@
-"""`capture-app link`: clock errors over a real link, or over a recorded one."""
+"""`capture-app link`: clock errors over a link."""
 
 import asyncio
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Measure clock synchronization over a real or recorded link.",
+    short_help="Measure clock synchronization over a link.",
     epilog=examples(
         "capture-app link --serve",
         "capture-app link --connect 192.168.1.20 --trials 3",
-        "capture-app link --replay delays.csv --plot figures",
+        "capture-app link --connect 192.168.1.20 --plot figures",
     ),
 )
 @click.option("--serve", is_flag=True, help="Run the leader's end, until Ctrl-C.")
@@ -37,13 +37,6 @@ if TYPE_CHECKING:
 )
 @click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, help="With --serve: UDP port.")
 @click.option("--connect", type=ADDRESS, metavar="HOST:PORT", help="Run the client's end, and measure.")
-@click.option(
-    "--replay",
-    "recording",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="CSV",
-    help="Replay the delays of a recorded link (columns t_s, rtt_ms) to simulated clocks.",
-)
 @click.option(
     "--messages",
     type=click.IntRange(300, 1_000_000),
@@ -69,7 +62,7 @@ if TYPE_CHECKING:
     "--trials",
     type=click.IntRange(1, 1_000_000),
     metavar="N",
-    show_default="10, with --replay 100",
+    default=10,
     help="Number of trials.",
 )
 @click.option(
@@ -86,13 +79,12 @@ def link(
     host: str,
     port: int,
     connect: Address | None,
-    recording: Path | None,
     messages: int,
     interval_ms: float | None,
     true_offset_ns: int,
     clock: str,
     emulated: bool,
-    trials: int | None,
+    trials: int,
     seed: int,
     plot: Path | None,
     as_json: bool,
@@ -101,42 +93,32 @@ def link(
 
     The client's end joins as a node without a camera.
 
-    The errors are true only if --true-offset-ns is right, as between network namespaces of one machine. With
-    --replay the clocks are simulated and the errors are true.
+    The errors are true only if --true-offset-ns is right, as between network namespaces of one machine.
     """
     from capture_app.common.clock import parse_clock
     from capture_app.companions.link import link_measurement as measuring
 
-    if [serve, connect is not None, recording is not None].count(True) != 1:
-        raise click.UsageError("give exactly one of --serve, --connect HOST:PORT and --replay CSV")
-    if serve:
+    if serve is (connect is not None):
+        raise click.UsageError("give either --serve or --connect HOST:PORT")
+    if connect is None:
         talk(f"listening on {Address(host, port)}")
         run_until_stopped(measuring.serve(host, port))
         return
     if plot is not None:
         require_plots(plot)
-    done: list[LinkTrial] = []
-    if connect is not None:
-        own_clock, target = parse_clock(clock, node="link"), trials or measuring.TRIALS
+    own_clock, done = parse_clock(clock, node="link"), list[measuring.LinkTrial]()
 
-        async def measure(leader: Address) -> None:
-            poll_interval_ns = None if interval_ms is None else round(interval_ms * 1e6)
-            async for reached in measuring.measure(
-                leader,
-                own_clock,
-                messages=messages,
-                poll_interval_ns=poll_interval_ns,
-                trials=target,
-                seed=seed,
-            ):
-                done.append(measuring.judge(reached, own_clock, true_offset_ns))
-                if len(done) % 10 == 0 or messages > 1000:
-                    talk(f"{len(done)} of {target}: {done[-1].error_us:+.1f} us")
+    async def measure(leader: Address) -> None:
+        poll_interval_ns = None if interval_ms is None else round(interval_ms * 1e6)
+        async for reached in measuring.measure(
+            leader, own_clock, messages=messages, poll_interval_ns=poll_interval_ns, trials=trials, seed=seed
+        ):
+            done.append(measuring.judge(reached, own_clock, true_offset_ns))
+            if len(done) % 10 == 0 or messages > 1000:
+                talk(f"{len(done)} of {trials}: {done[-1].error_us:+.1f} us")
 
-        asyncio.run(measure(connect))
-    elif recording is not None:
-        done += measuring.replay(recording, messages, trials=trials or measuring.REPLAYED_TRIALS, seed=seed)
-    kind: measuring.Kind = "simulated" if connect is None else "emulated link" if emulated else "real"
+    asyncio.run(measure(connect))
+    kind: measuring.Kind = "emulated link" if emulated else "real"
     figures = measuring.sum_up(done, kind=kind, messages=messages, seed=seed)
     answer(as_json, figures, _lines(figures))
     if plot is not None:
@@ -181,7 +163,7 @@ def _draw(trials: "Sequence[LinkTrial]", path: Path) -> Path:
     figure = Figure(layout="constrained", figsize=(8, 5))
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    errors_us, stated_us = [one.error_us for one in trials], [one.uncertainty_us for one in trials]
+    errors_us, stated_us = [trial.error_us for trial in trials], [trial.uncertainty_us for trial in trials]
     axes.errorbar(range(1, len(trials) + 1), errors_us, stated_us, fmt="o", ms=3)
     axes.set(xlabel="trial", ylabel="clock error, us", title=f"{count(len(trials), 'trial')} on this link")
     figure.savefig(path, dpi=120)

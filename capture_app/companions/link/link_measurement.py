@@ -1,26 +1,23 @@
-"""Clock errors over a real or a recorded link: trials of the engine's own client, and their statistics."""
+"""Clock errors over a link: trials of the engine's own client, and their statistics."""
 
 import asyncio
-import csv
 import random
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from operator import itemgetter
-from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Any, Literal
 
 from msgspec import Struct
 
 from capture_app.common.address import Address, resolve
-from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.common.errors import BadInputError, NetworkError
+from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.errors import NetworkError
 from capture_app.common.timeouts import JOIN_TIMEOUT_S
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
@@ -28,16 +25,7 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
-TRIALS, REPLAYED_TRIALS = 10, 100
-
-COLUMNS = ("t_s", "rtt_ms")
-MIN_ROWS = 50
-MAX_NUMBER = 1e10
-"""Upper bound of a recording's times in s, and of its round trips in ms."""
-TURNAROUND_NS = 30_000
-"""Time that a leader takes from the receipt of a request to the reply."""
-START_TRUE_NS = 10**12
-
+TRIALS = 10
 Kind = Literal["simulated", "emulated link", "real"]
 
 
@@ -182,90 +170,6 @@ async def measure(
         )
         # A link may be slower at first, so it idles between two trials.
         await asyncio.sleep(0.25)
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedLink:
-    """One-way delays of a recorded link in ns, one of each direction for each `every_ns` of true time."""
-
-    there_ns: tuple[int, ...]
-    back_ns: tuple[int, ...]
-    every_ns: int
-
-    def exchanges(self, clock: NodeClock, start: int, count: int) -> list[tuple[int, ClockSample]]:
-        """Return the samples of `count` messages of a client with this clock, in order of arrival.
-
-        Each comes with the true time in ns at which its reply arrives. The recording is replayed from row
-        `start` on, in a loop; the leader's clock is the true time.
-        """
-        found = []
-        for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * self.every_ns, self.every_ns):
-            t1_ns = sent_ns + self._delay_ns(self.there_ns, start, sent_ns)
-            t2_ns = t1_ns + TURNAROUND_NS
-            t3_ns = t2_ns + self._delay_ns(self.back_ns, start, t2_ns)
-            local_ns = clock.local_from_true(sent_ns), clock.local_from_true(t3_ns)
-            found.append((t3_ns, ClockSample(local_ns[0], t1_ns, t2_ns, local_ns[1])))
-        return sorted(found, key=itemgetter(0))
-
-    def _delay_ns(self, delays_ns: tuple[int, ...], start: int, true_ns: int) -> int:
-        return delays_ns[(start + true_ns // self.every_ns) % len(delays_ns)]
-
-
-def read_trace(path: Path, rng: random.Random) -> RecordedLink:
-    """Read a CSV with the columns t_s and rtt_ms as a link with one message a row, at its mean interval.
-
-    A recording does not show how a round trip divides. Both directions get half of the minimum round trip;
-    each row's excess over it is divided at random. Raises BadInputError.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = [tuple(float(row[name]) for name in COLUMNS) for row in csv.DictReader(file)]
-    except (OSError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        raise BadInputError(
-            f"cannot read the recorded link {path}: {error}", hint=f"a CSV with columns {', '.join(COLUMNS)}"
-        ) from None
-    if len(rows) < MIN_ROWS:
-        raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{MIN_ROWS} or more are needed")
-    if not all(abs(number) < MAX_NUMBER for row in rows for number in row):
-        raise BadInputError(
-            f"{path} has numbers that are not finite, or too large for times", hint="leave lost messages out"
-        )
-    times_s, round_trips_ms = zip(*rows, strict=True)
-    every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
-    min_ms = min(round_trips_ms)
-    if every_ns <= 0 or not min_ms > 0:
-        raise BadInputError(
-            f"{path} has times that do not ascend, or round trips that are not positive",
-            hint="sort the rows by t_s, and leave lost messages out",
-        )
-    there_ms = [min_ms / 2.0 + rng.random() * (round_trip_ms - min_ms) for round_trip_ms in round_trips_ms]
-    there_ns = tuple(round(way_ms * 1e6) for way_ms in there_ms)
-    back_ns = tuple(round((both - way) * 1e6) for both, way in zip(round_trips_ms, there_ms, strict=True))
-    return RecordedLink(there_ns, back_ns, every_ns)
-
-
-def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, seed: int) -> list[LinkTrial]:
-    """Synchronize simulated clocks over a recorded link, each from a random start in the recording.
-
-    The recording is a CSV in the format of `read_trace`; messages follow at its interval. Raises
-    BadInputError.
-    """
-    link = read_trace(recording, random.Random(f"{seed} trace"))
-    done = []
-    for number in range(trials):
-        rng = random.Random(f"{seed} recorded {number}")
-        start = rng.randrange(len(link.there_ns))
-        # A clock that is hours off, with a skew of 20 ppm (1 sd).
-        clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, 20.0), 10**12)
-        arrivals_true_ns, samples = zip(*link.exchanges(clock, start, messages), strict=True)
-        engine = ClockFilter()
-        for sample in samples:
-            engine.add(sample)
-        time_map = engine.time_map(samples[-1].t3_ns)
-        assert time_map is not None
-        seconds = (arrivals_true_ns[-1] - START_TRUE_NS) / 1e9
-        done.append(judge(Synchronization(list(samples), time_map, seconds, messages), clock))
-    return done
 
 
 def judge(reached: Synchronization, clock: NodeClock, true_offset_ns: int = 0) -> LinkTrial:

@@ -294,8 +294,8 @@ def _wiggle(sheet: TakeSheet) -> bytes:
 def _depth(sheet: TakeSheet) -> bytes:
     results = results_folder(sheet.session.folder)
     for run in DEPTH_RUNS:
-        if (found := results / run / "multiview.json").is_file():
-            return depth_picture(found)
+        if (result := results / run / "multiview.json").is_file():
+            return depth_picture(result)
     raise IncompleteError("No depth of this take has been computed")
 
 

@@ -40,16 +40,16 @@ class CameraReading:
         if (exposure_ns is None or row_time_ns is None) and len(self._learned) < _LEARN:
             self._learned.append(read(exposure_ns=exposure_ns, row_time_ns=row_time_ns))
             return self._learned[-1]
-        exposures = [one.shutter.exposure_ns for one in self._learned]
+        exposures = [reading.shutter.exposure_ns for reading in self._learned]
         is_one = self._limits or (exposures and max(exposures) / min(exposures) < 1 + _MAX_LENGTH_RATIO)
         if exposure_ns is None and is_one:
             exposure_ns = round(median(exposures))
         if row_time_ns is not None or self._limits is None:
             # An unknown row time stays free: its uncertainty is part of each reading's uncertainty.
             return read(exposure_ns=exposure_ns, row_time_ns=row_time_ns)
-        row_time_ns = median(one.shutter.row_time_ns for one in self._learned)
-        error_ns = median(one.row_time_error_ns for one in self._learned) / math.sqrt(_LEARN)
+        row_time_ns = median(reading.shutter.row_time_ns for reading in self._learned)
+        error_ns = median(reading.row_time_error_ns for reading in self._learned) / math.sqrt(_LEARN)
         # The first readings' uncertainty includes that of the shutter.
-        least_ns = median(one.uncertainty_ns for one in self._learned)
+        least_ns = median(reading.uncertainty_ns for reading in self._learned)
         found = read(exposure_ns=exposure_ns, row_time_ns=row_time_ns)
         return replace(found, row_time_error_ns=error_ns, uncertainty_ns=max(found.uncertainty_ns, least_ns))

@@ -60,16 +60,18 @@ def read(session: Path, out: Path | None, apply: bool, as_json: bool) -> None:
 
     opened = Session.open(session)
     times = read_session(opened, show_count("pictures"))
-    found = _as_json(times, rig_errors(times))
+    figures = _as_json(times, rig_errors(times))
     if apply:
         from capture_app.companions.panel.session_alignment import apply_panel
 
-        found["applied"] = {name: msgspec.to_builtins(of) for name, of in apply_panel(opened, times).items()}
-        found["words"]["remarks"] += _corrections(found["applied"])
+        figures["applied"] = {
+            name: msgspec.to_builtins(correction) for name, correction in apply_panel(opened, times).items()
+        }
+        figures["words"]["remarks"] += _corrections(figures["applied"])
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
-            (output.folder / RESULT).write_bytes(pretty_json(found))
-    answer(as_json, found, _lines(found["words"]))
+            (output.folder / RESULT).write_bytes(pretty_json(figures))
+    answer(as_json, figures, _lines(figures["words"]))
 
 
 def _as_json(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
@@ -135,17 +137,17 @@ def _words(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
 def _corrections(applied: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return a line for each camera whose times were corrected."""
     return [
-        f"{name}: times corrected by {of['offset_ns'] / 1e6:+.2f} ± {of['uncertainty_ns'] / 1e6:.2f} ms"
-        for name, of in applied.items()
-        if of.get("uncertainty_ns")
+        f"{name}: times corrected by {times['offset_ns'] / 1e6:+.2f} ± {times['uncertainty_ns'] / 1e6:.2f} ms"
+        for name, times in applied.items()
+        if times.get("uncertainty_ns")
     ]
 
 
 def _lines(words: Mapping[str, Any]) -> Iterator[str]:
     yield words["verdict"]
-    for one in words["tables"]:
-        yield f"\n{one['caption']}"
-        yield table(("cameras", *one["columns"]), one["rows"])
+    for shown in words["tables"]:
+        yield f"\n{shown['caption']}"
+        yield table(("cameras", *shown["columns"]), shown["rows"])
     yield "\n" + "\n".join(words["remarks"])
 
 
@@ -190,13 +192,13 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
         (
             name if kind == "total" else "",
             kind,
-            duration(of.mean_abs_ns),
-            duration(of.std_ns),
-            duration(of.max_ns),
-            duration(of.bias_ns, signed=True),
+            duration(summary.mean_abs_ns),
+            duration(summary.std_ns),
+            duration(summary.max_ns),
+            duration(summary.bias_ns, signed=True),
             str(table.count) if kind == "total" else "",
         )
-        for kind, of in kinds
+        for kind, summary in kinds
     ]
 
 

@@ -74,19 +74,19 @@ def panels_seen(grey: NDArray[np.uint8]) -> list[str]:
 
     A panel of a name that is seen twice is named twice.
     """
-    found: list[str] = []
+    names: list[str] = []
     for seen, scale in _looks(grey) if min(grey.shape) >= _MIN_SIDE_PX else ():
         markers = Counter(number for number, _ in _markers(_detector(), seen, scale))
-        found = [
+        names = [
             name
             for name, numbers in _by_panel(markers).items()
             for times in range(1, max(markers.values()) + 1)
             if sum(markers[number] >= times for number in numbers) >= MIN_MARKERS
         ]
         # An image without any marker is not searched further: most of a video's are such.
-        if found or not _by_panel(markers):
+        if names or not _by_panel(markers):
             break
-    return sorted(found)
+    return sorted(names)
 
 
 def _by_panel(numbers: Iterable[int]) -> dict[str, list[int]]:
@@ -187,9 +187,9 @@ def _fit(
     matrix, _ = cv2.findHomography(places, _unbend(pixels, bend, middle))
     if matrix is None:
         raise PanelNotFoundError("the markers of the panel are on one line")
-    found = FoundPanel(panel, np.asarray(matrix, float), bend, middle, len(corners))
+    placed = FoundPanel(panel, np.asarray(matrix, float), bend, middle, len(corners))
     side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
-    return replace(found, error=float(np.linalg.norm(found.pixels(places) - pixels, axis=1).mean() / side))
+    return replace(placed, error=float(np.linalg.norm(placed.pixels(places) - pixels, axis=1).mean() / side))
 
 
 def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:

@@ -188,16 +188,16 @@ class LightModel:
         weight = 1 / variance
         weighted = weight * shares
         prior = 1 / (_OFFSET_SIGMA * max(lamp_light, 0.1)) ** 2
-        one, per_fraction = weight.sum(axis=1) + prior, weighted.sum(axis=1)
+        per_offset, per_fraction = weight.sum(axis=1) + prior, weighted.sum(axis=1)
         square = (weighted * shares).sum(axis=1)
-        root = np.maximum(one * square - per_fraction**2, 1e-9 * one * square + 1e-12)
+        root = np.maximum(per_offset * square - per_fraction**2, 1e-9 * per_offset * square + 1e-12)
         deviation, spread = np.sqrt(variance), 0.5 * np.log(variance).sum(axis=1)
         likelihoods, misfits = [], []
         for tone in tones:
             light = self._toned_light(lamp_light, float(tone))
             seen, both = weight @ light, weighted @ light
-            on = np.clip((one * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
-            off = (seen - on * per_fraction) / one
+            on = np.clip((per_offset * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
+            off = (seen - on * per_fraction) / per_offset
             residual = light - off[:, None] - on[:, None] * shares
             # A saturated lamp gives only a lower limit on its light.
             residual[:, self.saturated] = np.maximum(residual[:, self.saturated], 0.0)

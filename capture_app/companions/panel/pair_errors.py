@@ -83,7 +83,7 @@ class SessionErrors(Struct, frozen=True, kw_only=True):
 
 def rig_errors(times: SessionTimes) -> SessionErrors:
     """Return the errors that a session's panel images show, per pair and for all pairs."""
-    errors = [_pair_error(one, other, times.panel.cycle_ns) for one, other in pairs(times)]
+    errors = [_pair_error(first, other, times.panel.cycle_ns) for first, other in pairs(times)]
     by_pair = {
         cameras: [error for error in errors if (error.first, error.second) == cameras]
         for cameras in combinations(times.cameras, 2)
@@ -177,10 +177,10 @@ def _rate(times: SessionTimes) -> tuple[float, float] | None:
         own = (picture for picture in times.pictures if picture.image.camera == name)
         mine = sorted(own, key=lambda picture: picture.stamp_ns)
         gained_ns = passed_ns = 0.0
-        for one, other in pairwise(mine):
-            stamps_ns = other.stamp_ns - one.stamp_ns
+        for first, other in pairwise(mine):
+            stamps_ns = other.stamp_ns - first.stamp_ns
             if 0 < stamps_ns < cycle_ns / 2:
-                gained_ns += nearest_ns(other.panel_ns - one.panel_ns - stamps_ns, cycle_ns)
+                gained_ns += nearest_ns(other.panel_ns - first.panel_ns - stamps_ns, cycle_ns)
                 passed_ns += stamps_ns
         if passed_ns:
             error_ns = math.hypot(mine[0].uncertainty_ns, mine[-1].uncertainty_ns)

@@ -32,15 +32,15 @@ _CAUCHY = 2.5
 def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
     """Return the camera's times against the reference's; without an offset, the reason."""
     if reference.panel != camera.panel or reference.page != camera.page:
-        one, other = (f"{of.panel.name}, page {of.page}" for of in (reference, camera))
+        one, other = (f"{track.panel.name}, page {track.page}" for track in (reference, camera))
         return CameraTimes(
             reason=f"they saw different panels ({one}; {other}): show one screen to all, and do not reload it"
         )
     tracks = reference, camera
-    sizes = [len(of.own_s) for of in tracks]
+    sizes = [len(track.own_s) for track in tracks]
     is_camera = np.repeat([0.0, 1.0], sizes)
-    own, shown = (np.concatenate([getattr(of, name) for of in tracks]) for name in ("own_s", "shown_s"))
-    sd = np.concatenate([_reading_sds(of) for of in tracks])
+    own, shown = (np.concatenate([getattr(track, name) for track in tracks]) for name in ("own_s", "shown_s"))
+    sd = np.concatenate([_reading_sds(track) for track in tracks])
     epoch = float(np.average(camera.own_s, weights=camera.sd_s**-2))
     middle = float(shown.mean())
     visits, visit_sd = _visits(reference, camera)
@@ -88,20 +88,24 @@ def _reading_sds(track: PanelTrack) -> Floats:
 def _visits(*tracks: PanelTrack) -> tuple[Floats, Floats]:
     """Return a column (n,) for each visit, 1 for its readings, and each visit's common error (sd, s)."""
     columns, errors = [], []
-    before, size = 0, sum(len(of.own_s) for of in tracks)
-    for of in tracks:
-        tick_s = of.panel.tick_ns / 1e9
-        for number in np.unique(of.visit):
-            mine = of.visit == number
+    before, size = 0, sum(len(track.own_s) for track in tracks)
+    for own_track in tracks:
+        tick_s = own_track.panel.tick_ns / 1e9
+        for number in np.unique(own_track.visit):
+            mine = own_track.visit == number
             column = np.zeros(size)
             column[before : before + len(mine)] = mine
             columns.append(column)
             # 1 if all readings are at one place in the refresh, 0 if they are spread over all of it.
-            same_place = float(abs(np.exp(2j * np.pi * of.shown_s[mine] / tick_s).mean()))
+            same_place = float(abs(np.exp(2j * np.pi * own_track.shown_s[mine] / tick_s).mean()))
             errors.append(
-                float(np.hypot(COMMON_TICKS * tick_s, of.alike * same_place * np.median(of.sd_s[mine])))
+                float(
+                    np.hypot(
+                        COMMON_TICKS * tick_s, own_track.alike * same_place * np.median(own_track.sd_s[mine])
+                    )
+                )
             )
-        before += len(of.own_s)
+        before += len(own_track.own_s)
     return np.column_stack(columns), np.array(errors)
 
 

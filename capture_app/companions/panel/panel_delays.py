@@ -30,16 +30,16 @@ def measure(session: "Session", reference: str | None = None) -> "MeasuredTimes"
     unseen = MeasuredTime(
         reason=f"it and {reference} never see the panel at once, or the panel repeats too soon"
     )
-    found = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
+    delays = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
     errors = rig_errors(times)
     for pair in errors.pairs:
-        of_pair = [one for one in errors.errors if (one.first, one.second) == pair.cameras]
-        unsure_ns = max(one.session_uncertainty_ns or 0.0 for one in of_pair)
+        of_pair = [error for error in errors.errors if (error.first, error.second) == pair.cameras]
+        unsure_ns = max(error.session_uncertainty_ns or 0.0 for error in of_pair)
         if reference in pair.cameras and unsure_ns <= times.panel.cycle_ns / 2.0:
             sign, name = (1.0, pair.cameras[1]) if pair.cameras[0] == reference else (-1.0, pair.cameras[0])
-            found[name] = MeasuredTime(
+            delays[name] = MeasuredTime(
                 offset_ms=sign * pair.clock.bias_ns / 1e6,
                 sd_ms=pair.reading_uncertainty_ns / SIGMAS_95 / 1e6,
                 source=StampSource.LIGHT,
             )
-    return MeasuredTimes(reference=reference, cameras=found)
+    return MeasuredTimes(reference=reference, cameras=delays)

@@ -65,7 +65,7 @@ def see_panel(
     (n,), with mean 1.
     """
     still = np.zeros((height, width))
-    found: list[tuple[NDArray[np.int64], Floats]] = []
+    samples: list[tuple[NDArray[np.int64], Floats]] = []
     offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     weight = 1 / SUBPIXELS**2
     for dy, dx in product(offsets, offsets):
@@ -73,8 +73,8 @@ def see_panel(
         which, profile = _lamp_at(panel, x, y)
         still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden, turn))
         rows, columns = np.nonzero(which >= 0)
-        found.append((np.stack([which[rows, columns], rows, columns]), weight * profile[rows, columns]))
-    places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
+        samples.append((np.stack([which[rows, columns], rows, columns]), weight * profile[rows, columns]))
+    places, weights = np.concatenate([f[0] for f in samples], axis=1), np.concatenate([f[1] for f in samples])
     keys, inverse = np.unique(places, axis=1, return_inverse=True)
     return still, keys, np.asarray(np.bincount(inverse.ravel(), weights, keys.shape[1]), np.float64)
 
@@ -100,7 +100,7 @@ def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...], turn: 
     for left, top, width, height in panel.dark:
         light[(x > left) & (x < left + width) & (y > top) & (y < top + height)] = _GROUND
     cells = zip(cell_places(panel), () if turn is None else encode_turn(turn), strict=turn is not None)
-    for (left, top), _ in (one for one in cells if one[1]):
+    for (left, top), _ in (cell for cell in cells if cell[1]):
         light[(x > left) & (x < left + 1) & (y > top) & (y < top + 1)] = _BLACK
     for corner, (number, left, top) in enumerate(panel.markers):
         squares = np.array(marker_squares(number))

@@ -50,10 +50,10 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
 
     Raises BadInputError with a short reason if they show several panels, or no turn.
     """
-    panels = sorted({one.read.panel.name for one in readings})
+    panels = sorted({reading.read.panel.name for reading in readings})
     if len(panels) > 1:
         raise BadInputError(f"it saw several panels, {' and '.join(panels)}: show one screen to all cameras")
-    pages = Counter(one.read.turn.page for one in readings if one.read.turn is not None)
+    pages = Counter(reading.read.turn.page for reading in readings if reading.read.turn is not None)
     if not pages:
         raise BadInputError(NO_TURN)
     # A misread code passes its checksum once in 64 times.
@@ -64,20 +64,20 @@ def make_track(readings: Sequence[TrackReading], *, alike: float = 1.0) -> Panel
         )
     panel = readings[0].read.panel
     in_order = sorted(readings, key=lambda one: one.own_s)
-    own_s = np.array([one.own_s for one in in_order])
+    own_s = np.array([reading.own_s for reading in in_order])
     visit = np.concatenate([[0], np.cumsum(np.diff(own_s) > VISIT_GAP_S)])
-    found = [one.read.at_row(one.row) for one in in_order]
+    found = [reading.read.at_row(reading.row) for reading in in_order]
     shown_s = np.full(len(in_order), np.nan)
     for number in range(int(visit[-1]) + 1):
-        of = np.flatnonzero(visit == number)
+        members = np.flatnonzero(visit == number)
         turn_s = [
             in_order[k].read.turn.number * panel.cycle_ns / 1e9  # type: ignore[union-attr]
             if in_order[k].read.turn is not None and in_order[k].read.turn.page == page  # type: ignore[union-attr]
             else None
-            for k in of
+            for k in members
         ]
-        shown_s[of] = _unwrap(
-            own_s[of], np.array([found[k][0] for k in of]) / 1e9, turn_s, panel.cycle_ns / 1e9
+        shown_s[members] = _unwrap(
+            own_s[members], np.array([found[k][0] for k in members]) / 1e9, turn_s, panel.cycle_ns / 1e9
         )
     known = np.isfinite(shown_s)
     sd_s = np.array([error_ns for _, error_ns in found]) / SIGMAS_95 / 1e9

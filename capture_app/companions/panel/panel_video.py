@@ -94,11 +94,11 @@ def read_panel_video(path: Path) -> PanelTrack:
             where = f" in its first and last {EDGE_S:.0f} s, nor in key frames between"
             raise BadInputError(f"it sees no panel{where if tail_s > head_s else ''}")
         reasons = Counter[str]()
-        found = list(chain.from_iterable(_read_visit(video, of, reasons) for of in _visits(seen)))
-        if not found:
+        readings = list(chain.from_iterable(_read_visit(video, visit, reasons) for visit in _visits(seen)))
+        if not readings:
             reason, _ = reasons.most_common(1)[0]
             raise BadInputError(f"its panel at {seen[0]:.1f} s cannot be read: {reason}")
-        return make_track(found, alike=0.0)
+        return make_track(readings, alike=0.0)
 
 
 def _visits(seen_s: list[float]) -> list[tuple[float, float]]:

@@ -27,9 +27,9 @@ def apply_panel(session: Session, times: SessionTimes) -> dict[str, CameraTimes]
 def _track(times: SessionTimes, camera: str) -> PanelTrack | str:
     """Return a camera's readings, by the session's present times; or why they do not tell its time."""
     seen = [
-        TrackReading(one.stamp_ns / 1e9, one.reading, one.row)
-        for one in times.pictures
-        if one.image.camera == camera
+        TrackReading(picture.stamp_ns / 1e9, picture.reading, picture.row)
+        for picture in times.pictures
+        if picture.image.camera == camera
     ]
     try:
         return make_track(seen) if seen else "none of its images shows a readable panel"

@@ -58,7 +58,9 @@ def read_session(
     known = all(row_exposures(session.camera(image.camera), image) for image in images)
     true_times = session.true_times()
     truth = (
-        {} if true_times is None else {(one.camera, one.instant): one.true_ns for one in true_times.images}
+        {}
+        if true_times is None
+        else {(record.camera, record.instant): record.true_ns for record in true_times.images}
     )
     pictures: list[PictureTime] = []
     refusals: list[tuple[ImageRecord, str]] = []
@@ -97,9 +99,9 @@ def read_session(
     panels = [picture.reading.panel for picture in pictures]
     panel = max(panels, key=panels.count)
     refusals += [
-        (one.image, f"it shows another panel, {one.reading.panel.name}")
-        for one in pictures
-        if one.reading.panel != panel
+        (picture.image, f"it shows another panel, {picture.reading.panel.name}")
+        for picture in pictures
+        if picture.reading.panel != panel
     ]
     return SessionTimes(
         panel=panel,

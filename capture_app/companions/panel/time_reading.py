@@ -110,31 +110,31 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Hypothesis]:
     step_ns = model.panel.tick_ns / STEPS
     times_ns = np.asarray(np.arange(round(model.panel.cycle_ticks * STEPS)) * step_ns, float)
     groups = [_group_scores(model, number, times_ns) for number in np.unique(model.group)]
-    found = []
+    hypotheses = []
     for shutter in shutters:
         score: Floats = np.sum([scores(shutter) for scores in groups], axis=0)
         for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
-            found.append(Hypothesis(best * step_ns, shutter, float(score[best])))
+            hypotheses.append(Hypothesis(best * step_ns, shutter, float(score[best])))
             score[np.arange(best - STEPS, best + STEPS + 1) % len(score)] = -np.inf
-    return sorted(found, key=lambda one: -one.score)
+    return sorted(hypotheses, key=lambda one: -one.score)
 
 
 def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[[Shutter], Floats]:
     """Return a function from shutter to one lamp group's log-likelihood at each search time (ns)."""
-    of = model.group == number
+    members = model.group == number
     off, on = model.rough_fit
-    period_ns, lit_ns = float(model.period[of][0]), float(model.lit[of][0])
+    period_ns, lit_ns = float(model.period[members][0]), float(model.lit[members][0])
     bins = COUNT * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
     middles_ns = (np.arange(bins) + 0.5) * period_ns / bins
     bin_of = (times_ns / period_ns * bins).astype(int) % bins
 
     def scores(shutter: Shutter) -> Floats:
         """Return log-likelihoods of the times, each the maximum over itself and its neighbours."""
-        shares = model.shares(middles_ns, shutter, of, lines=slice(LINES // 2, LINES // 2 + 1))
-        variance = model.variance(shares, on, of)
-        residual = model.light[of] - off - on * shares
-        residual = np.where(model.saturated[of] & (residual < 0), 0.0, residual)
+        shares = model.shares(middles_ns, shutter, members, lines=slice(LINES // 2, LINES // 2 + 1))
+        variance = model.variance(shares, on, members)
+        residual = model.light[members] - off - on * shares
+        residual = np.where(model.saturated[members] & (residual < 0), 0.0, residual)
         score = -(3 * np.log1p(residual**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
         # The time grid is coarse: the true time may be at a neighbouring step.
         score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
@@ -183,13 +183,13 @@ def gather(
     Exposure and row time are free where requested.
     """
     tick_ns = model.panel.tick_ns
-    pool = [_refine(model, one, tick_ns, 25) for one in _pool(candidates)]
+    pool = [_refine(model, candidate, tick_ns, 25) for candidate in _pool(candidates)]
     chosen: list[Hypothesis] = []
     for one in sorted(pool, key=lambda one: -one.score):
         near = [n for n in chosen if abs(n.middle_ns - one.middle_ns) < tick_ns]
         if len(near) < 2 and len(chosen) < _REFINED:
             chosen.append(one)
-    refined = [_refine_shutter(model, one, frees_exposure, frees_row) for one in chosen]
+    refined = [_refine_shutter(model, other, frees_exposure, frees_row) for other in chosen]
     best, *rivals = sorted(refined, key=lambda one: -one.score)
     ranges = [_neighbourhood(model, best, frees_exposure, frees_row)]
     for one in rivals:
@@ -271,14 +271,14 @@ def _neighbourhood(model: LightModel, one: Hypothesis, frees_exposure: bool, fre
         scale = _likelihood_width(model, one, times, [(0.0, f) for f in _SPREADS])
         steps_ns = tuple(scale * _ROW_STEP_NS * steps)
     tones = _PLAIN if frees else TONES
-    found: dict[Shutter, Floats] = {}
+    likelihoods: dict[Shutter, Floats] = {}
     for shutter in _near(one.shutter, factors, steps_ns):
         of_responses = [
             TEMPER * model.fit(model.shares(times, shutter, response_ns=response_ns), on, tones)[0]
             for response_ns in (_RESPONSES_NS if model.panel.is_screen else (0.0,))
         ]
-        found[shutter] = np.logaddexp.reduce(of_responses, axis=0)
-    return times, found
+        likelihoods[shutter] = np.logaddexp.reduce(of_responses, axis=0)
+    return times, likelihoods
 
 
 def _likelihood_width(
@@ -340,48 +340,48 @@ def read_panel(
     PanelNotFoundError if no panel is visible, or if its time is unreadable or ambiguous.
     """
     grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
-    found = find_panel(grey)
-    model = LightModel(found, picture)
+    placed = find_panel(grey)
+    model = LightModel(placed, picture)
     _, on = model.rough_fit
     dark, bright = np.percentile(model.light, (20, 97))
     if bright - dark < _MIN_CONTRAST * model.noise + _MIN_LIGHT:
         raise PanelNotFoundError(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
-    candidates = search(model, possible_shutters(found.panel, exposure_ns, row_time_ns, longest))
+    candidates = search(model, possible_shutters(placed.panel, exposure_ns, row_time_ns, longest))
     best, ranges = gather(model, candidates, exposure_ns is None, row_time_ns is None)
     residual = model.fit(model.shares(np.array([best.middle_ns]), best.shutter), on)[1][0]
     wrong = float((np.abs(residual) > _OUTLIER_SIGMAS).mean())
     rms = float(np.sqrt(np.mean(np.minimum(residual**2, 25))))
-    if wrong > _MAX_OUTLIER_FRACTION or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
+    if wrong > _MAX_OUTLIER_FRACTION or rms > (_SCREEN_MAX_RMS if placed.panel.is_screen else _MAX_RMS):
         raise PanelNotFoundError(
-            f"its lamps do not fit {found.panel.name} at any time: is it that panel, are "
+            f"its lamps do not fit {placed.panel.name} at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"
         )
     middle_ns, posterior_ns = interval(ranges)
-    if found.panel.is_screen:
-        model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns
+    if placed.panel.is_screen:
+        model_ns = _SCREEN_MODEL_TICKS * placed.panel.tick_ns
     else:
-        partly_ns = min(best.shutter.exposure_ns, found.panel.tick_ns)
+        partly_ns = min(best.shutter.exposure_ns, placed.panel.tick_ns)
         # An error in a lamp's centre is an error in its row, and so in its time.
-        place = found.error if found.markers == 4 else found.error + _UNSEEN_BEND
-        place_ns = place * found.pitch_px * best.shutter.row_time_ns
+        place = placed.error if placed.markers == 4 else placed.error + _UNSEEN_BEND
+        place_ns = place * placed.pitch_px * best.shutter.row_time_ns
         model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_FRACTION * partly_ns, place_ns]))
     row_time_ns, row_time_error_ns = row_time(ranges[0][1])
     uncertainty_ns = float(np.hypot(posterior_ns, model_ns)) * max(1.0, rms)
-    if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:
+    if not placed.panel.is_screen and uncertainty_ns > _MAX_TICKS * placed.panel.tick_ns:
         raise PanelNotFoundError(
             f"its time is known to ±{duration(uncertainty_ns)} only: expose shorter, not whole "
             "turns of the panel"
         )
     return PanelTime(
-        found.panel,
-        middle_ns % found.panel.cycle_ns,
+        placed.panel,
+        middle_ns % placed.panel.cycle_ns,
         uncertainty_ns,
         model.row,
         Shutter(best.shutter.exposure_ns, row_time_ns),
         row_time_error_ns,
-        found.markers,
+        placed.markers,
         rms,
-        read_turn(found, grey),
+        read_turn(placed, grey),
     )

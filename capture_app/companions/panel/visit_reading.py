@@ -64,7 +64,7 @@ class Visit:
         """`alone` is a reading of one of the frames, right to a refresh."""
         self.frames = frames
         self.tick_ns = frames[0].model.panel.tick_ns
-        self.own_ns = np.array([one.own_s for one in frames]) * 1e9
+        self.own_ns = np.array([frame.own_s for frame in frames]) * 1e9
         self.middle_ns = float(self.own_ns.mean())
         self.base_ns = alone.read.at_row(alone.row)[0] + self.own_ns - alone.own_s * 1e9
         self.steps_ns = self._steps(ROUGH_STEPS)
@@ -128,8 +128,8 @@ def read_visit(
 
 def _look(own_s: float, image: Image) -> Frame:
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    found = find_panel(grey)
-    return Frame(own_s, LightModel(found, image), (image.shape[0] - 1) / 2, read_turn(found, grey))
+    placed = find_panel(grey)
+    return Frame(own_s, LightModel(placed, image), (image.shape[0] - 1) / 2, read_turn(placed, grey))
 
 
 def _search(visit: Visit, limits: Shutter) -> Mapping[Screening, Floats]:
@@ -160,8 +160,14 @@ def _score(
     known: Container[Screening] = (),
 ) -> dict[Screening, Floats]:
     """Return the lines' log-likelihoods for candidates (exposure, row time, response; ns) not yet known."""
-    chosen = {Screening(Shutter(float(one), float(row)), response) for one, row, response in candidates}
-    return {of: visit.line_scores(of) for of in sorted(chosen, key=str) if of not in known}
+    chosen = {
+        Screening(Shutter(float(exposure), float(row)), response) for exposure, row, response in candidates
+    }
+    return {
+        screening: visit.line_scores(screening)
+        for screening in sorted(chosen, key=str)
+        if screening not in known
+    }
 
 
 def _beside(response_ns: float) -> tuple[float, ...]:

@@ -10,7 +10,6 @@ import click
 from capture_app.commands.leader_choice import inviting_phones, leaders_to_join, pairing_options
 from capture_app.commands.shared_options import (
     leaders_option,
-    open_option,
     page_options,
     run_until_stopped,
     spool_option,
@@ -23,10 +22,10 @@ DEFAULT_PORT = 47011
 
 
 def _parse_size(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
-    if found is None:
+    match = re.fullmatch(r"(\d{2,5})x(\d{2,5})", text)
+    if match is None:
         raise ValueError(f"{text!r} is not WIDTHxHEIGHT")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
 @click.command(
@@ -47,7 +46,6 @@ def _parse_size(text: str) -> tuple[int, int]:
 )
 @spool_option
 @pairing_options
-@open_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 @json_option
 def phones(

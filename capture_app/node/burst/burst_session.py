@@ -103,7 +103,7 @@ class BurstSession:
         self._now_ns = 0
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
-        self._began_ns = min((of.heard_ns for of in self._deliveries.values()), default=0)
+        self._began_ns = min((delivery.heard_ns for delivery in self._deliveries.values()), default=0)
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
         self._committing = asyncio.Lock()
         self._plan: BurstPlan | None = writer.plan
@@ -196,7 +196,9 @@ class BurstSession:
         """
         done = self.finished.is_set()
         instants = self._recorded_instants
-        parts = {name: (len(of.instants), of.given_up) for name, of in self._deliveries.items()}
+        parts = {
+            name: (len(delivery.instants), delivery.given_up) for name, delivery in self._deliveries.items()
+        }
         parts |= {name: (0, why) for name, why in self._absent.items()}
         transfer = tuple(
             CameraTransfer(camera=name, received=received, expected=instants, problem=problem)
@@ -206,7 +208,11 @@ class BurstSession:
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None and not done:
-            arriving = sum(instants - len(of.instants) for of in self._deliveries.values() if of.streams)
+            arriving = sum(
+                instants - len(delivery.instants)
+                for delivery in self._deliveries.values()
+                if delivery.streams
+            )
             awaits = f"{arriving} arriving" if arriving else "waiting for images that its nodes still have"
             message = message or awaits
         if not self._is_of_this_run:
@@ -239,7 +245,9 @@ class BurstSession:
 
     def silent_cameras(self) -> set[str]:
         """Return the cameras that have delivered nothing and were given up because they were silent."""
-        return {name for name, of in self._deliveries.items() if of.silent and not of.instants}
+        return {
+            name for name, delivery in self._deliveries.items() if delivery.silent and not delivery.instants
+        }
 
     def is_empty(self) -> bool:
         """Return whether no image has arrived yet."""
@@ -253,7 +261,7 @@ class BurstSession:
         if not self.burst.streamed or now_ns < self.burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS:
             return False
         return self._is_of_this_run and any(
-            of.plan.picking and not of.given_up for of in self._deliveries.values()
+            delivery.plan.picking and not delivery.given_up for delivery in self._deliveries.values()
         )
 
     # Incoming reports and images
@@ -345,7 +353,7 @@ class BurstSession:
         that its session has.
         """
         delivery, facts = self._delivery(batch.camera), self._delivery(batch.camera).plan.camera.facts
-        if len({(of.leader, of.burst, of.record.camera) for of in batch.images}) > 1:
+        if len({(image.leader, image.burst, image.record.camera) for image in batch.images}) > 1:
             raise BadInputError(f"{batch.camera} sent images of several bursts in one message")
         ordered = [image.record.instant for image in batch.images]
         batch = ImageBatch(images=tuple([await self._expected(image) for image in batch.images]))
@@ -356,7 +364,7 @@ class BurstSession:
             for instant in error.instants:
                 delivery.note_damaged(ordered[numbers.index(instant)], error.what)
             raise DamagedImageError(
-                error.what, instants=tuple(ordered[numbers.index(of)] for of in error.instants)
+                error.what, instants=tuple(ordered[numbers.index(number)] for number in error.instants)
             ) from None
         except DiskError as error:
             self._background.start(self._break_off(error))
@@ -561,13 +569,13 @@ class BurstSession:
         their frames when it is back.
         """
         deliveries = self._deliveries.values()
-        silent = [of for of in deliveries if of.silent]
+        silent = [delivery for delivery in deliveries if delivery.silent]
         # One that was finished before is only opened for what its cameras bring.
         if not self.burst.streamed or self.session is not None or self.is_closing or not silent:
             return []
         waits_ns = AFTER_LAST_INSTANT_NS + CAMERA_DISCONNECTED_NS if len(silent) == len(deliveries) else 0
-        until_ns = max(of.heard_ns for of in silent) + ALL_DISCONNECTED_NS
-        is_open = all(of.is_complete(self._choice) for of in deliveries)
+        until_ns = max(delivery.heard_ns for delivery in silent) + ALL_DISCONNECTED_NS
+        is_open = all(delivery.is_complete(self._choice) for delivery in deliveries)
         return silent if is_open and self._now_ns < min(self._ends_ns + waits_ns, until_ns) else []
 
     def _finish(self) -> Path | None:
@@ -583,20 +591,24 @@ class BurstSession:
                     self.burst, instants_ns=self.burst.instants_ns[: max(1, self._recorded_instants)]
                 )
             )
-        missing = [gap for of in deliveries for gap in of.missing_images(choice, self._lost or {})]
+        missing = [
+            gap for delivery in deliveries for gap in delivery.missing_images(choice, self._lost or {})
+        ]
         burst = choice.record(self._reported_plans, self._absent)
         self.message = result_text(burst, missing)
-        if self.is_empty() and self._lost is None and not any(of.silent for of in deliveries):
+        if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):
             writer.discard()
             self.message = f"no image arrived, so no session was made; {self.message}"
             return None
-        plans = {of.name: of.plan for of in deliveries}
-        calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
+        plans = {delivery.name: delivery.plan for delivery in deliveries}
+        calibrated = {name: plan.calibration for name, plan in plans.items() if plan.calibration is not None}
         if calibrated:
             writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-        writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
+        writer.images.clocks = {
+            n: plan.true_clock for n, plan in plans.items() if plan.true_clock is not None
+        }
         return writer.finish(
-            [of.camera for of in plans.values()],
+            [plan.camera for plan in plans.values()],
             burst,
             missing,
             "simulated" if writer.knows_true_times else "captured",
@@ -611,7 +623,11 @@ class BurstSession:
         """Length in instants: of a recording, or what was broken off, as many as any camera has taken."""
         if not self.burst.video and self._broken_off is None:
             return self.burst.frames
-        ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
+        ends = [
+            n
+            for delivery in self._deliveries.values()
+            for n in (delivery.plan.picked or 0, delivery.instants.end)
+        ]
         return min(self.burst.frames, max(self._broken_off or 0, *ends))
 
     def _passed(self, now_ns: int) -> int:
@@ -656,12 +672,16 @@ class BurstSession:
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
         if awaited := self._awaited:
-            names = ", ".join(sorted(of.name for of in awaited))
+            names = ", ".join(sorted(delivery.name for delivery in awaited))
             whom = "all cameras" if len(awaited) == len(self._deliveries) else names
-            silent_s = (self._now_ns - max(of.heard_ns for of in awaited)) // 10**9
+            silent_s = (self._now_ns - max(delivery.heard_ns for delivery in awaited)) // 10**9
             return f"waiting for {whom}, {silent_s} s; they keep their pictures"
-        late = [of for _, of in sorted(self._deliveries.items()) if not of.is_complete(self._choice)]
-        unreported = [of.name for of in late if not of.reported_plan]
+        late = [
+            delivery
+            for _, delivery in sorted(self._deliveries.items())
+            if not delivery.is_complete(self._choice)
+        ]
+        unreported = [delivery.name for delivery in late if not delivery.reported_plan]
         if unreported and not self._choice.committed.is_set() and len(unreported) < len(self._deliveries):
             return f"waiting to hear from {', '.join(unreported)}"
         # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.

@@ -177,7 +177,9 @@ class Intake:
                         continue
                     if (error := error_of[batch.camera]) is not None:
                         saved.set_exception(error)
-                    elif all(self._writer.has(of.record.camera, of.record.instant) for of in batch.images):
+                    elif all(
+                        self._writer.has(image.record.camera, image.record.instant) for image in batch.images
+                    ):
                         saved.set_result(batch.sha256)
                     else:
                         # An earlier sync, which failed, took them with it before this one began.

@@ -127,7 +127,7 @@ class InstantChoice:
         if not self._burst.spare:
             return ()
         chosen = self.chosen or (0,)
-        gaps = [gap for _, of in sorted(reports.items()) if of is not None for gap in of.missing]
+        gaps = [gap for _, report in sorted(reports.items()) if report is not None for gap in report.missing]
         return tuple(
             SkippedInstant(
                 leader_ns=self._burst.instants_ns[instant],
@@ -173,8 +173,8 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
             run.first < end for run, end in zip(runs, run_ends, strict=False)
         ),
     }
-    if found := [problem for problem, is_so in problems.items() if is_so]:
-        raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {found[0]}")
+    if reasons := [problem for problem, is_so in problems.items() if is_so]:
+        raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {reasons[0]}")
     if plan.calibration is not None:
         check_lens(f"the calibration of {name}", plan.calibration)
 

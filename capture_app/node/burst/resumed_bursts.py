@@ -111,7 +111,9 @@ class ResumedBursts:
         if not all(session.image_file(record).is_file() for record in records):
             return None
         return ReportAck(
-            receipts=tuple(ImageReceipt(instant=chosen[of.instant], sha256=of.sha256) for of in records),
+            receipts=tuple(
+                ImageReceipt(instant=chosen[record.instant], sha256=record.sha256) for record in records
+            ),
             requested=tuple(chosen) if plan.spare else None,
             end=end,
         )
@@ -147,7 +149,7 @@ class ResumedBursts:
         session = await asyncio.to_thread(
             BurstSession.resume, folder, heard_ns, self._disk, is_of_this_run=key[0] == self._run
         )
-        self._open = {of: other for of, other in self._open.items() if not other.finished.is_set()}
+        self._open = {burst: other for burst, other in self._open.items() if not other.finished.is_set()}
         self._open[key] = session
         self._on_resumed(session)
         return session

@@ -32,7 +32,6 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import (
-    JOURNAL,
     MAX_WIDENED,
     ImageRecord,
     MissingImage,
@@ -91,13 +90,8 @@ class SpoolFolder:
     def read_report(self) -> CameraReport:
         """Read the stored report.
 
-        Raises BadInputError if it is missing or damaged, or if another version of the node wrote the burst.
+        Raises BadInputError if it is missing or damaged.
         """
-        if (self.folder / JOURNAL).exists():
-            raise BadInputError(
-                f"{self.folder} has images of an earlier version of simulshot",
-                hint="deliver them with that version, or copy the image files by hand and delete the folder",
-            )
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report
@@ -134,8 +128,8 @@ class Spool:
             make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
             folders = list(self.folder.iterdir())
-            found = [folder for folder in folders if (folder / REPORT).is_file()]
-            for folder in (folder for folder in folders if folder not in found):
+            bursts = [folder for folder in folders if (folder / REPORT).is_file()]
+            for folder in (folder for folder in folders if folder not in bursts):
                 # The node was stopped while it made or removed the folder. One with images stays.
                 with suppress(OSError):
                     (folder / f"{REPORT}{PART}").unlink(missing_ok=True)
@@ -148,7 +142,7 @@ class Spool:
             raise BadInputError(
                 f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
             ) from error
-        return [SpoolFolder(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
+        return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
 
     def create_burst(self, report: CameraReport) -> SpoolFolder:
         """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.
@@ -309,7 +303,17 @@ class Upload:
             here |= {*plan.instants}
         missing = tuple(gap for gap in plan.missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
-        return cls(report, images=images, spooled=spooled)
+        return cls(report, images=images, spooled=spooled, ended=True, end_is_stored=True)
+
+    def continue_from(self, left: "Upload") -> None:
+        """Take over what an earlier run of the node has left of the same streamed burst."""
+        self.images, self.spooled, self.disputed = left.images, left.spooled, left.disputed
+        self.is_doubted = True
+
+    @property
+    def is_left(self) -> bool:
+        """Whether an earlier run of the node left it in the spool."""
+        return self.ended and not self.streamed
 
     @property
     def is_picking(self) -> bool:
@@ -365,7 +369,7 @@ class Upload:
 
         Frames of a streamed burst that do not fit into memory are missing.
         """
-        if not self.streamed and (self.is_committed or self.is_over):
+        if self.ended or (not self.streamed and (self.is_committed or self.is_over)):
             return
         for gap in picked.gaps:
             self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
@@ -384,7 +388,7 @@ class Upload:
             else:
                 held_bytes += frame.frame.picture.held_bytes
                 self.frames.append(frame)
-        if picked.ended and not self.ended:
+        if picked.ended:
             self.ended = True
             self.report = replace(self.report)
 

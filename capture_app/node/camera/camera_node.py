@@ -64,9 +64,9 @@ class CameraNode:
         with contextlib.nullcontext() if spool is None else contextlib.closing(spool):
             await asyncio.to_thread(self._uploader.load_spool)
             options.trust.client_context()
-            found = [await resolve(leader) for leader in options.leaders]
-            family = found[0][0]
-            if any(other != family for other, _ in found):
+            addresses = [await resolve(leader) for leader in options.leaders]
+            family = addresses[0][0]
+            if any(other != family for other, _ in addresses):
                 raise NetworkError(
                     f"{' and '.join(map(str, options.leaders))} mix IPv4 and IPv6",
                     hint="give all of them as IPv4, or all as IPv6",
@@ -74,7 +74,7 @@ class CameraNode:
             self._camera = CameraSupervisor(options)
             await self._camera.open()
             try:
-                self._prepare(instance, tuple(peer for _, peer in found))
+                self._prepare(instance, tuple(peer for _, peer in addresses))
                 await self._take_part(client_socket(family))
             finally:
                 await self._camera.camera.stop()

@@ -101,13 +101,13 @@ class SpooledFilm:
 
     def read(self, frames: Sequence[ImageUpload]) -> list[bytes | None]:
         """Return the bytes of each frame; None if the film does not have all of them. Raises DiskError."""
-        found: list[bytes | None] = []
+        images: list[bytes | None] = []
         handles: dict[Segment, int] = {}
         try:
             with disk_errors(self._folder):
                 for frame in frames:
                     if (place := self._places.get(frame.record.instant)) is None:
-                        found.append(None)
+                        images.append(None)
                         continue
                     segment, offset = place
                     try:
@@ -116,11 +116,11 @@ class SpooledFilm:
                         data = os.pread(handles[segment], frame.bytes, offset)
                     except FileNotFoundError:
                         data = b""
-                    found.append(data if len(data) == frame.bytes else None)
+                    images.append(data if len(data) == frame.bytes else None)
         finally:
             for handle in handles.values():
                 os.close(handle)
-        return found
+        return images
 
     def release(self, instants: Collection[int]) -> list[Path]:
         """Forget frames that the leader has; return the files that nothing needs any more."""

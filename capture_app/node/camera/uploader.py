@@ -120,7 +120,7 @@ class Sender:
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
                 return ended, Refusal(what=what) if disputed and not ended.is_over else None
-            if unreported := next((of for of in self._waiting if of.must_be_reported(now())), None):
+            if unreported := next((image for image in self._waiting if image.must_be_reported(now())), None):
                 refused = await self._take_all_answers() or await self._report_burst(unreported)
             elif (unsent := self._next_unsent()) is not None:
                 refused = await self._send_images(*unsent)
@@ -141,7 +141,7 @@ class Sender:
 
     async def _wait_for_work(self, now_s: float) -> None:
         """Wait until something has changed, or the leader is to be asked again about a burst."""
-        due_s = min((of.due_s for of in self._waiting if not of.is_committed), default=None)
+        due_s = min((image.due_s for image in self._waiting if not image.is_committed), default=None)
         if due_s is None:
             await self._changed.wait()
         else:
@@ -162,7 +162,9 @@ class Sender:
 
         Drop images that the leader does not need or has already.
         """
-        report, first = burst.current_report(burst.encoded), burst.reported is None
+        # Without those to be encoded, a burst that has ended would seem complete.
+        waiting = (*burst.encoded, *(frame.instant for frame in burst.frames))
+        report, first = burst.current_report(waiting), burst.reported is None
         burst.reported = burst.report
         answer = self._proven(await self.ask(report if first else replace(report, events=())), burst)
         if isinstance(answer, Refusal):
@@ -343,7 +345,19 @@ class Uploader:
                     spooled.remove()
 
     def add_burst(self, burst: Upload) -> None:
-        """Add a burst; the oldest one is given up when too many wait for a lost leader."""
+        """Add a burst; the oldest one is given up when too many wait for a lost leader.
+
+        Of what an earlier run of the node began, a streamed burst goes on; another one stays as it was.
+        """
+        for left in self._uploads_of(burst.report.leader, burst.report.burst):
+            if not left.is_left:
+                continue
+            if not burst.streamed:
+                return
+            burst.continue_from(left)
+            for bursts in (self._waiting, self._refused):
+                with contextlib.suppress(ValueError):
+                    bursts.remove(left)
         self._waiting.append(burst)
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
@@ -473,7 +487,9 @@ class Uploader:
         """Sync the spool for all images that were written during the previous sync."""
         now = asyncio.get_running_loop().time
         while True:
-            await has_come(self._to_sync, UNSYNCED_S if any(of.unsynced for of in self._bursts) else None)
+            await has_come(
+                self._to_sync, UNSYNCED_S if any(upload.unsynced for upload in self._bursts) else None
+            )
             self._to_sync.clear()
             for burst in self._bursts:
                 images, spooled = dict(burst.unsynced), burst.spooled
@@ -562,4 +578,8 @@ class Uploader:
             await asyncio.to_thread(self.spool.remove, burst.spooled)
 
     def _uploads_of(self, leader: int, burst: int) -> list[Upload]:
-        return [one for one in self._bursts if one.report.leader == leader and one.report.burst == burst]
+        return [
+            upload
+            for upload in self._bursts
+            if upload.report.leader == leader and upload.report.burst == burst
+        ]

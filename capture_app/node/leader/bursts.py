@@ -281,16 +281,18 @@ class ActiveBursts:
         A name that never reported a frame was not one of its cameras.
         """
         now_ns, members = self.now_ns(), self._engine.roster.by_name()
+        # A camera that has joined again takes part only once it has answered the welcome.
+        here = {camera.name for camera in self._engine.roster.cameras()}
         absent: dict[str, str] = {}
         if now_ns < self._awaited_until_ns:
-            # A camera that has joined again takes part only once it has answered the welcome.
-            awaited = {*self._options.awaited} - {camera.name for camera in self._engine.roster.cameras()}
-            absent = dict.fromkeys(sorted(awaited), "it has not come back since the leader was lost")
-        return absent | {
-            member.name: f"lost {(now_ns - member.last_heard_ns) // 10**9} s before"
-            for member in members
-            if member.lost not in ("", LEFT) and member.camera.kind not in WITHOUT_CAMERA and member.has_taken
-        }
+            awaited = sorted({*self._options.awaited} - here)
+            absent = dict.fromkeys(awaited, "it has not come back since the leader was lost")
+        for member in members:
+            is_camera = member.camera.kind not in WITHOUT_CAMERA and member.has_taken
+            if is_camera and member.name not in here and member.lost != LEFT:
+                lost_s = (now_ns - member.last_heard_ns) // 10**9
+                absent[member.name] = f"lost {lost_s} s before" if member.lost else "it is joining again"
+        return absent
 
     @property
     def ahead(self) -> tuple[BurstStatus, ...]:
@@ -298,16 +300,16 @@ class ActiveBursts:
         soon_ns = self.now_ns() + SOON_NS
         return tuple(
             BurstStatus(
-                burst=of.burst.number,
-                name=of.status.name,
-                cameras=len(of.burst.clients),
-                instants=of.burst.frames,
+                burst=burst.burst.number,
+                name=burst.status.name,
+                cameras=len(burst.burst.clients),
+                instants=burst.burst.frames,
                 received=0,
-                expected=of.burst.frames * len(of.burst.clients),
-                first_leader_ns=of.burst.instants_ns[0],
+                expected=burst.burst.frames * len(burst.burst.clients),
+                first_leader_ns=burst.burst.instants_ns[0],
             )
-            for of in self._bursts.values()
-            if not of.finished.is_set() and of.burst.instants_ns[0] > soon_ns
+            for burst in self._bursts.values()
+            if not burst.finished.is_set() and burst.burst.instants_ns[0] > soon_ns
         )
 
     def _check_number(self, at_leader_ns: int | None) -> None:
@@ -319,7 +321,10 @@ class ActiveBursts:
                 f"{len(ahead)} bursts are ordered ahead already: {', '.join(map(str, ahead))}",
                 hint="wait for them, or cancel one: capture-app burst --cancel BURST",
             )
-        if sum(not of.finished.is_set() for of in self._bursts.values()) - len(ahead) >= MAX_OPEN_BURSTS:
+        if (
+            sum(not burst.finished.is_set() for burst in self._bursts.values()) - len(ahead)
+            >= MAX_OPEN_BURSTS
+        ):
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are saved"
             )
@@ -346,12 +351,12 @@ class ActiveBursts:
 
         A burst that is over already stays as it is: its operator learns of that only afterwards.
         """
-        under_way = [of for of in self._bursts.values() if not of.finished.is_set()]
-        numbers = {of.burst.number for of in under_way}
+        under_way = [burst for burst in self._bursts.values() if not burst.finished.is_set()]
+        numbers = {take.burst.number for take in under_way}
         if number is not None and 0 < number <= self._last_number and number not in numbers:
             return
-        found = [of for of in under_way if of.burst.streamed and number in (None, of.burst.number)]
-        earlier = [of.status.name for of in self.resumed.sessions() if of.burst.streamed]
+        found = [take for take in under_way if take.burst.streamed and number in (None, take.burst.number)]
+        earlier = [session.status.name for session in self.resumed.sessions() if session.burst.streamed]
         if not found and not number and earlier:
             raise BadInputError(
                 f"{earlier[-1]} was begun before the leader was restarted, and goes on to its ordered end",
@@ -391,11 +396,11 @@ class ActiveBursts:
         Raises BadInputError for a text that a mark cannot have, DiskError.
         """
         check_mark_text(mark.text)
-        takes = [of for of in self._bursts.values() if of.contains(mark.leader_ns)]
+        takes = [burst for burst in self._bursts.values() if burst.contains(mark.leader_ns)]
         for session in takes:
             await session.place_mark(mark)
         if takes:
-            return MarkPlaced(sessions=tuple(of.folder.name for of in takes))
+            return MarkPlaced(sessions=tuple(take.folder.name for take in takes))
         file = self._options.sessions / RIG_MARKS
         await asyncio.to_thread(append_mark, file, mark)
         return MarkPlaced(sessions=(), file=str(file))

@@ -71,7 +71,11 @@ class CameraSettings:
         here = set(self._viewfinders.health) - {camera}
         for control in Control:
             own, mine = self._held.get(camera, {}).get(control), state.state(control)
-            others = {of[control] for name, of in self._held.items() if name in here and control in of}
+            others = {
+                settings[control]
+                for name, settings in self._held.items()
+                if name in here and control in settings
+            }
             setting = own or (others.pop() if len(others) == 1 else None)
             if setting is not None and mine is None:
                 self._log.say(f"{camera}: its {control} cannot be controlled, as the other cameras' can")

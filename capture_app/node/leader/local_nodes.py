@@ -26,10 +26,10 @@ from capture_app.trust.trust import Trust
 class LocalPhones:
     """Server for phones, started with the first invitation and restarted by the next if it has ended."""
 
-    def __init__(self, leader: Address, spool: Path, host: str, log: Log, options: Sequence[str]) -> None:
-        """`host` is this machine's address for phones, `options` apply to each process."""
+    def __init__(self, leader: Address, spool: Path, host: str, log: Log, trust: Trust) -> None:
+        """`host` is this machine's address for phones, `trust` applies to the process."""
         self._leader, self._spool, self._host, self._event_log = leader, spool, host, log
-        self._options = options
+        self._trust = trust
         self._child: Child | None = None
         self._reading: asyncio.Task[None] | None = None
         self._invited: tuple[PhoneInvited, float] | None = None
@@ -59,8 +59,10 @@ class LocalPhones:
         self._invited = None
         self._log_came.clear()
         arguments = ("capture_app.cli", "phones", "--until-eof", "--json", "--host", self._host)
-        where = ("--leader", str(self._leader), "--spool", str(self._spool), *self._options)
-        self._child = await Child.start("the phone server", (*arguments, *where))
+        where = ("--leader", str(self._leader), "--spool", str(self._spool))
+        self._child = await Child.start(
+            "the phone server", (*arguments, *where), variables=self._trust.variables
+        )
         self._reading = asyncio.create_task(self._read(self._child))
         if await has_come(self._log_came, PHONES_START_TIMEOUT_S) and self._invited is None:
             await self._child.process.wait()
@@ -106,9 +108,9 @@ class LocalNodes:
         `host` is this machine's address for phones, `trust` applies to all processes, by default their
         user's.
         """
-        self._options = (trust or Trust.of_user()).options
+        self._trust = trust or Trust.of_user()
         self._leader, self._spool, self._event_log = leader, spool, log or Log()
-        self.phones = LocalPhones(leader, spool, host or leader.host, self._event_log, self._options)
+        self.phones = LocalPhones(leader, spool, host or leader.host, self._event_log, self._trust)
         """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
@@ -206,10 +208,9 @@ class LocalNodes:
         arguments = [
             *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
             *("--spool", str(spool), "--leader", str(self._leader), "--clock", clock),
-            *self._options,
             *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
-        child = self._children[name] = await Child.start(name, arguments)
+        child = self._children[name] = await Child.start(name, arguments, variables=self._trust.variables)
         self._watching[name] = asyncio.create_task(self._watch(name, child, arguments))
         return child
 
@@ -230,7 +231,7 @@ class LocalNodes:
                 del self._children[name], self._watching[name]
                 return
             await asyncio.sleep(delay_s)
-            child = self._children[name] = await Child.start(name, arguments)
+            child = self._children[name] = await Child.start(name, arguments, variables=self._trust.variables)
 
 
 def _free_spool(spool: Path, camera: str) -> Path:

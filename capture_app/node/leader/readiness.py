@@ -126,14 +126,18 @@ def check_room(
     disk, and those without room in their spool. Raises DiskFullError where that concerns most machines.
     """
     needed = {
-        one.name: int(MARGIN * frames * (known.get(one.name) or _guessed_bytes(one.camera)))
-        for one in cameras
+        camera.name: int(MARGIN * frames * (known.get(camera.name) or _guessed_bytes(camera.camera)))
+        for camera in cameras
     }
     free = free_bytes(root)
     # What a machine only claims takes no room from what others are known to need.
-    without, left = _over_share([one for one in cameras if one.name in known], needed, free - SPARE_BYTES)
-    without |= _over_share([one for one in cameras if one.name not in known], needed, left)[0]
-    if 2 * len({_machine(one) for one in cameras if one.name in without}) > len({*map(_machine, cameras)}):
+    without, left = _over_share(
+        [camera for camera in cameras if camera.name in known], needed, free - SPARE_BYTES
+    )
+    without |= _over_share([camera for camera in cameras if camera.name not in known], needed, left)[0]
+    if 2 * len({_machine(camera) for camera in cameras if camera.name in without}) > len(
+        {*map(_machine, cameras)}
+    ):
         raise DiskFullError(
             f"the burst may need {megabytes(sum(needed.values()) + SPARE_BYTES)}"
             f" and {root} has {megabytes(free)} free",
@@ -209,7 +213,7 @@ def rig_advice(
     facts = {member.name: member.camera for member in cameras}
     if unsure := unmeasured_stamps(facts):
         sure += f"; {unsure}"
-    elif stamps_ns := max(one.stamp_accuracy.uncertainty_ns for one in facts.values()):
+    elif stamps_ns := max(camera_facts.stamp_accuracy.uncertainty_ns for camera_facts in facts.values()):
         sure += f", timestamp error ≤ {duration(stamps_ns)}"
     return f"{count(len(cameras), 'camera')} ready{sure}"
 

@@ -168,7 +168,9 @@ class LeaderService:
                 if channel.who.is_unknown:
                     return  # it has its answer, and must not occupy the port
         finally:
-            self._speaking = {name: one for name, one in self._speaking.items() if one is not channel}
+            self._speaking = {
+                name: speaker for name, speaker in self._speaking.items() if speaker is not channel
+            }
             await answers.close()
             for (_, _, camera), session in working_on.items():
                 session.stream_closed(camera, self._bursts.now_ns())

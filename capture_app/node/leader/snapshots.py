@@ -78,7 +78,7 @@ def page_of(members: tuple[Member, ...], after: str, max_nodes: int) -> tuple[tu
     page, further = rest[:max_nodes], rest[max_nodes:]
     words = ", ".join(
         f"{number} {state}"
-        for state, number in sorted(Counter(str(one.report.state) for one in further).items())
+        for state, number in sorted(Counter(str(camera.report.state) for camera in further).items())
     )
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""
     return page, len(further), text

@@ -148,7 +148,9 @@ class RankedLeader(Endpoint):
             with contextlib.suppress(SimulshotError):
                 async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
                     rig = await ask_all_nodes(channel)
-                self.cameras = tuple(one.name for one in rig.cameras if one.state is not NodeState.LOST)
+                self.cameras = tuple(
+                    camera.name for camera in rig.cameras if camera.state is not NodeState.LOST
+                )
 
 
 async def lead_by_rank(
@@ -166,18 +168,18 @@ async def lead_by_rank(
         async with await LeaderNode.start(options) as node:
             await lead(node)
         return
-    found = [await resolve(leader) for leader in leaders]
-    family = found[0][0]
+    addresses = [await resolve(leader) for leader in leaders]
+    family = addresses[0][0]
     own = {*own_hosts(family), options.host}
     ranks = [
         rank
-        for rank, (_, (host, port)) in enumerate(found)
+        for rank, (_, (host, port)) in enumerate(addresses)
         if port == options.port and (host in own or ipaddress.ip_address(host).is_loopback)
     ]
-    if len(ranks) != 1 or any(one != family for one, _ in found):
+    if len(ranks) != 1 or any(address != family for address, _ in addresses):
         raise BadInputError(
             f"of {', '.join(map(str, leaders))} one must be this machine's, on port {options.port}",
             hint="give each of them the same list of all leaders, preferred first",
         )
-    others = tuple(Address(*peer) for rank, (_, peer) in enumerate(found) if rank != ranks[0])
+    others = tuple(Address(*peer) for rank, (_, peer) in enumerate(addresses) if rank != ranks[0])
     await RankedLeader(make_options, lead, others, ranks[0]).run(client_socket(family))

@@ -55,7 +55,7 @@ class _Stream:
     @property
     def bytes_in_memory(self) -> int:
         """Size of its previews, stored and arriving."""
-        return self.arriving_bytes + sum(len(one.jpeg) for one in self.pictures)
+        return self.arriving_bytes + sum(len(picture.jpeg) for picture in self.pictures)
 
     async def read(self, preview: Preview, of_others: int) -> None:
         """Read its next preview and store it, if an operator watches and it is not too large.
@@ -96,13 +96,13 @@ class Viewfinders:
                     case CameraHealth():
                         stream.health = message
                     case Preview(camera=camera) if camera == name:
-                        others = (one for one in self._streams.values() if one is not stream)
+                        others = (other for other in self._streams.values() if other is not stream)
                         await stream.read(
                             message,
                             sum(
-                                one.bytes_in_memory
-                                for one in others
-                                if one.channel.machine == channel.machine
+                                other.bytes_in_memory
+                                for other in others
+                                if other.channel.machine == channel.machine
                             ),
                         )
                         # Its node waits for this, also if nobody has watched since it sent the preview.
@@ -183,16 +183,23 @@ def newest_instant(stored: Sequence[Sequence[Preview]]) -> list[Preview]:
     none as new as the `STORED` ones of another: it does not hold up the others. If all cameras skip different
     instants, they are all shown so.
     """
-    shown = [{one.instant_ns: one for one in previews if one.instant_ns is not None} for previews in stored]
-    since_ns = max((min(of) for of in shown if len(of) == STORED), default=-inf)
-    together = [of for of in shown if of and max(of) >= since_ns]
+    shown = [
+        {preview.instant_ns: preview for preview in previews if preview.instant_ns is not None}
+        for previews in stored
+    ]
+    since_ns = max(
+        (min(previews_there) for previews_there in shown if len(previews_there) == STORED), default=-inf
+    )
+    together = [
+        previews_there for previews_there in shown if previews_there and max(previews_there) >= since_ns
+    ]
     common = set[int].intersection(*map(set, together)) if together else set()
-    if not common and all(len(of) == STORED for of in together):
+    if not common and all(len(instant_ns) == STORED for instant_ns in together):
         together = []
     single = [previews[-1] for previews, of in zip(stored, shown, strict=True) if of not in together]
     if not common:
         return single
-    *others, last = (of[max(common)] for of in together)
+    *others, last = (instant_ns[max(common)] for instant_ns in together)
     return [*single, *others, replace(last, completes=True)]
 
 

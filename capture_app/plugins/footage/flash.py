@@ -117,9 +117,9 @@ class Lights:
         tops = np.quantile(rises, 0.95, axis=1)
         min_rise = max(MIN_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
         lit = np.array([frame for frame in np.flatnonzero(tops > min_rise) if frame not in changed], np.intp)
-        found = [self._lamp(frame) for frame in lamps]
-        found += [flash for group in _runs(lit) if (flash := self._flash(rises, group)) is not None]
-        return sorted(found, key=lambda one: one.rough_s)
+        flashes = [self._lamp(frame) for frame in lamps]
+        flashes += [flash for group in _runs(lit) if (flash := self._flash(rises, group)) is not None]
+        return sorted(flashes, key=lambda one: one.rough_s)
 
     def _lamps(self) -> list[int]:
         """Return the frames where a lamp is switched: brightness steady before and after, at two levels."""
@@ -130,8 +130,8 @@ class Lights:
         levels = np.median(before, 1), np.median(after, 1)
         change = np.abs(levels[1] - levels[0])
         steady = np.maximum(np.ptp(before, 1), np.ptp(after, 1)) < STEADY * change
-        found = frames[steady & (change > MIN_STEP * (np.minimum(*levels) + 8))]
-        return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in _runs(found)]
+        jumps = frames[steady & (change > MIN_STEP * (np.minimum(*levels) + 8))]
+        return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in _runs(jumps)]
 
     def _lamp(self, frame: int) -> Flash:
         """Return a lamp's change near a frame, at the row that received half of the light."""
@@ -206,7 +206,7 @@ def read_lights(path: Path) -> Lights:
 
     Raises BadInputError with a short reason if there is none.
     """
-    found: list[tuple[float, Array]] = []
+    lamps: list[tuple[float, Array]] = []
     why = "it has no pictures"
     try:
         with open_container(path) as (_, container):
@@ -217,13 +217,13 @@ def read_lights(path: Path) -> Lights:
                     small = frame.reformat(
                         COLUMNS, min(BANDS, frame.height), format="gray", interpolation="AREA"
                     )
-                    found.append((float(frame.pts * frame.time_base), small.to_ndarray().mean(1)))
+                    lamps.append((float(frame.pts * frame.time_base), small.to_ndarray().mean(1)))
     except BadInputError as error:
         why = error.what
-    if not found:
+    if not lamps:
         raise BadInputError(why)
-    found.sort(key=lambda one: one[0])
-    return Lights(np.array([at for at, _ in found]), np.stack([bands for _, bands in found]))
+    lamps.sort(key=lambda one: one[0])
+    return Lights(np.array([at for at, _ in lamps]), np.stack([bands for _, bands in lamps]))
 
 
 Pair = tuple[Flash, Flash]
@@ -233,8 +233,8 @@ Range = tuple[float, float]
 def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
     """Return the camera's times against the reference's; without an offset, the reason."""
     seen = reference.flashes(), camera.flashes()
-    for name, of in zip(("the reference", "it"), seen, strict=True):
-        if not of:
+    for name, flashes in zip(("the reference", "it"), seen, strict=True):
+        if not flashes:
             return CameraTimes(reason=f"{name} saw no flash, nor a lamp that went on or off")
     periods = reference.period_s, camera.period_s
     best: CameraTimes | None = None
@@ -244,11 +244,11 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
             break
         # All pairs, or all but one: that pair may be two flashes that merged.
         others = [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs)) if len(pairs) > MIN_MATCHES]
-        found = next(filter(None, (_fit(choice, *periods) for choice in (pairs, *others))), None)
-        if found is not None and best is not None:
+        fit = next(filter(None, (_fit(choice, *periods) for choice in (pairs, *others))), None)
+        if fit is not None and best is not None:
             return CameraTimes(reason="the flashes they saw fit at several offsets")
-        if found is not None:
-            best, max_pairs = found, len(pairs)
+        if fit is not None:
+            best, max_pairs = fit, len(pairs)
     return best or CameraTimes(reason="the flashes they saw fit at no offset")
 
 
@@ -257,8 +257,8 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
     near_s = NEAR_FRAMES * period_s
     min_matches = min(MIN_MATCHES, len(seen), len(others))
     groups: list[tuple[float, list[Pair]]] = []
-    for one, other in product(seen, others):
-        offset_s = one.rough_s - other.rough_s
+    for first, other in product(seen, others):
+        offset_s = first.rough_s - other.rough_s
         pairs = []
         for flash in others:
             nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
@@ -282,7 +282,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
     at = np.array([other.rough_s for _, other in pairs])
     epoch = float(at.mean())
     for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S, 8 * EDGE_S):
-        reference_moments = _moments([one for one, _ in pairs], reference_s, tolerance)
+        reference_moments = _moments([pair for pair, _ in pairs], reference_s, tolerance)
         camera_moments = _moments([other for _, other in pairs], camera_s, tolerance)
         # Minimum and maximum offset for every combination of both cameras' readout and exposure times.
         lowest = (reference_moments[:, None, :, 0] - camera_moments[None, :, :, 1]).reshape(-1, len(pairs))
@@ -310,11 +310,11 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
     """
     readout_s = np.linspace(0, period_s, READOUTS)
     starts, ends = (
-        np.stack([_range(getattr(of, side), readout_s, tolerance_s) for of in flashes], axis=1)
+        np.stack([_range(getattr(flash, side), readout_s, tolerance_s) for flash in flashes], axis=1)
         for side in ("start", "end")
     )
     # A lamp's edge is at the row with light during half of its exposure, whatever the exposure time.
-    lasting = np.array([not of.step for of in flashes])
+    lasting = np.array([not flash.step for flash in flashes])
     shortest = (ends[..., 0] - starts[..., 1]).max(1, where=lasting, initial=0.0)
     longest = (ends[..., 1] - starts[..., 0]).min(1, where=lasting, initial=period_s)
     fits = shortest <= longest

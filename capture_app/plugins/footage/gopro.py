@@ -95,24 +95,24 @@ class _Item:
 
     def first(self) -> float | None:
         """Return the first number of the first sample, or None."""
-        found = self.numbers()
-        return found[0][0] if found and found[0] and math.isfinite(found[0][0]) else None
+        numbers = self.numbers()
+        return numbers[0][0] if numbers and numbers[0] and math.isfinite(numbers[0][0]) else None
 
 
 def parse_payload(data: bytes) -> list[GpsStream]:
     """Return a payload's GPS streams with their good fixes: 3D, low dilution of precision. Never raises."""
-    found: list[tuple[str, float | None, list[tuple[float, float]]]] = []
+    streams: list[tuple[str, float | None, list[tuple[float, float]]]] = []
     frame_stamp_us: float | None = None
     for items in _streams(data, DEPTH):
         named = {item.key: item for item in items}
         stamp_us = named["STMP"].first() if "STMP" in named else None
         if "GPS9" in named:
-            found.append(("GPS9", stamp_us, _gps9(named)))
+            streams.append(("GPS9", stamp_us, _gps9(named)))
         elif "GPS5" in named:
-            found.append(("GPS5", stamp_us, _gps5(named)))
+            streams.append(("GPS5", stamp_us, _gps5(named)))
         elif "SHUT" in named and frame_stamp_us is None:
             frame_stamp_us = stamp_us
-    return [(key, _after_s(stamp_us, frame_stamp_us), fixes) for key, stamp_us, fixes in found]
+    return [(key, _after_s(stamp_us, frame_stamp_us), fixes) for key, stamp_us, fixes in streams]
 
 
 def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
@@ -167,11 +167,11 @@ def _gps5(named: dict[str, _Item]) -> list[tuple[float, float]]:
 
 def parse_utc(text: bytes) -> float | None:
     """Parse `yymmddhhmmss.sss` to seconds since 2000; None for anything else, which some cameras write."""
-    found = re.fullmatch(rb"(\d{12})\.(\d{3})", text[:16])
+    match = re.fullmatch(rb"(\d{12})\.(\d{3})", text[:16])
     with suppress(ValueError):
-        if found is not None:
-            at = datetime.strptime(f"20{found[1].decode()}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-            return (at - EPOCH) / timedelta(seconds=1) + int(found[2]) / 1000
+        if match is not None:
+            at = datetime.strptime(f"20{match[1].decode()}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+            return (at - EPOCH) / timedelta(seconds=1) + int(match[2]) / 1000
     return None
 
 

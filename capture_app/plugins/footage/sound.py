@@ -98,7 +98,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
         reason = reason or rough_s
     else:
         return CameraTimes(reason=reason)
-    found = []
+    blocks = []
     size = round(WINDOW_S * RATE_HZ)
     for at in _loud_windows(samples, size):
         centre_s = start_s + (at + size / 2) / RATE_HZ
@@ -106,14 +106,14 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
         # A window beyond either end of the reference is too short.
         window = reference_samples[max(0, expected) : max(0, expected + size)]
         if len(window) == size and (lag := _lag(window, samples[at : at + size])) is not None:
-            found.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))
-    if not found:
+            blocks.append((centre_s, reference_start_s + (expected + lag + size / 2) / RATE_HZ))
+    if not blocks:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
-    camera_s, reference_s = np.array(found).T
+    camera_s, reference_s = np.array(blocks).T
     jump = find_jump(camera_s, reference_s - camera_s)
     wrong_s = 0.0 if jump is None else abs(jump.by_s)
     times = fit_clock_line(
-        camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s + wrong_s
+        camera_s, reference_s, np.full(len(blocks), WINDOW_SD_S), "sound", systematic_s=error_s + wrong_s
     )
     return times if jump is None else structs.replace(times, reason=str(jump))
 

@@ -74,14 +74,14 @@ def read_timecode(path: Path, first_s: float) -> Timecode:
         handlers = " ".join(place.get("handler_name", "") for place in places)
         rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
     nominal = round(rate or 0)
-    if (found := _TIMECODE.fullmatch(text.strip())) is None or not nominal:
+    if (match := _TIMECODE.fullmatch(text.strip())) is None or not nominal:
         raise BadInputError("it has no timecode")
-    hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
+    hours, minutes, seconds, frames = (int(match[k]) for k in (1, 2, 3, 5))
     # Rates such as 29.97 are NTSC's; a phone's average rate is only close to one.
     ntsc = Fraction(nominal * 1000, 1001)
     fractional = abs(rate - ntsc) < rate / 3000
     period = 1 / ntsc if fractional else Fraction(1, nominal)
-    drops = found[4] in ";." and fractional and nominal % 30 == 0
+    drops = match[4] in ";." and fractional and nominal % 30 == 0
     whole = hours * 60 + minutes
     number = (whole * 60 + seconds) * nominal + frames
     if drops:

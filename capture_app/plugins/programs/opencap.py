@@ -64,10 +64,10 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 def _video(folder: Path, stem: str) -> Path | None:
     """Return the trial's video with this stem; an original may also be named by OpenCap's trial id."""
-    found = videos_in(folder)
-    named = [path for path in found if path.stem == stem]
+    videos = videos_in(folder)
+    named = [path for path in videos if path.stem == stem]
     if not stem.endswith(_SYNCHRONIZED):
-        named += [path for path in found if not path.stem.endswith(_SYNCHRONIZED)]
+        named += [path for path in videos if not path.stem.endswith(_SYNCHRONIZED)]
     return named[0] if named else None
 
 

@@ -71,8 +71,8 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
         if name:
             own[name] = path
         elif path.is_dir():
-            found, others = _search(path, cameras)
-            own.update(found)
+            lenses, others = _search(path, cameras)
+            own.update(lenses)
             rest.extend(others)
         else:
             rest.append(path)
@@ -97,7 +97,7 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
         patterns = (re.compile(re.escape(name) + end, re.IGNORECASE) for end in (r"(?![A-Za-z0-9])", ""))
         matching = ([file for file in files if pattern.match(file.stem)] for pattern in patterns)
-        if (found := next((of for of in matching if len(of) == 1), None)) is None:
+        if (found := next((keys for keys in matching if len(keys) == 1), None)) is None:
             have = ", ".join(file.name for file in files) or "no OpenCV file"
             raise BadInputError(
                 f"no single file in {folder} begins with {name!r}; it has {have}",
@@ -153,8 +153,10 @@ def _split_pair(
 
 def _lens(content: Content, side: str) -> Content:
     """Return the matrix and the distortion of one of a pair's cameras, by the end of their names."""
-    named = {key.removesuffix(side).rstrip("_"): of for key, of in content.items() if key.endswith(side)}
-    return {key: of for key, of in named.items() if key in (*_MATRIX, *_DISTORTION)}
+    named = {
+        key.removesuffix(side).rstrip("_"): table for key, table in content.items() if key.endswith(side)
+    }
+    return {key: table for key, table in named.items() if key in (*_MATRIX, *_DISTORTION)}
 
 
 def _view(where: str, content: Content) -> View:

@@ -62,13 +62,13 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     own = read_struct(path, Calibration, 1)
     views = {
         name: View(
-            matrix=pinhole(of.fx, of.fy, of.cx, of.cy),
-            distortion=np.array(of.distortion, np.float64),
-            rotation=np.array(of.rotation, np.float64),
-            translation=np.array(of.translation, np.float64),
-            size=(of.width, of.height),
+            matrix=pinhole(camera.fx, camera.fy, camera.cx, camera.cy),
+            distortion=np.array(camera.distortion, np.float64),
+            rotation=np.array(camera.rotation, np.float64),
+            translation=np.array(camera.translation, np.float64),
+            size=(camera.width, camera.height),
         )
-        for name, of in own.cameras.items()
+        for name, camera in own.cameras.items()
     }
     return Views(views, own.source or path.name, own.unit)
 

@@ -73,11 +73,11 @@ def chain_cameras(names: Sequence[str], against: Against) -> dict[str, CameraTim
             # A pair takes long to measure, and a nearly as good measurement needs no improvement.
             if name in known or (name in waiting and error_ns(name) <= 2 * (known[last].uncertainty_ns or 0)):
                 continue
-            found = against(last, name)
-            if found.offset_ns is None:
-                why.setdefault(name, found.reason)
+            measured = against(last, name)
+            if measured.offset_ns is None:
+                why.setdefault(name, measured.reason)
                 continue
-            chained = found if last == names[0] else compose(known[last], found)
+            chained = measured if last == names[0] else compose(known[last], measured)
             if name not in waiting or (chained.uncertainty_ns or 0) < error_ns(name):
                 waiting[name] = chained
         if not waiting:

@@ -98,7 +98,7 @@ def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]
     Raises BadInputError or NotAvailableError if a requirement is missing.
     """
     own = own_options(exporter)
-    instead = (own[one][1].packages for one in given if one in own)
+    instead = (own[option][1].packages for option in given if option in own)
     for module, extra in next(filter(None, instead), exporter.packages).items():
         load_optional(module, extra, f"an export for {exporter.program}")
     if exporter.complete_instants and not burst.complete_instants():

@@ -70,7 +70,7 @@ class ExportedBurst:
                 hint="if it was interrupted: capture-app sessions repair SESSION",
             )
         self.notes: list[str] = [
-            f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed
+            f"{camera.name} has no images" for camera in manifest.cameras if camera.name not in filmed
         ]
         _check_times(self)
         self.origin_ns = min(image.leader_ns for image in self.images.values())
@@ -98,8 +98,10 @@ class ExportedBurst:
 
     def images_of(self, camera: str) -> list[ImageRecord]:
         """Return a camera's images in order, each once even if it also substitutes for a dropped frame."""
-        groups = (list(of) for _, of in groupby(self._in_order(camera), key=lambda image: image.leader_ns))
-        return [next((one for one in of if not one.substitute), of[-1]) for of in groups]
+        groups = (
+            list(images) for _, images in groupby(self._in_order(camera), key=lambda image: image.leader_ns)
+        )
+        return [next((one for one in group if not one.substitute), group[-1]) for group in groups]
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the image that was taken at an instant, or None if it is missing or a substitute."""

@@ -50,9 +50,9 @@ def common_pinhole(
     Cameras that share such a lens of this size (width, height; None = of the smallest image) keep it.
     """
     ours = {name: nearest_pinhole(camera) for name, camera in cameras.items()}
-    smallest = min(one.width for one in ours.values()), min(one.height for one in ours.values())
+    smallest = min(camera.width for camera in ours.values()), min(camera.height for camera in ours.values())
     width, height = size or smallest
-    lenses = {(one.width, one.height, one.fx, one.fy) for one in ours.values()}
+    lenses = {(camera.width, camera.height, camera.fx, camera.fy) for camera in ours.values()}
     drawn = any(distortion_of(camera).any() for camera in cameras.values())
     focal = next(iter(lenses))[2]
     if not drawn and lenses == {(width, height, focal, focal)}:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from capture_app.session.exporting.descriptor_matches import match_descriptors
 from capture_app.session.exporting.point_cloud import PointCloud
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import (
@@ -42,11 +43,11 @@ def match_points(cameras: Mapping[str, CameraCalibration], pictures: Mapping[str
     seen = {name: _features(picture) for name, picture in pictures.items()}
     points, colours = [np.zeros((0, 3))], [np.zeros((0, 3), np.uint8)]
     for first, second in _pairs(cameras):
-        matches = _match(seen[first][1], seen[second][1])
+        matches = match_descriptors(seen[first][1], seen[second][1], _DISTINCT)
         pixels = [seen[name][0][own] for name, own in zip((first, second), matches, strict=True)]
-        found, good = _triangulate(cameras[first], cameras[second], *pixels)
+        placed, good = _triangulate(cameras[first], cameras[second], *pixels)
         columns, rows = np.rint(pixels[0][good]).astype(int).T
-        points.append(found[good])
+        points.append(placed[good])
         colours.append(pictures[first][rows, columns, ::-1])
     return PointCloud(np.concatenate(points), np.concatenate(colours))
 
@@ -91,7 +92,7 @@ def _pairs(cameras: Mapping[str, CameraCalibration]) -> Iterator[tuple[str, str]
 
     def near(name: str) -> list[str]:
         others = sorted(centres, key=lambda one: float(np.linalg.norm(centres[one] - centres[name])))
-        return [one for one in others if one != name][:_NEIGHBOURS]
+        return [other for other in others if other != name][:_NEIGHBOURS]
 
     neighbours = {name: near(name) for name in cameras}
     for first, second in combinations(cameras, 2):
@@ -111,27 +112,13 @@ def _features(picture: Picture) -> tuple[Array, Any]:
     return pixels, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9))
 
 
-def _match(first: Any, second: Any) -> tuple[Any, Any]:
-    """Return the indices of distinct mutual matches of descriptors, in the first and in the second image."""
-    if min(len(first), len(second)) < 2:
-        return np.zeros(0, int), np.zeros(0, int)
-    likeness = first @ second.T
-    best = likeness.argmax(axis=1)
-    rows = np.arange(len(first))
-    highest = likeness[rows, best]
-    mutual = likeness.argmax(axis=0)[best] == rows
-    likeness[rows, best] = -1.0
-    distances = [np.sqrt(np.maximum(1 - one, 0)) for one in (highest, likeness.max(axis=1))]
-    chosen = mutual & (distances[0] < _DISTINCT * distances[1])
-    return rows[chosen], best[chosen]
-
-
 def _triangulate(first: CameraCalibration, second: CameraCalibration, *pixels: Array) -> tuple[Array, Any]:
     """Return points (n, 3) of matched pixels of two pinholes, and which of them both cameras may see (n)."""
     cameras = (first, second)
-    poses = [np.column_stack([rotation_of(one), translation_of(one)]) for one in cameras]
+    poses = [np.column_stack([rotation_of(camera), translation_of(camera)]) for camera in cameras]
     rays = [
-        (seen - matrix_of(one)[:2, 2]) / [one.fx, one.fy] for one, seen in zip(cameras, pixels, strict=True)
+        (seen - matrix_of(camera)[:2, 2]) / [camera.fx, camera.fy]
+        for camera, seen in zip(cameras, pixels, strict=True)
     ]
     homogeneous = triangulate_rays(zip(rays, poses, strict=True))
     with np.errstate(all="ignore"):
@@ -141,6 +128,6 @@ def _triangulate(first: CameraCalibration, second: CameraCalibration, *pixels: A
             local = points @ pose[:, :3].T + pose[:, 3]
             error = local[:, :2] / local[:, 2:] * [one.fx, one.fy] + matrix_of(one)[:2, 2] - seen
             good &= (local[:, 2] > 0) & (np.linalg.norm(error, axis=1) < _MAX_ERROR_PX)
-        a, b = (points - centre_of(one) for one in cameras)
+        a, b = (points - centre_of(camera) for camera in cameras)
         sine = np.linalg.norm(np.cross(a, b), axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     return points, good & (sine > _MIN_ANGLE)

@@ -125,7 +125,7 @@ Shown = tuple[int, int, ImageRecord | None]
 
 def at_own_times(burst: ExportedBurst, camera: str) -> list[Shown]:
     """Return a camera's frames at their own times since the burst's first image, without missing images."""
-    return [(one.instant, one.leader_ns - burst.origin_ns, one) for one in burst.images_of(camera)]
+    return [(image.instant, image.leader_ns - burst.origin_ns, image) for image in burst.images_of(camera)]
 
 
 def at_instants(burst: ExportedBurst, camera: str, instants: Sequence[int]) -> list[Shown]:

@@ -133,6 +133,6 @@ def indented(data: bytes) -> bytes:
 
 def _line_of(data: bytes, message: str) -> str:
     """Return line and column of msgspec's `(byte N)`, as editors count them."""
-    found = re.search(r"\(byte (\d+)\)", message)
-    lines = data[: int(found[1])].split(b"\n") if found else []
+    match = re.search(r"\(byte (\d+)\)", message)
+    lines = data[: int(match[1])].split(b"\n") if match else []
     return f", line {len(lines)} column {len(lines[-1]) + 1}" if lines else ""

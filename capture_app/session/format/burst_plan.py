@@ -86,9 +86,11 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def instants_ns(self) -> Sequence[int]:
         """Leader times of the ordered instants, ns."""
-        if (of := self.streamed) is None:
+        if (streamed := self.streamed) is None:
             return self.burst.instants_ns
-        return range(of.first_ns, of.first_ns + of.step_ns * of.count, of.step_ns)
+        return range(
+            streamed.first_ns, streamed.first_ns + streamed.step_ns * streamed.count, streamed.step_ns
+        )
 
     @property
     def key(self) -> tuple[int, int]:

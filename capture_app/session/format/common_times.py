@@ -90,6 +90,6 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         """
         if self.unknown:
             return self.words
-        worst_ns = max((of.uncertainty_ns or 0 for of in self.cameras.values()), default=0)
+        worst_ns = max((camera.uncertainty_ns or 0 for camera in self.cameras.values()), default=0)
         rough = f"not synchronized, offsets known to ± {worst_ns / 1e6:.0f} ms only: {self.reason}"
         return rough if worst_ns > ROUGH_FRAMES * period_ns else ""

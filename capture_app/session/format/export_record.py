@@ -34,12 +34,12 @@ def with_images_listed(manifest: Manifest) -> Manifest:
     """Return the manifest with the frames of its videos listed as image files."""
     fields = [name for name in ImageRecord.__struct_fields__ if name != "path"]
     images = tuple(
-        one
-        if type(one) is ImageRecord
+        image
+        if type(image) is ImageRecord
         else ImageRecord(
-            path=image_path(one.camera, one.instant), **{name: getattr(one, name) for name in fields}
+            path=image_path(image.camera, image.instant), **{name: getattr(image, name) for name in fields}
         )
-        for one in manifest.images
+        for image in manifest.images
     )
     return msgspec.structs.replace(manifest, images=images, videos=())
 

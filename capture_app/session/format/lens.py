@@ -223,6 +223,6 @@ def _project(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Arra
     import cv2
 
     points, none = np.column_stack([rays, np.ones(len(rays))]), np.zeros(3)
-    found = cv2.projectPoints(points, none, none, matrix_of(camera), distortion_of(camera))
-    pixels, slopes = (np.asarray(one, np.float64) for one in found)
+    projected = cv2.projectPoints(points, none, none, matrix_of(camera), distortion_of(camera))
+    pixels, slopes = (np.asarray(part, np.float64) for part in projected)
     return pixels.reshape(-1, 2), slopes[:, 3:5].reshape(-1, 2, 2), slopes[:, 6:14]

@@ -115,13 +115,16 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     def widen(self, image: T) -> T:
         """Return an image's record with the errors of the intervals in `widened` that it was taken in."""
-        for of in self.widened:
-            if image.local_ns is not None and of.from_local_ns <= image.local_ns <= of.until_local_ns:
+        for widening in self.widened:
+            if (
+                image.local_ns is not None
+                and widening.from_local_ns <= image.local_ns <= widening.until_local_ns
+            ):
                 bound_ns = image.hard_bound_ns
                 image = msgspec.structs.replace(
                     image,
-                    uncertainty_ns=max(image.uncertainty_ns or 0, of.uncertainty_ns),
-                    hard_bound_ns=None if bound_ns is None else max(bound_ns, of.hard_bound_ns),
+                    uncertainty_ns=max(image.uncertainty_ns or 0, widening.uncertainty_ns),
+                    hard_bound_ns=None if bound_ns is None else max(bound_ns, widening.hard_bound_ns),
                 )
         return image
 
@@ -356,12 +359,12 @@ def sync_record(
     bound_ns: int | None = 0
     number = substituted = late = 0
     for instant, group in groupby(images, key=lambda image: image.instant):
-        of = [by_name[image.camera].widen(image) for image in group]
-        number += len(of)
-        spreads_ns[instant] = _spread([image.leader_ns - by_name[image.camera].delay_ns for image in of])
-        if (rows := _row_scatter([(by_name[image.camera], image) for image in of])) is not None:
+        widened = [by_name[image.camera].widen(image) for image in group]
+        number += len(widened)
+        spreads_ns[instant] = _spread([image.leader_ns - by_name[image.camera].delay_ns for image in widened])
+        if (rows := _row_scatter([(by_name[image.camera], image) for image in widened])) is not None:
             rows_ns = max(rows_ns or 0, rows)
-        for image in of:
+        for image in widened:
             known_ns = image.uncertainty_ns
             shared_ns = None if known_ns is None else known_ns + unshared_ns[image.camera]
             error_ns, bound_ns = _worse(error_ns, shared_ns), _worse(bound_ns, image.hard_bound_ns)
@@ -372,7 +375,7 @@ def sync_record(
         row_spread_ns=rows_ns,
         uncertainty_ns=error_ns if number else None,
         hard_bound_ns=bound_ns if number else None,
-        dropped=sum(one.dropped for one in missing),
+        dropped=sum(absence.dropped for absence in missing),
         substituted=substituted,
         late=late,
     )
@@ -406,7 +409,7 @@ def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | No
     ]
     if len(rows) < 2:
         return None
-    shared = 0, min(of.rows for _, of in rows) - 1
+    shared = 0, min(row.rows for _, row in rows) - 1
     return max(_spread([of.middle_ns(row) - delay_ns for delay_ns, of in rows]) for row in shared)
 
 
@@ -449,7 +452,9 @@ def check_references(path: Path, manifest: Manifest) -> None:
     for name in (*names, manifest.name, manifest.rig):
         check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
-    named += [(f"missing[{i}]", one.camera, one.instant) for i, one in enumerate(manifest.missing)]
+    named += [
+        (f"missing[{i}]", absence.camera, absence.instant) for i, absence in enumerate(manifest.missing)
+    ]
     for where, camera, instant in named:
         if camera not in names:
             raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}", hint=RESTORE)
@@ -463,8 +468,8 @@ def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
     A number is impossible if it is not finite or needs more than 64 bits.
     """
     if not all(
-        abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL)
-        for one in _numbers(msgspec.to_builtins(record))
+        abs(number) < (MAX_INTEGER if isinstance(number, int) else MAX_REAL)
+        for number in _numbers(msgspec.to_builtins(record))
     ):
         raise BadInputError(
             f"{path} has a number that no session has, such as one of over 64 bits", hint=RESTORE

@@ -61,7 +61,7 @@ def align_recording(
     said = {
         method: _describe(method, methods[method], against, cameras) for method, against in measured.items()
     }
-    aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
+    aligned = {name: camera for name, camera in cameras.items() if camera.offset_ns is not None}
     if len(aligned) < 2:
         reasons = [
             unknown.reason,
@@ -74,7 +74,7 @@ def align_recording(
             talk(f"by {method}: {text}")
     for name in cameras.keys() - aligned.keys():
         talk(f"left out {name}: it cannot be aligned; --align none imports all, not synchronized")
-    used = sorted({of.source for of in aligned.values()} - {REFERENCE})
+    used = sorted({times.source for times in aligned.values()} - {REFERENCE})
     return CommonTimes(
         state="aligned", reason=f"by {' and '.join(used)}", reference=next(iter(aligned)), cameras=aligned
     )
@@ -88,7 +88,9 @@ def _measurements(
 ) -> dict[str, Against]:
     """Return each method's measurement of two videos, by their cameras' names; the most trustworthy first."""
     by_name = {source.name: source for source in videos}
-    starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
+    starts_s = {
+        name: min(frame.leader_ns for frame in frames) / 1e9 for name, frames in timeline.cameras().items()
+    }
 
     @cache
     def found(method: str, name: str) -> Any:
@@ -114,7 +116,7 @@ def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTi
     known = 0
     for name in names:
         chain = chain_cameras([name, *(other for other in names if other != name)], against)
-        aligned = sum(of.offset_ns is not None for of in chain.values())
+        aligned = sum(times.offset_ns is not None for times in chain.values())
         if aligned > known:
             best, known = chain, aligned
         if known == len(names):
@@ -130,25 +132,26 @@ def _describe(
     Why it found nothing matters only for a camera that no other method aligned.
     """
     first, *others = cameras
-    found: dict[str, list[str]] = {}
+    by_reason: dict[str, list[str]] = {}
     for name in others:
-        text = (of := against(first, name)).reason
-        if of.offset_ns is not None and cameras[name].offset_ns is None and (doubt := method.doubt(of)):
+        text = (times := against(first, name)).reason
+        if times.offset_ns is not None and cameras[name].offset_ns is None and (doubt := method.doubt(times)):
             text = (
-                f"{of.offset_ns / 1e6:+.0f} ms, which nothing confirms: {doubt} "
+                f"{times.offset_ns / 1e6:+.0f} ms, which nothing confirms: {doubt} "
                 f"(if it is right: --align {name_of_method})"
             )
-        elif of.offset_ns is not None:
-            bar_ms = (of.uncertainty_ns or 0) / 1e6
-            agrees = cameras[name].offset_ns is None or _agree(of, cameras[name])
+        elif times.offset_ns is not None:
+            bar_ms = (times.uncertainty_ns or 0) / 1e6
+            agrees = cameras[name].offset_ns is None or _agree(times, cameras[name])
+            differs = "" if agrees else ", not taken: others differ"
             text = (
-                f"{of.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{'' if agrees else ', not taken: others differ'}"
-                f"{of.reason and f', {of.reason}'}"
+                f"{times.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{differs}"
+                f"{times.reason and f', {times.reason}'}"
             )
         elif cameras[name].offset_ns is not None:
             continue
-        found.setdefault(text, []).append(name)
-    return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
+        by_reason.setdefault(text, []).append(name)
+    return "; ".join(f"{', '.join(names)}: {text}" for text, names in by_reason.items())
 
 
 def _most_accurate(
@@ -164,18 +167,20 @@ def _most_accurate(
     Results in doubt come after all others and, unless `trusting`, need one that agrees. The rate is the most
     accurate one of the methods that are not contradicted.
     """
-    found = {method: against(first, second) for method, against in measured.items()}
-    doubtful = {method for method, of in found.items() if not trusting and methods[method].doubt(of)}
+    by_method = {method: against(first, second) for method, against in measured.items()}
+    doubtful = {
+        method for method, times in by_method.items() if not trusting and methods[method].doubt(times)
+    }
     consistent: list[CameraTimes] = []
-    for method in sorted(found, key=lambda method: method in doubtful):
-        of = found[method]
+    for method in sorted(by_method, key=lambda method: method in doubtful):
+        of = by_method[method]
         if of.offset_ns is not None and all(_agree(of, other) for other in consistent):
             consistent.append(of)
     proven = len(consistent) > 1 or any(
-        of in consistent for method, of in found.items() if method not in doubtful
+        times in consistent for method, times in by_method.items() if method not in doubtful
     )
     if not consistent or not proven:
-        return CameraTimes(reason="; ".join(of.reason for of in found.values() if of.reason))
+        return CameraTimes(reason="; ".join(times.reason for times in by_method.values() if times.reason))
     best = min(consistent, key=lambda one: one.uncertainty_ns or 0)
     rate = min(consistent, key=lambda one: one.rate_uncertainty_ppm or 0.0)
     return replace(best, rate_ppm=rate.rate_ppm, rate_uncertainty_ppm=rate.rate_uncertainty_ppm)

@@ -46,8 +46,8 @@ def pair_clips(
 
     `names` are the cameras'. Clips of both are in the order of their names.
     """
-    named = tuple((one, other) for one in first for other in clips if one.path.stem == other.path.stem)
-    counted = all(_COUNTER.fullmatch(one.path.stem) for one, _ in named)
+    named = tuple((clip, other) for clip in first for other in clips if clip.path.stem == other.path.stem)
+    counted = all(_COUNTER.fullmatch(clip.path.stem) for clip, _ in named)
     if len(named) == min(len(first), len(clips)) and not counted:
         return named, ""
     if all(clip.began_s is not None for clip in (*first, *clips)):
@@ -68,15 +68,17 @@ def _by_clocks(
     straight = _at_difference(first, clips, 0.0)
     # A difference that pairs all clips pairs the first one of the camera with fewer.
     anchor = min(first, clips, key=len)[0]
-    pairs = ((one, other) for one in first for other in clips if anchor in (one, other))
-    later_s = sorted(((other.began_s or 0.0) - (one.began_s or 0.0) for one, other in pairs), key=abs)
+    pairs = ((clip, other) for clip in first for other in clips if anchor in (clip, other))
+    later_s = sorted(
+        ((other.began_s or 0.0) - (first_clip.began_s or 0.0) for first_clip, other in pairs), key=abs
+    )
     shifted = {tuple(_at_difference(first, clips, by_s)): by_s for by_s in reversed(later_s)}
     complete = {pairs: by_s for pairs, by_s in shifted.items() if len(pairs) == fewest}
     if len(straight) == fewest or not complete:
         return straight, ""
     possible = {**complete, **({straight: 0.0} if straight else {})}
     scores = {
-        pairs: sum(heard(one.path, other.path) for one, other in pairs[:_HEARD_PAIRS])
+        pairs: sum(heard(first_clip.path, other.path) for first_clip, other in pairs[:_HEARD_PAIRS])
         for pairs in (possible if len(possible) > 1 else ())
     }
     leading = [pairs for pairs, score in scores.items() if score == max(scores.values()) > 0]
@@ -101,9 +103,9 @@ def _at_difference(first: Sequence[Clip], clips: Sequence[Clip], later_s: float)
     """Return the clips that were recorded together if the second camera's clock is `later_s` ahead."""
     pairs: list[tuple[Clip, Clip]] = []
     left = list(clips)
-    for one in first:
-        at = replace(one, began_s=(one.began_s or 0.0) + later_s)
+    for clip in first:
+        at = replace(clip, began_s=(clip.began_s or 0.0) + later_s)
         if (other := next(filter(at.together, left), None)) is not None:
-            pairs.append((one, other))
+            pairs.append((clip, other))
             left.remove(other)
     return tuple(pairs)

@@ -94,7 +94,7 @@ def _read(path: Path) -> Clip:
             raise BadInputError("it has no pictures")
         stream = container.streams.video[0]
         seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
-        dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
+        dates = [_date_s(holder.metadata.get("creation_time", "")) for holder in (container, stream)]
     # Zero in QuickTime's dates, 1904, means that there is no date.
     return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
 
@@ -140,7 +140,7 @@ def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: He
             longer = max(clip.seconds, typical_s) > _MAX_LENGTH_RATIO * min(clip.seconds, typical_s)
             if clip.began_s is not None and longer:
                 left_out.append(f"{clip.path.name}: of another date and another length")
-                clips = [one for one in clips if one is not clip]
+                clips = [other for other in clips if other is not clip]
     return _by_names(clips) or [_shoot("", clips)]
 
 
@@ -167,16 +167,22 @@ def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
 def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
     """Group clips whose two-part names form a complete grid of cameras and takes; none if they do not."""
     words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
-    varying = [k for k, of in enumerate(zip_longest(*words)) if len(set(of)) > 1]
-    if len({len(of) for of in words}) != 1 or len(varying) != 2:
+    varying = [k for k, column in enumerate(zip_longest(*words)) if len(set(column)) > 1]
+    if len({len(own_words) for own_words in words}) != 1 or len(varying) != 2:
         return []
-    grid = {(of[varying[0]], of[varying[1]]): clip for of, clip in zip(words, clips, strict=True)}
+    grid = {
+        (own_words[varying[0]], own_words[varying[1]]): clip
+        for own_words, clip in zip(words, clips, strict=True)
+    }
     parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
     if not len(grid) == len(clips) == len(parts[0]) * len(parts[1]):
         return []
     takes = 0 if _are_takes(parts[0]) and not _are_takes(parts[1]) else 1
     return [
-        (take, {name_like(pair[1 - takes], "cam"): of for pair, of in grid.items() if pair[takes] == take})
+        (
+            take,
+            {name_like(pair[1 - takes], "cam"): clip for pair, clip in grid.items() if pair[takes] == take},
+        )
         for take in parts[takes]
     ]
 
@@ -189,7 +195,7 @@ def _are_takes(names: Sequence[str]) -> bool:
 def _of_folders(
     inner: Mapping[Path, list[Clip]], left_out: list[str], talk: Talk, heard: Heard
 ) -> list[Shoot]:
-    within = any(one.together(other) for clips in inner.values() for one, other in combinations(clips, 2))
+    within = any(first.together(other) for clips in inner.values() for first, other in combinations(clips, 2))
     stems = {clip.path.stem for clips in inner.values() for clip in clips}
     named = _are_takes([path.name for path in inner]) or (
         _CAMERA.search(" ".join(stems).lower()) is not None
@@ -217,11 +223,11 @@ def _of_cameras(
             if note:
                 talk(note)
     shoots: list[Shoot] = [
-        (f"{number}", {name: of[name] for name in cameras if name in of})
-        for number, of in enumerate(takes.values(), 1)
-        if len(of) > 1
+        (f"{number}", {name: take[name] for name in cameras if name in take})
+        for number, take in enumerate(takes.values(), 1)
+        if len(take) > 1
     ]
-    taken = {clip.path for _, of in shoots for clip in of.values()}
+    taken = {clip.path for _, shoot in shoots for clip in shoot.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
     left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
     return shoots

@@ -70,7 +70,7 @@ def describe_video(path: Path) -> tuple[float, str]:
         fps = float(stream.guessed_rate or stream.average_rate or 0)
         interlaced = stream.codec_context.field_order in _INTERLACED
         # As in an .insv of Insta360, which has a lens in each.
-        several = sum(not one.disposition & cover for one in container.streams.video) > 1
+        several = sum(not video.disposition & cover for video in container.streams.video) > 1
     apart = f", {500 / fps:.3g} ms apart" if fps else ""
     second = f"ffmpeg -i {path.name} -map 0:v:1 -c copy {path.stem}-2.mp4"
     notes = {
@@ -133,20 +133,20 @@ def name_time_ns(path: Path) -> int:
     for digits, fraction in _EPOCH.findall(path.stem):
         if (places := _EPOCH_NS.get(len(digits))) is not None:
             return int(digits + fraction[:places].ljust(places, "0"))
-    if (found := _DATE.search(path.stem)) is None:
+    if (match := _DATE.search(path.stem)) is None:
         raise BadInputError(
             f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
         )
-    return _date_ns(path, found, found[7])
+    return _date_ns(path, match, match[7])
 
 
 def exif_time_ns(path: Path) -> int:
     """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
     with rejecting(f"the EXIF of {path} is broken", ValueError, hint=_OTHER_TIMES):
         exif = read_exif(read_input(path))
-    if (found := _DATE.search(exif.date)) is None:
+    if (match := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
-    return _date_ns(path, found, exif.part_of_second)
+    return _date_ns(path, match, exif.part_of_second)
 
 
 def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:

@@ -27,7 +27,9 @@ def exported_layout(
     `places` maps each (camera, instant) to the index of its frame in that camera's source.
     """
     order = [camera.name for camera in record.manifest.cameras]
-    sources = sorted((one for one in sources if one.name in order), key=lambda one: order.index(one.name))
+    sources = sorted(
+        (source for source in sources if source.name in order), key=lambda one: order.index(one.name)
+    )
     return Layout(
         program=f"simulshot: the session {record.manifest.name}, exported for {record.format}",
         path=path,

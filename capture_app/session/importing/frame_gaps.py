@@ -56,7 +56,9 @@ def describe_times(times_ns: Sequence[int]) -> str:
     missing = {frame: frames for frame, frames in extra.items() if frames > 0}
     doubled = {frame: -frames for frame, frames in extra.items() if frames < 0}
     return "; ".join(
-        describe(what, found) for what, found in (("missing", missing), ("doubled", doubled)) if found
+        describe(what, instants)
+        for what, instants in (("missing", missing), ("doubled", doubled))
+        if instants
     )
 
 
@@ -65,11 +67,11 @@ def find_extra_steps(steps_ns: Sequence[int], period_ns: float) -> dict[int, int
 
     A late or early frame, whose next one is on time, is none of them: neighbouring intervals make up for it.
     """
-    found: dict[int, int] = {}
+    gaps: dict[int, int] = {}
     for number, step_ns in enumerate(steps_ns):
         extra = round(step_ns / period_ns) - 1
-        if extra * found.get(number - 1, 0) < 0:
-            extra += found.pop(number - 1)
+        if extra * gaps.get(number - 1, 0) < 0:
+            extra += gaps.pop(number - 1)
         if extra:
-            found[number] = extra
-    return found
+            gaps[number] = extra
+    return gaps

@@ -112,7 +112,7 @@ def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
         name: [after.leader_ns - before.leader_ns for before, after in pairwise(frames)]
         for name, frames in cameras.items()
     }
-    known = {name: round(statistics.median(of)) for name, of in steps.items() if of}
+    known = {name: round(statistics.median(step)) for name, step in steps.items() if step}
     common = round(statistics.median(known.values())) if known else LONE_PERIOD_NS
     return {name: known.get(name, common) for name in cameras}
 

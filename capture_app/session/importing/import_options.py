@@ -91,14 +91,14 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
     Raises BadInputError if there is no source of times, more than one, or if cameras' times never meet.
     """
     timeline = _timeline(sources, options)
-    spans = {name: (of[0].leader_ns, of[-1].leader_ns) for name, of in timeline.cameras().items()}
-    for (first, one), (second, other) in combinations(spans.items(), 2):
-        if (gap_ns := max(one[0], other[0]) - min(one[1], other[1])) > max(
+    spans = {name: (frames[0].leader_ns, frames[-1].leader_ns) for name, frames in timeline.cameras().items()}
+    for (first, span), (second, other) in combinations(spans.items(), 2):
+        if (gap_ns := max(span[0], other[0]) - min(span[1], other[1])) > max(
             MAX_GAP_NS, 2 * timeline.period_ns
         ):
             raise BadInputError(
                 f"the times of {first} and {second} never meet: {gap_ns / 1e9:.1f} s pass between them, and "
-                f"{abs(one[0] - other[0]) / 1e9:.1f} s between their beginnings",
+                f"{abs(span[0] - other[0]) / 1e9:.1f} s between their beginnings",
                 hint="if each counts from its own start, give the difference: --time-shift-ms CAMERA=MS",
             )
     return timeline
@@ -115,7 +115,9 @@ def _timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     if options.fps is not None:
         return _by_times("the recording", times_by_rate(sources, options.fps), options)
     if options.times != "auto":
-        return _by_times("the recording", {one.name: _own(one, options.times) for one in sources}, options)
+        return _by_times(
+            "the recording", {source.name: _own(source, options.times) for source in sources}, options
+        )
     if options.known is not None:
         return _shifted(options.known, options, "the recording")
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
@@ -162,11 +164,13 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
             sources[0].note = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
         return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
     if options.offsets_ms or all(isinstance(source, Video) for source in sources):
-        return _by_times("the recording", {one.name: _own(one, "video") for one in sources}, options)
-    if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
+        return _by_times("the recording", {source.name: _own(source, "video") for source in sources}, options)
+    if all(
+        isinstance(source, Images) and source.kind == FOLDER and len(source.files) == 1 for source in sources
+    ):
         return timeline_by_times("the recording", {source.name: [TimedFrame(0, 0)] for source in sources})
-    folders = [one for one in sources if isinstance(one, Images) and one.kind == FOLDER]
-    names = ", ".join(one.name for one in sources if isinstance(one, Images))
+    folders = [source for source in sources if isinstance(source, Images) and source.kind == FOLDER]
+    names = ", ".join(source.name for source in sources if isinstance(source, Images))
     if len(folders) == len(sources) and all(map(_named_by_time, folders)):
         raise BadInputError(
             f"the images of {names} are named by times, which may be of one clock or not",

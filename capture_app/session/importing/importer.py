@@ -76,7 +76,7 @@ class Importer:
 @cache
 def load_importers() -> tuple[Importer, ...]:
     """Import all importers in order of priority; one that fails is reported and skipped."""
-    loaded = load_plugins(GROUP, *(one.name for one in fields(Importer)))
+    loaded = load_plugins(GROUP, *(field.name for field in fields(Importer)))
     return tuple(sorted(loaded.values(), key=lambda one: -one.priority))
 
 
@@ -142,7 +142,7 @@ def split_name(text: str) -> tuple[str, Path]:
 def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
     """Return the error for images without folders, with the commands that import them by their names."""
     parted = [re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images]
-    labels = Counter((found[1], found[3]) for found in parted if found is not None)
+    labels = Counter((recording[1], recording[3]) for recording in parted if recording is not None)
     ending = images[0].suffix
     # Longer names first: cam10 also begins with cam1.
     by_length = sorted(labels, key=lambda label: len(label[0] or label[1]), reverse=True)
@@ -151,14 +151,14 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
         for before, after in by_length
         if is_name(before or after)
     }
-    found, at = f"{folder} has {count(len(images), 'image')}", shlex.quote(str(folder))
+    what, at = f"{folder} has {count(len(images), 'image')}", shlex.quote(str(folder))
     if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
         return BadInputError(
-            f"{found} of one camera", hint=f"capture-app sessions import cam0={at} --fps RATE"
+            f"{what} of one camera", hint=f"capture-app sessions import cam0={at} --fps RATE"
         )
     moves = " && ".join(f"mv {pattern} {name}/" for name, pattern in cameras.items())
     return BadInputError(
-        f"{found} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
+        f"{what} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
         hint=f"put each camera's into a folder: cd {at} && mkdir {' '.join(cameras)} && {moves}; "
         f"then: capture-app sessions import {at} --fps RATE",
     )
@@ -190,7 +190,7 @@ def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
     if not videos and not folders:
         if images := images_in(folder):
             raise _flat_images(folder, images)
-        if archives := sorted(one for one in folder.iterdir() if one.suffix.lower() in ARCHIVE_SUFFIXES):
+        if archives := sorted(path for path in folder.iterdir() if path.suffix.lower() in ARCHIVE_SUFFIXES):
             raise _archive(archives[0])
         raise BadInputError(
             f"no cameras in {folder}", hint="it needs a subfolder of images or a video file for each camera"

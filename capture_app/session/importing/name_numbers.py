@@ -20,8 +20,8 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
     as hours and seconds do, frames are numbered by the order of all of them; if no two cameras then share a
     frame, by the one that two cameras share.
     """
-    lengths = {name: {len(of) for of in names} for name, names in cameras.items()}
-    if any(len(of) != 1 for of in lengths.values()):
+    lengths = {name: {len(name) for name in names} for name, names in cameras.items()}
+    if any(len(length) != 1 for length in lengths.values()):
         return None
     changing = {
         name: [k for k, values in enumerate(zip(*names, strict=True)) if len(set(values)) > 1]
@@ -35,19 +35,19 @@ def frame_numbers(cameras: Mapping[str, Sequence[Numbers]]) -> dict[str, Sequenc
         return None
     kept = {name: [tuple(of[k] for k in changing[name]) for of in names] for name, names in cameras.items()}
     single: list[dict[str, list[Numbers]]] = [
-        {name: [(of[k],) for of in names] for name, names in kept.items()} for k in range(width)
+        {name: [(name[k],) for name in names] for name, names in kept.items()} for k in range(width)
     ]
     alone = len(kept) == 1 or _shared(kept)
-    tried = [kept] if alone else [one for one in single if _shared(one)] or [kept]
-    usable = [one for one in tried if all(len(set(names)) == len(names) for names in one.values())]
+    tried = [kept] if alone else [digits for digits in single if _shared(digits)] or [kept]
+    usable = [trial for trial in tried if all(len(set(names)) == len(names) for names in trial.values())]
     if len(usable) != 1:
         return None
     (kept,) = usable
-    if all(len(of) == 1 for names in kept.values() for of in names):
+    if all(len(name) == 1 for names in kept.values() for name in names):
         return {name: [number for (number,) in names] for name, names in kept.items()}
-    order = {of: n for n, of in enumerate(sorted(set().union(*kept.values())))}
-    return {name: [order[of] for of in names] for name, names in kept.items()}
+    order = {word: n for n, word in enumerate(sorted(set().union(*kept.values())))}
+    return {name: [order[name] for name in names] for name, names in kept.items()}
 
 
 def _shared(cameras: Mapping[str, Sequence[Numbers]]) -> bool:
-    return any(set(one) & set(other) for one, other in combinations(cameras.values(), 2))
+    return any(set(first) & set(other) for first, other in combinations(cameras.values(), 2))

@@ -57,7 +57,7 @@ def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
     period, numbers = _period_of(fps), _numbers(sources)
     indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
     every = sorted(set().union(*indices.values()))
-    shared = [number for number in every if sum(number in of for of in indices.values()) > 1]
+    shared = [number for number in every if sum(number in index for index in indices.values()) > 1]
     if len(sources) > 1 and not shared:
         raise BadInputError(
             "no two cameras share a frame number",
@@ -65,7 +65,7 @@ def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
         )
     times_ns = {number: round((number - every[0]) * period) for number in every}
     instants = [
-        Instant(at_ns, {name: TimedFrame(of[n], at_ns) for name, of in indices.items() if n in of})
+        Instant(at_ns, {name: TimedFrame(index[n], at_ns) for name, index in indices.items() if n in index})
         for n, at_ns in times_ns.items()
     ]
     return Timeline(instants, round(period), dict.fromkeys(indices, round(period)))
@@ -79,7 +79,7 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     BadInputError, with the line, if the table contradicts itself or the recording.
     """
     rows = _read_table(path, sources)
-    timed = {one.name: _timed_frames(path, one.name, rows, len(one.numbers)) for one in sources}
+    timed = {source.name: _timed_frames(path, source.name, rows, len(source.numbers)) for source in sources}
     periods = {name: _period(path, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
     cameras = {
         name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
@@ -111,7 +111,7 @@ def numbers_of_frames(sources: Sequence[Source]) -> dict[str, Sequence[int]] | N
 
 
 def _numbers(sources: Sequence[Source]) -> Mapping[str, Sequence[int]]:
-    return numbers_of_frames(sources) or {one.name: range(len(one.numbers)) for one in sources}
+    return numbers_of_frames(sources) or {source.name: range(len(source.numbers)) for source in sources}
 
 
 def _read_table(path: Path, sources: Sequence[Source]) -> list[_Row]:

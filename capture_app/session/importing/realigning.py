@@ -31,16 +31,17 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
     """
     before = session.manifest.burst.common_times
     _require_images(session, "--apply")
-    unknown = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
+    unknown = [f"{name}: {camera.reason}" for name, camera in cameras.items() if camera.offset_ns is None]
     if unknown:
         raise NotApplicableError(
             f"not every camera's offset is known: {'; '.join(unknown)}",
             hint="import again with known offsets: --time-shift-ms CAMERA=MS",
         )
     together = {
-        name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
+        name: _since_own(camera, before.cameras.get(name) if before else None)
+        for name, camera in cameras.items()
     }
-    reference = next((name for name, of in cameras.items() if of.uncertainty_ns == 0), "")
+    reference = next((name for name, camera in cameras.items() if camera.uncertainty_ns == 0), "")
     common = CommonTimes(state="aligned", reason=f"by {source}", reference=reference, cameras=together)
     return _rewrite(session, with_common_times(_timeline(session), common), common)
 
@@ -91,7 +92,9 @@ def _rewrite(session: Session, timeline: Timeline, common: CommonTimes | None) -
             instants_ns=tuple(instant.leader_ns for instant in timeline.instants),
             common_times=common,
         )
-        missing = missing_images(writer, [one.name for one in manifest.cameras], timeline.instants, None)
+        missing = missing_images(
+            writer, [camera.name for camera in manifest.cameras], timeline.instants, None
+        )
         writer.finish(manifest.cameras, burst, missing, manifest.origin, manifest.note)
     return Session.open(session.folder)
 
@@ -116,7 +119,7 @@ def _timeline(session: Session) -> Timeline:
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
         cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, _preserved(image)))
-    in_order = {name: sorted(of, key=lambda frame: frame.leader_ns) for name, of in cameras.items()}
+    in_order = {name: sorted(camera, key=lambda frame: frame.leader_ns) for name, camera in cameras.items()}
     return timeline_by_times(session.manifest.name, in_order)
 
 

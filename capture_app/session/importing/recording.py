@@ -107,7 +107,7 @@ def missing_images(
     """Return the images that the session lacks, with the reasons."""
     times_ns = exported.burst.instants_ns if exported else ()
     absent = exported.missing if exported else ()
-    dropped = {(one.camera, times_ns[one.instant]) for one in absent if one.dropped}
+    dropped = {(absence.camera, times_ns[absence.instant]) for absence in absent if absence.dropped}
     return [
         MissingImage(
             camera=name,
@@ -205,7 +205,9 @@ def _first_sizes(sources: Sequence[Source], instants: Sequence[Instant]) -> dict
     """Return width and height in px of each camera's first frame of these instants that can be decoded."""
     sizes: dict[str, tuple[int, int]] = {}
     for source in sources:
-        indices = sorted({of.frames[source.name].index for of in instants if source.name in of.frames})
+        indices = sorted(
+            {instant.frames[source.name].index for instant in instants if source.name in instant.frames}
+        )
         for _, _, size in source.frames(indices):
             sizes[source.name] = size
             break
@@ -248,7 +250,7 @@ def overlap(timeline: Timeline, talk: Talk) -> Timeline:
     cameras = timeline.cameras().values()
     begin_ns = max(frames[0].leader_ns for frames in cameras) - timeline.period_ns // 2
     end_ns = min(frames[-1].leader_ns for frames in cameras) + timeline.period_ns // 2
-    shared = [one for one in timeline.instants if begin_ns <= one.leader_ns <= end_ns]
+    shared = [instant for instant in timeline.instants if begin_ns <= instant.leader_ns <= end_ns]
     if not shared:
         return timeline
     if (rest := len(timeline.instants) - len(shared)) > 0:
@@ -269,18 +271,20 @@ def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
     if slowest_ns < OTHER_RATE * min(periods.values()):
         return timeline
     slow = {name for name, period_ns in periods.items() if period_ns > slowest_ns / OTHER_RATE}
-    slow_ns = [one.leader_ns for one in timeline.instants if not slow.isdisjoint(one.frames)]
+    slow_ns = [instant.leader_ns for instant in timeline.instants if not slow.isdisjoint(instant.frames)]
     kept: list[Instant] = []
     for one in timeline.instants:
         after = bisect_right(slow_ns, one.leader_ns)
-        near_ns = [*(of.leader_ns for of in kept[-1:]), *slow_ns[after : after + 1]]
+        near_ns = [*(instant.leader_ns for instant in kept[-1:]), *slow_ns[after : after + 1]]
         is_alone = all(abs(one.leader_ns - at_ns) > 0.7 * slowest_ns for at_ns in near_ns)
         if is_alone or not slow.isdisjoint(one.frames):
             kept.append(one)
     # Of cameras that are little faster, a frame may have been nearest to an instant that is left out.
     others = {name: frames for name, frames in timeline.cameras().items() if name not in slow}
-    paired = [_with_nearest(one, others, slowest_ns) for one in kept]
-    fast = ", ".join(f"{name} {1e9 / of:.4g}" for name, of in periods.items() if name not in slow)
+    paired = [_with_nearest(instant, others, slowest_ns) for instant in kept]
+    fast = ", ".join(
+        f"{name} {1e9 / period_ns:.4g}" for name, period_ns in periods.items() if name not in slow
+    )
     talk(
         f"{fast} frames a second, {', '.join(sorted(slow))} {1e9 / slowest_ns:.4g}: the nearest are taken, "
         f"{count(len(timeline.instants) - len(kept), 'instant')} between are left out"
@@ -291,8 +295,8 @@ def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
 def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> Instant:
     """Return an instant with those cameras' nearest frames within half a period."""
     near = {
-        name: of[nearest([frame.leader_ns for frame in of], instant.leader_ns)]
-        for name, of in cameras.items()
+        name: frames[nearest([frame.leader_ns for frame in frames], instant.leader_ns)]
+        for name, frames in cameras.items()
         if name not in instant.frames
     }
     frames = {
@@ -323,32 +327,37 @@ def import_found(
     only = options.recording
     if len(paths) > 1 or given or not folder.is_dir():
         return [import_recording(paths, root, name, options, progress, talk)]
-    recordings = [one for one in recordings_in(folder) if only in (None, one)]
+    recordings = [recording for recording in recordings_in(folder) if only in (None, recording)]
     if len(recordings) > 1:
         talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
-        chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
+        chosen = [(paths, recording, replace(options, recording=recording)) for recording in recordings]
     elif any(
         path.is_dir() and camera_importer(path) for path in (folder, *folder.iterdir())
     ) or recognize_recording(folder, recording=only):
         chosen = [(paths, "", options)]
     else:
-        found, left_out = find_shoots(folder, talk, heard_together)
+        shoots, left_out = find_shoots(folder, talk, heard_together)
         options = replace(options, beside=None if options.calibration else find_calibration(folder))
-        for take, clips in found:
+        for take, clips in shoots:
             files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
             talk(f"found {take or 'one recording'}: {', '.join(files)}")
         for line in left_out:
             talk(f"left out {line}")
         chosen = [
             ([f"{camera}={clip.path}" for camera, clip in clips.items()], take, options)
-            for take, clips in found
+            for take, clips in shoots
             if only in (None, take)
         ] or [(paths, "", options)]
     return [
         import_recording(
-            sources, root, f"{name}-{one}" if one and len(chosen) > 1 else name, of, progress, talk
+            sources,
+            root,
+            f"{name}-{recording}" if recording and len(chosen) > 1 else name,
+            of,
+            progress,
+            talk,
         )
-        for sources, one, of in chosen
+        for sources, recording, of in chosen
     ]
 
 

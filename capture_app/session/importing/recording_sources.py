@@ -150,8 +150,8 @@ class Video(Source):
         self._timed = all(times_ns.values())
         """Whether all frames have presentation times, by which they are selected."""
         self._times_ns: dict[Path, Sequence[int]] = {
-            chapter: of if self._timed else range(sum(1 for _ in video_pictures(chapter)))
-            for chapter, of in times_ns.items()
+            chapter: own_times_ns if self._timed else range(sum(1 for _ in video_pictures(chapter)))
+            for chapter, own_times_ns in times_ns.items()
         }
         """The presentation times of each file's frames in ns, or their numbers."""
         self.has_times = False
@@ -160,7 +160,7 @@ class Video(Source):
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
         self.fps, note = describe_video(path)
-        later = ", ".join(one.name for one in chapters[1:])
+        later = ", ".join(chapter.name for chapter in chapters[1:])
         goes_on = later and f"{path.name} goes on in {later}"
         self.note = "; ".join(filter(None, (note, goes_on, _describe_links(chapters))))
         if not self.numbers:
@@ -171,9 +171,9 @@ class Video(Source):
         if not self._timed:
             return ()
         self.has_times = True
-        found = self._times_ns
-        shifts = chapter_shifts_ns([*found.values()])
-        return [at + shift for own, shift in zip(found.values(), shifts, strict=True) for at in own]
+        times_ns = self._times_ns
+        shifts = chapter_shifts_ns([*times_ns.values()])
+        return [at + shift for own, shift in zip(times_ns.values(), shifts, strict=True) for at in own]
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
@@ -190,12 +190,12 @@ class Video(Source):
 
 def later_chapters(path: Path) -> list[Path]:
     """Return a GoPro recording's further files in order: GX02… after GX01…, GP01… after GOPR…."""
-    if (found := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
+    if (match := _FIRST_CHAPTER.fullmatch(path.stem)) is None:
         return []
-    kind, number = ("GP", found["old"]) if found["old"] else (found["kind"], found["number"])
+    kind, number = ("GP", match["old"]) if match["old"] else (match["kind"], match["number"])
     beside = (
         path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
-        for chapter in range(1 if found["old"] else 2, 100)
+        for chapter in range(1 if match["old"] else 2, 100)
     )
     return list(takewhile(Path.is_file, beside))
 

@@ -55,7 +55,7 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
             at_s = float(frame.pts * frame.time_base) if timed else start_s + length / rate_hz
             if not parts:
                 start_s = at_s
-            made = [one.to_ndarray() for one in resampler.resample(frame)]
+            made = [block.to_ndarray() for block in resampler.resample(frame)]
             gap = round((at_s - start_s) * rate_hz) - length
             if gap > MIN_GAP_S * rate_hz:
                 silent += gap
@@ -65,7 +65,7 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
                 parts.append(np.zeros((channels, gap), dtype))
                 length += gap
             parts += made
-            length += sum(one.shape[1] for one in made)
+            length += sum(block.shape[1] for block in made)
     if not parts:
         raise BadInputError("it has no sound")
     return np.concatenate(parts, axis=1), start_s

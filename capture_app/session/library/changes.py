@@ -204,14 +204,14 @@ def trash_session(folder: Path) -> TrashedSession:
 
 def trashed_sessions(root: Path) -> list[TrashedSession]:
     """Return the contents of the trash of a folder of sessions, the latest last."""
-    found = []
+    sessions = []
     for entry in (session.parent for session in sorted((root / TRASH).glob(f"*/{_SESSION}/"))):
         # A lost record costs the deletion time only: the entry is named after the session.
         trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
         with suppress(BadInputError):
             trashed = msgspec.structs.replace(read_struct(entry / _RECORD, TrashedSession), id=entry.name)
-        found.append(trashed)
-    return sorted(found, key=lambda one: one.trashed)
+        sessions.append(trashed)
+    return sorted(sessions, key=lambda one: one.trashed)
 
 
 def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
@@ -220,13 +220,15 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
     `which` is its id or name there, by default the latest one; `name` is a new folder name for it. Raises
     BadInputError if there is no such session, or the name is in use.
     """
-    found = [one for one in trashed_sessions(root) if not which or which in (one.id, one.name)]
+    found = [
+        session for session in trashed_sessions(root) if not which or which in (session.id, session.name)
+    ]
     if not found:
         raise BadInputError(
             f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty",
             hint=f"capture-app sessions list --trash {root}",
         )
-    chosen = next((one for one in found if one.id == which), found[-1])
+    chosen = next((session for session in found if session.id == which), found[-1])
     entry = root / TRASH / chosen.id
     target = root / (check_name(name, "session") if name else Path(chosen.name).name)
     _move(entry / _SESSION, target, hint="restore it with --as NAME")

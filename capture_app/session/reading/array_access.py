@@ -227,7 +227,7 @@ class OpenSession(Session):
     def instants(self) -> tuple[InstantFrames, ...]:
         """All instants, in order."""
         records = {(image.camera, image.instant): image for image in self.manifest.images}
-        reasons = {(one.camera, one.instant): one.reason for one in self.manifest.missing}
+        reasons = {(absence.camera, absence.instant): absence.reason for absence in self.manifest.missing}
         reasons |= dict.fromkeys(records, "")
         frames = {
             place: Frame(*place, reasons.get(place, "nothing says why"), records.get(place), self)
@@ -298,10 +298,10 @@ class OpenSession(Session):
             raise BadInputError(f"frames have no time {name!r}", hint=f"one of {', '.join(names)}")
         times_ns = [
             [
-                None if one.missing else getattr(one if name == "true_ns" else one.record, name)
-                for one in of.frames
+                None if frame.missing else getattr(frame if name == "true_ns" else frame.record, name)
+                for frame in camera.frames
             ]
-            for of in self.cameras.values()
+            for camera in self.cameras.values()
         ]
         return np.ma.MaskedArray(
             [[time or 0 for time in row] for row in times_ns],
@@ -319,7 +319,7 @@ class OpenSession(Session):
             raise BadInputError(f"one camera sees a ray, not a point: {', '.join(pixels)}", hint="name two")
         lenses = [(self._named(name).calibration, seen) for name, seen in pixels.items()]
         homogeneous = triangulate_rays(
-            (of.undistort_points(seen), of.cam_from_rig[:3]) for of, seen in lenses
+            (lens.undistort_points(seen), lens.cam_from_rig[:3]) for lens, seen in lenses
         )
         return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
@@ -327,7 +327,7 @@ class OpenSession(Session):
     def all_true_ns(self) -> dict[tuple[str, int], int]:
         """True times of a simulated session's frames, ns, by camera and instant; empty for other sessions."""
         truth = self.true_times()
-        return {(one.camera, one.instant): one.true_ns for one in (truth.images if truth else ())}
+        return {(image.camera, image.instant): image.true_ns for image in (truth.images if truth else ())}
 
     def _named(self, camera: str) -> CameraFrames:
         return self.cameras[self.camera(camera).name]
@@ -335,11 +335,13 @@ class OpenSession(Session):
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
         if (rig := self.calibration()) is None or camera.name not in rig.cameras:
             return None
-        of = rig.cameras[camera.name]
+        truth = rig.cameras[camera.name]
         return CameraMatrices(
-            camera_matrix=of.matrix(camera.facts.width, camera.facts.height),
-            distortion=np.array(of.distortion[:5]),
-            cam_from_rig=np.vstack([np.column_stack([of.rotation, of.translation]), [0.0, 0.0, 0.0, 1.0]]),
+            camera_matrix=truth.matrix(camera.facts.width, camera.facts.height),
+            distortion=np.array(truth.distortion[:5]),
+            cam_from_rig=np.vstack(
+                [np.column_stack([truth.rotation, truth.translation]), [0.0, 0.0, 0.0, 1.0]]
+            ),
             unit=rig.unit,
         )
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from capture_app.common.errors import BadInputError
 
@@ -96,8 +96,8 @@ def _exif_of_tiff(tiff: bytes) -> Exif:
     order, first = _directory(tiff)
     inner = _entries(tiff, order, _number(order, first[_EXIF_IFD])) if _EXIF_IFD in first else {}
     orientation, focal = (
-        _number(order, of[tag]) if tag in of else 0
-        for of, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
+        _number(order, directory[tag]) if tag in directory else 0
+        for directory, tag in ((first, _ORIENTATION), (inner, _FOCAL_35MM))
     )
     date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
     return Exif(date, part, focal or None, orientation or UPRIGHT)
@@ -300,16 +300,3 @@ def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int 
             f"the picture cannot be written as {suffix[1:].upper()}", hint="write a .jpg or .png"
         )
     return bytes(data.tobytes())
-
-
-def open_capture(source: str | int) -> Any:
-    """Return OpenCV's reader for a video path or a webcam number; it may not be open. Logs nothing."""
-    import cv2
-
-    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        # A pipe would be waited for without an end.
-        is_pipe = isinstance(source, str) and Path(source).is_fifo()
-        return cv2.VideoCapture() if is_pipe else cv2.VideoCapture(source)
-    finally:
-        cv2.utils.logging.setLogLevel(before)

@@ -49,11 +49,13 @@ class TakeSheet:
         """Read the camera order of a session. Raises BadInputError if its calibration is malformed."""
         self.session = session
         self.verdict = judge(session.manifest, arriving=session.is_arriving)
-        self.cameras = tuple(sorted((one.name for one in session.manifest.cameras), key=natural_order))
+        self.cameras = tuple(sorted((camera.name for camera in session.manifest.cameras), key=natural_order))
         self.arc = arc_order(session)
         """Cameras in the order of their arc, for pictures in motion."""
         self._images = {(image.camera, image.instant): image for image in session.manifest.images}
-        self._missing = {(one.camera, one.instant): one.reason for one in session.manifest.missing}
+        self._missing = {
+            (absence.camera, absence.instant): absence.reason for absence in session.manifest.missing
+        }
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -68,7 +70,7 @@ class TakeSheet:
     @property
     def aspect(self) -> float:
         """Height divided by width of the tallest camera's images."""
-        return max(one.facts.height / one.facts.width for one in self.session.manifest.cameras)
+        return max(camera.facts.height / camera.facts.width for camera in self.session.manifest.cameras)
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """Return a camera's image of an instant, or None. Raises BadInputError if there is no such place."""

@@ -132,7 +132,9 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
         substituted=sync.substituted,
         late=sync.late,
         # Old recordings and imports carry no timestamp uncertainty, so it cannot be part of their error.
-        stamps=unmeasured_stamps({one.name: one.facts for one in manifest.cameras if one.facts.stamp}),
+        stamps=unmeasured_stamps(
+            {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp}
+        ),
     )
 
 
@@ -191,9 +193,9 @@ def _why_nothing(manifest: Manifest) -> str:
     reasons: dict[str, list[str]] = {}
     for gap in manifest.missing:
         reasons.setdefault(gap.reason, []).append(gap.camera)
-    absent = [f"{one.name}: {one.reason}" for one in manifest.burst.absent]
-    found = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
-    return "; ".join([*found, *absent])
+    absent = [f"{absence.name}: {absence.reason}" for absence in manifest.burst.absent]
+    reasons_given = [f"{', '.join(dict.fromkeys(cameras))}: {reason}" for reason, cameras in reasons.items()]
+    return "; ".join([*reasons_given, *absent])
 
 
 def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:

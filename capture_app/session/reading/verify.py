@@ -78,16 +78,16 @@ def _burst(session: Session) -> Iterator[Problem]:
         if after <= before:
             yield _contradiction(MANIFEST, f"instant {index + 1} is not after instant {index}")
     images = Counter((image.camera, image.instant) for image in manifest.images)
-    missing = {(one.camera, one.instant) for one in manifest.missing}
+    missing = {(absence.camera, absence.instant) for absence in manifest.missing}
     for camera, instant in product(manifest.cameras, range(len(manifest.burst.instants_ns))):
-        of = f"of {camera.name} at instant {instant}"
+        place = f"of {camera.name} at instant {instant}"
         number = images[camera.name, instant]
         if number > 1:
-            yield _contradiction(MANIFEST, f"{number} images {of}")
+            yield _contradiction(MANIFEST, f"{number} images {place}")
         if number and (camera.name, instant) in missing:
-            yield _contradiction(MANIFEST, f"the image {of} is there and missing")
+            yield _contradiction(MANIFEST, f"the image {place} is there and missing")
         elif not number and (camera.name, instant) not in missing:
-            yield _contradiction(MANIFEST, f"no image {of}, nor why it is missing")
+            yield _contradiction(MANIFEST, f"no image {place}, nor why it is missing")
 
 
 def _order(session: Session) -> Iterator[Problem]:
@@ -197,7 +197,9 @@ def _clock_error(
     )
     allowed_ns = own_ns + _ROUNDING_NS
     # The clock record is from before; these changes were noticed later.
-    allowed_ns += sum(of.uncertainty_ns for of in camera.widened if record.local_ns >= of.from_local_ns)
+    allowed_ns += sum(
+        widening.uncertainty_ns for widening in camera.widened if record.local_ns >= widening.from_local_ns
+    )
     if isinstance(record, FrameRecord) or instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
     return record.leader_ns - clock.leader_from_local(record.local_ns), allowed_ns
@@ -232,7 +234,7 @@ def _calibration(session: Session) -> Iterator[Problem]:
     except BadInputError as error:
         yield Problem("unreadable", CALIBRATION, str(error))
         return
-    sizes = {one.name: (one.facts.width, one.facts.height) for one in session.manifest.cameras}
+    sizes = {camera.name: (camera.facts.width, camera.facts.height) for camera in session.manifest.cameras}
     for name, of in (calibration.cameras if calibration else {}).items():
         if name not in sizes:
             yield _contradiction(CALIBRATION, f"calibrates a camera {name} that the session does not have")
@@ -248,7 +250,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
     except BadInputError as error:
         yield Problem("unreadable", "ground_truth/times.json", str(error))
         return
-    for true in (one for one in (times.images if times else ()) if one.sha256 is not None):
+    for true in (image for image in (times.images if times else ()) if image.sha256 is not None):
         where = ground_truth_path(true.camera, true.instant)
         if (path := session.ground_truth(true.camera, true.instant)) is None:
             yield Problem("missing", where, "the ground truth is missing")
@@ -278,8 +280,8 @@ def _videos(session: Session) -> Iterator[Problem]:
 def _unexpected(session: Session) -> Iterator[Problem]:
     videos = [video.path for video in session.stored_manifest.videos]
     expected = {record.path for record in session.manifest.images} | {*videos, *map(frames_path, videos)}
-    found = [path for folder in (IMAGES, VIDEOS) for path in (session.folder / folder).rglob("*")]
-    for path in sorted(found):
+    paths = [path for folder in (IMAGES, VIDEOS) for path in (session.folder / folder).rglob("*")]
+    for path in sorted(paths):
         name = str(path.relative_to(session.folder))
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
             part = "left over from an interrupted write" if path.name.endswith(PART) else ""

@@ -224,7 +224,7 @@ class SessionWriter:
         if in_videos:
             # Cameras do not wait for each other.
             for camera in dict.fromkeys(image.record.camera for image in images):
-                self.videos.append(camera, [of for of in images if of.record.camera == camera])
+                self.videos.append(camera, [image for image in images if image.record.camera == camera])
         else:
             with self._writing():
                 self.images.append(images)

@@ -96,7 +96,7 @@ class _OpenTrigger:
     cancels: bool
     """Whether the trigger cancels the burst."""
     again: bool
-    """Whether the clients already have the burst, and the trigger only ends it earlier."""
+    """Whether the clients have had the burst already: the trigger ends it earlier, or continues it."""
     due_ns: int = AT_ONCE_NS
     """Time at which the trigger is next sent to all of them."""
 
@@ -110,6 +110,8 @@ class Orders:
         self._open_bursts: dict[int, _OpenTrigger] = {}
         self._bursts = 0
         self._busy_until_ns: dict[int, int] = {}
+        self._streamed: dict[int, tuple[Trigger, frozenset[str], int]] = {}
+        """Triggers of streamed bursts, their cameras and last instants, by number."""
 
     def check(self, grid: FrameGrid | None, order: BurstOrder) -> FrameGrid:
         """Return the grid of a burst.
@@ -182,6 +184,10 @@ class Orders:
         trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)
         members = {member.number: member for member in self._roster.cameras() if member.name in clients}
         self._open_bursts.pop(number, None)
+        if trigger.streamed:
+            self._streamed[number] = trigger, clients, burst.instants_ns[-1]
+        else:
+            self._streamed.pop(number, None)
         if members:
             self._open_bursts[number] = _OpenTrigger(
                 trigger, members, now_ns + TRIGGER_GIVE_UP_NS, not count, again
@@ -194,6 +200,19 @@ class Orders:
         """Whether a burst is under way or ordered."""
         self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
         return bool(self._busy_until_ns)
+
+    def order_again(self, member: Member, now_ns: int) -> None:
+        """Order what is being streamed from a member that is ready now: it may have been started again.
+
+        Within a burst it could not align its stream.
+        """
+        self._streamed = {number: of for number, of in self._streamed.items() if now_ns < of[2]}
+        for number, (trigger, clients, _) in self._streamed.items():
+            if member.name in clients:
+                order = self._open_bursts.setdefault(
+                    number, _OpenTrigger(trigger, {}, now_ns + TRIGGER_GIVE_UP_NS, cancels=False, again=True)
+                )
+                order.members[member.number], order.due_ns = member, AT_ONCE_NS
 
     def take_ack(self, member: Member, ack: TriggerAck) -> TriggerAnswered | None:
         """Record a member's answer; return None if it had already answered, or if the order has expired."""

@@ -224,7 +224,7 @@ class Client(TimeClient, Generic[F]):
     @property
     def can_change_leader(self) -> bool:
         """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self.has_burst_pending
+        return self.state.is_aligned and not self.has_burst_pending
 
     # In
 

@@ -352,6 +352,8 @@ class Leader:
             self._note_lost(self.roster.forget(member) if member.is_stranger else event)
             return
         is_new = self._pass_up(member, message, now_ns)
+        if message.report.state.is_aligned and not member.report.state.is_aligned:
+            self.orders.order_again(member, now_ns)
         member.report = message.report
         if member.name in self.roster.immovable:
             if self._update_grid(now_ns):
@@ -408,7 +410,7 @@ class Leader:
         # After a takeover they have their delays already.
         known = planned if before is None else before
         for name, member in places.items():
-            key, is_ready = camera_key(name), member.report.state in (NodeState.READY, NodeState.DEGRADED)
+            key, is_ready = camera_key(name), member.report.state.is_aligned
             if is_ready and known.get(key, 0) != planned.get(key, 0):
                 # Until it reports again it must not count as ready.
                 member.report = structs.replace(member.report, state=NodeState.ALIGNING, message=MOVES)

@@ -372,7 +372,7 @@ class Roster:
             if member.lost or member.camera.phase_control is PhaseControl.NONE:
                 continue
             movable.add(member.machine)
-            if member.report.state in (NodeState.READY, NodeState.DEGRADED):
+            if member.report.state.is_aligned:
                 aligned.add(member.machine)
                 if len(aligned) == 2:
                     return True

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -12,21 +11,18 @@ import cv2
 import msgspec
 import numpy as np
 
-from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
-from reconstruction.checks.bullet_time.between_cameras import film_between
-from reconstruction.checks.bullet_time.bullet_time_check import BulletTimeSweep
 from reconstruction.common import wording
 from reconstruction.common.camera_paths import order_of_views
 from reconstruction.common.drawing import EMPTY
-from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.geometry import Array, View, look_along, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.score import TIMING, Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.words import read_words
-from reconstruction.scene.conditions import SYNCHRONIZED, Condition, evenly_spaced
+from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.moving_pixels import SceneMotion
 from reconstruction.scene.scene import Scene
@@ -85,9 +81,8 @@ def save_animation(
     name: str,
     halves: tuple[Sequence[Array], Sequence[Array]],
     titles: tuple[str, Sequence[str]],
-    step_ms: int = STEP_MS,
 ) -> str:
-    """Write folder/pictures/`name`.gif, `step_ms` a picture, and return its path relative to the folder.
+    """Write folder/pictures/`name`.gif and return its path relative to the folder.
 
     `halves` are pictures (BGR uint8) of equal number and size. `titles` holds the title of the first half and
     one title for each picture of the second.
@@ -105,7 +100,7 @@ def save_animation(
     ]
     target = folder / "pictures" / f"{name}.gif"
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_bytes(encode_animation(there, ".gif", step_ms, REST_MS))
+    target.write_bytes(encode_animation(there, ".gif", STEP_MS, REST_MS))
     return f"pictures/{name}.gif"
 
 
@@ -163,10 +158,7 @@ def stabilize_views(
     )
     turned = {}
     for name, view in views.items():
-        ahead = (point - view.centre) / range_to[name]
-        right = np.cross(down, ahead)
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(ahead, right), ahead])
+        rotation = look_along((point - view.centre) / range_to[name], down)
         matrix = np.array([[range_to[name], 0, x], [0, range_to[name], y], [0, 0, 1.0]])
         turned[name] = View(width, height, matrix, np.zeros(5), rotation, np.asarray(-rotation @ view.centre))
     tried = (
@@ -213,7 +205,6 @@ class BulletTimeStudy(Score):
 
     text = read_words(__package__)
     needs = (TIMING,)
-    Options = BulletTimeSweep
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
@@ -226,30 +217,19 @@ class BulletTimeStudy(Score):
     def measure(self) -> StudyResult[Any]:
         """Render the sweep; see `Score.measure`."""
         assert self.context.folder is not None
-        sweep = render_camera_sweep(
-            self.scene,
-            self.context.folder,
-            self.known,
-            self.options.between,
-        )
+        sweep = render_camera_sweep(self.scene, self.context.folder, self.known)
         if sweep is None:
             return self.skipped("no instant has images of two cameras at two times", unasked=True)
         return StudyResult(name=self.text.name, cameras=sweep.cameras, instants=1, facts=sweep)
 
 
-def render_camera_sweep(
-    scene: Scene,
-    out: Path,
-    known: CompareResult,
-    between: int = 0,
-) -> BulletTime | None:
+def render_camera_sweep(scene: Scene, out: Path, known: CompareResult) -> BulletTime | None:
     """Write the sweep's pictures and an animation into out/pictures; None if no sweep is possible.
 
     Cameras are ordered by position if they are calibrated, else by name. Pictures of calibrated cameras are
-    rotated and zoomed so that the subject stays in place. The animation has `between` views between
-    neighbours, if the cameras have depth. In the other condition
-    each camera is delayed by one of `LATE_MS`, as far as the burst reaches. The animation says synchronized
-    only if the images of the sweep's cameras were found to show one instant.
+    rotated and zoomed so that the subject stays in place. In the other condition each camera is delayed by
+    one of `LATE_MS`, as far as the burst reaches. The animation says synchronized only if the images of the
+    sweep's cameras were found to show one instant.
     """
     dataset, motion = scene.dataset, scene.motion
     calibrated = dict(scene.known_views)
@@ -280,20 +260,6 @@ def render_camera_sweep(
     when = "synchronized" if known.together(order) else "as recorded"
     late_texts = [wording.timeliness(ms).replace(wording.GAP, " ") for ms in offsets_ms]
     names = [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
-    films, step_ms = halves, STEP_MS
-    if between and stabilized:
-        apart = Condition("late", named_ms=tuple(zip(order, offsets_ms, strict=True)))
-        with suppress(BadInputError):  # without depth there is nothing between the cameras
-            sides = zip(halves, (SYNCHRONIZED, apart), strict=True)
-            synced_film, offset_film = (
-                film_between(scene, instant, condition, stabilized, half, between)
-                for half, condition in sides
-            )
-            films = synced_film, offset_film
-            names = [text for name in names for text in (name, *["between cameras"] * between)]
-            names = names[: len(synced_film)]
-            step_ms //= between + 1
-    titles = when, names
     return BulletTime(
         cameras=order,
         instant=instant,
@@ -302,7 +268,7 @@ def render_camera_sweep(
         offsets_ms=offsets_ms,
         stabilized=bool(stabilized),
         ordered_by_position=len(calibrated) > 1,
-        file=save_animation(out, "sweep", films, titles, step_ms),
+        file=save_animation(out, "sweep", halves, (when, names)),
         synced_step_px=_largest_step_px(motion, calibrated, stabilized, dict.fromkeys(order, instant)),
         offset_step_px=_largest_step_px(motion, calibrated, stabilized, late),
     )
@@ -319,7 +285,7 @@ def _choose_instant(
     target_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
-    found = {
+    frames = {
         k: {
             name: min(there[name], key=lambda j: (abs(times[j] - time - target_ns[name]), j))
             for name in order
@@ -328,18 +294,18 @@ def _choose_instant(
         for k, time in enumerate(times)
     }
     short_ns = {
-        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in found.items()
+        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in frames.items()
     }
     ranks = {
         k: (len(late), len(set(late.values())), -round(short_ns[k] / max(1, dataset.period_ns)))
-        for k, late in found.items()
+        for k, late in frames.items()
     }
     best = max(ranks.values())
     if min(best[:2]) < 2:
         return None
     likely = evenly_spaced([k for k, rank in ranks.items() if rank == best], MAX_CANDIDATES)
-    instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in found[k]))
-    return instant, found[instant]
+    instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in frames[k]))
+    return instant, frames[instant]
 
 
 def _stabilized_views(

@@ -266,7 +266,7 @@ class PoseStudy(Score):
             for moment in evenly_spaced(instants, MAX_INSTANTS):
                 measured = {side: self._measure(finder, shown) for side, shown in moment.by_condition.items()}
                 tally.add(measured, {"instant": moment.instant})
-        found = StudyResult(
+        result = StudyResult(
             name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
@@ -276,9 +276,9 @@ class PoseStudy(Score):
             per_instant=tally.per_instant,
             facts=PoseFacts(degraded=False, tolerance_deg=TOLERANCE_DEG, truth_source=self.scene.source),
         )
-        right = found.first_known("correct_pairs")
+        right = result.first_known("correct_pairs")
         degraded = right is not None and right[1] - right[2] > HARMED
-        return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, degraded=degraded))
+        return msgspec.structs.replace(result, facts=msgspec.structs.replace(result.facts, degraded=degraded))
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
         """Return the number of placed cameras, and both errors of each pair."""
@@ -289,9 +289,9 @@ class PoseStudy(Score):
             true = {name: (view.rotation, view.translation) for name, view in views.items()}
             return len(poses), relative_pose_errors(poses, true)
 
-        placed, found = self.scene.once(("poses", *shown.items()), make)
-        right = sum(max(error) <= TOLERANCE_DEG for error in found)
-        errors = np.array(found, float).reshape(-1, 2)
+        placed, tracks = self.scene.once(("poses", *shown.items()), make)
+        right = sum(max(error) <= TOLERANCE_DEG for error in tracks)
+        errors = np.array(tracks, float).reshape(-1, 2)
         return Measurements(
             medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
             means={

@@ -161,12 +161,12 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> SeenPoints:
     positions = [features.positions for features in found.values()]
     points = [point for _, point in sorted(model.points3D.items())]
     seen = [(index, element) for index, point in enumerate(points) for element in point.track.elements]
-    pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
+    pixels = [positions[seen_there.image_id - 1][seen_there.point2D_idx] for _, seen_there in seen]
     return SeenPoints(
         points=np.array([point.xyz for point in points], float).reshape(-1, 3),
         errors=np.array([point.error for point in points], float),
         point=np.array([index for index, _ in seen], int),
-        camera=np.array([one.image_id - 1 for _, one in seen], int),
+        camera=np.array([seen_there.image_id - 1 for _, seen_there in seen], int),
         pixel=np.round(np.array(pixels, float)).astype(int).reshape(-1, 2),
     )
 
@@ -278,7 +278,10 @@ class TriangulationStudy(Score):
         camera = self.cameras[0]
         view, photo = self.scene.views[camera], self.dataset.image(camera, one.instant)
         moving = self.motion.moving(camera, one.instant)
-        seen = {side: _depth_at(view, found, list(one.shown).index(camera)) for side, found in points.items()}
+        seen = {
+            side: _depth_at(view, own_points, list(one.shown).index(camera))
+            for side, own_points in points.items()
+        }
         limits = display_range(seen["synced"][1], moving[seen["synced"][0][:, 1], seen["synced"][0][:, 0]])
         radius = max(2, round(view.width / 220))
         drawn = {}

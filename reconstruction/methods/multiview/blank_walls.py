@@ -147,15 +147,15 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
 def find_scene_planes(samples: Sequence[Array], min_points: int) -> list[ScenePlane]:
     """Find planes that contain at least `min_points` of all surface points (9, n each), largest first."""
     left = np.ascontiguousarray(np.hstack(samples))
-    found: list[ScenePlane] = []
-    while len(found) < MAX_PLANES and left.shape[1] >= min_points:
+    planes: list[ScenePlane] = []
+    while len(planes) < MAX_PLANES and left.shape[1] >= min_points:
         plane = _best_supported(left)
         if np.count_nonzero(plane.contains(left)) < min_points:
             break
-        found.append(plane)
+        planes.append(plane)
         # Points just beside it would give the same plane again.
         left = left.compress(~plane.contains(left, 2 * TOLERANCE), axis=1)
-    return found
+    return planes
 
 
 def _best_supported(points: Array) -> ScenePlane:
@@ -250,11 +250,11 @@ def own_surfaces(number: Array, advantage: Array, nearer: Array) -> Array:
     `advantage`: by how much the plane correlates better. `nearer`: the logarithm of the plane's depth
     relative to the surface's.
     """
-    found = np.zeros(number.shape, bool)
+    is_found = np.zeros(number.shape, bool)
     for mine, patches, _, (better, mean, square) in _patches(number, 1, advantage, nearer, nearer**2):
         in_front = (mean > 3 * TOLERANCE) & (square - mean**2 < MIN_SCATTER**2)
-        found |= mine & ((better < MIN_ADVANTAGE) & in_front)[patches]
-    return found
+        is_found |= mine & ((better < MIN_ADVANTAGE) & in_front)[patches]
+    return is_found
 
 
 def _patches(
@@ -295,10 +295,10 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
 
 def evident_patches(number: Array, likeness: Array) -> Array:
     """Return patches of one plane (bool) with sufficient mean correlation; single windows are too noisy."""
-    found = np.zeros(number.shape, bool)
+    is_found = np.zeros(number.shape, bool)
     for mine, patches, count, (mean,) in _patches(number, 3, likeness):
-        found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[patches]
-    return found
+        is_found |= mine & ((mean > LIKE_ON_AVERAGE) & (count >= MIN_PATCH_PX))[patches]
+    return is_found
 
 
 def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: PlaneChoice) -> Surface:
@@ -375,12 +375,14 @@ def fit_blank_walls(
 
     if planes is None:
         min_points = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
-        planes = find_scene_planes([one for found in pool.map(sample, names) for one in found], min_points)
+        planes = find_scene_planes(
+            [one for samples in pool.map(sample, names) for one in samples], min_points
+        )
 
     def choose_surface(name: str) -> Surface:
-        found = _shrunk(surfaces[name].inverse_depth, parts[name].image)
+        shrunk = _shrunk(surfaces[name].inverse_depth, parts[name].image)
         others = [parts[other].image for other in sources[name]]
-        choice = choose_planes(parts[name], others, found, planes, depth_ranges[name])
+        choice = choose_planes(parts[name], others, shrunk, planes, depth_ranges[name])
         return lay_planes(surfaces[name], images[name], parts[name].mask, choice)
 
     return dict(zip(names, pool.map(choose_surface, names), strict=True)), planes

@@ -72,9 +72,9 @@ def write_workspace(
     _sparse_model(pycolmap, views, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{name}.png\n" for name in views))
     (stereo / "patch-match.cfg").write_text("".join(f"{name}.png\n__auto__, 20\n" for name in views))
-    for name, found in (depth_views or {}).items():
-        write_array(_map_file(folder, "depth", name), found.depth)
-        write_array(_map_file(folder, "normal", name), found.normals)
+    for name, depth_view in (depth_views or {}).items():
+        write_array(_map_file(folder, "depth", name), depth_view.depth)
+        write_array(_map_file(folder, "normal", name), depth_view.normals)
 
 
 def fuse_by_colmap(
@@ -106,9 +106,9 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
     """Return random points (n, 3) of all depth maps, in the rig's frame and unit."""
     rng = np.random.default_rng(0)
     points = []
-    for name, found in depth_views.items():
-        rows, columns = rng.permutation(np.argwhere(found.depth > 0))[:POINTS_PER_VIEW].T
-        depth = found.depth[rows, columns].astype(float)
+    for name, depth_view in depth_views.items():
+        rows, columns = rng.permutation(np.argwhere(depth_view.depth > 0))[:POINTS_PER_VIEW].T
+        depth = depth_view.depth[rows, columns].astype(float)
         points.append(views[name].unproject(np.column_stack([columns, rows]), depth))
     return np.concatenate(points)
 

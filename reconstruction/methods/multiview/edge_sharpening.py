@@ -88,11 +88,11 @@ def _differences(level: Array, pixels: Array, extended: Array, source_views: Seq
     """Return pixels' mean difference in brightness (n,) from the best sources on an extended side."""
     surface = level.copy()
     surface.reshape(-1)[pixels] = extended
-    found = []
+    edges = []
     for view in source_views:
         seen, grey = CPU.warp(view, surface), view.reference.grey
         seen, grey = seen.reshape(-1), grey.reshape(-1)
         factor, bias = match_brightness(seen, grey, np.flatnonzero(seen > 0))
         off = np.abs(factor * seen[pixels] + bias - grey[pixels])
-        found.append(np.where(seen[pixels] > 0, np.minimum(off, MAX_GREY_LEVELS), MAX_GREY_LEVELS))
-    return np.asarray(np.sort(found, axis=0)[:MIN_SOURCES].mean(0))
+        edges.append(np.where(seen[pixels] > 0, np.minimum(off, MAX_GREY_LEVELS), MAX_GREY_LEVELS))
+    return np.asarray(np.sort(edges, axis=0)[:MIN_SOURCES].mean(0))

@@ -137,7 +137,7 @@ def find_denied(
     nothing in front of it, as solid objects are not seen from behind.
     """
     points, normals, denied = floats(points), floats(normals), np.empty(len(points), bool)
-    maps = [(views[name], floats(found.depth)) for name, found in depth_views.items()]
+    maps = [(views[name], floats(depth_view.depth)) for name, depth_view in depth_views.items()]
     call_kernel(
         "deny",
         *(len(maps), (_Map * len(maps))(*(_Map.of(*view_and_depth) for view_and_depth in maps))),

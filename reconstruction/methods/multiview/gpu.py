@@ -159,10 +159,10 @@ class GpuEngine(SweepEngine):
         run.end()
         self.device.queue.submit([encoder.finish()])
         read, size = (FOUND, 8 * height * width) if scan else (COSTS, band * len(tops))
-        found = np.frombuffer(self.device.queue.read_buffer(self._buffers[read], 0, size), np.uint8)
+        values = np.frombuffer(self.device.queue.read_buffer(self._buffers[read], 0, size), np.uint8)
         if scan:
-            return found
-        return found.reshape(len(tops), -1)[:, :used].reshape(-1)[: 4 * words * width * height]
+            return values
+        return values.reshape(len(tops), -1)[:, :used].reshape(-1)[: 4 * words * width * height]
 
     def _buffer(self, binding: int, size: int) -> Any:
         """Return the buffer of a binding, kept between calls and replaced by a larger one when needed."""
@@ -231,7 +231,7 @@ def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
     """
     kinds = (*HARDWARE, "CPU") if named else HARDWARE
     fitting = [adapter for adapter in adapters if adapter.info["adapter_type"] in kinds]
-    fitting = [one for one in fitting if named.lower() in one.info["device"].lower()]
+    fitting = [view for view in fitting if named.lower() in view.info["device"].lower()]
     if not fitting:
         raise NotAvailableError(f"no GPU named {named}" if named else "no GPU with Vulkan, Metal or DX12")
     engine = GpuEngine(min(fitting, key=lambda one: kinds.index(one.info["adapter_type"])))
@@ -253,10 +253,10 @@ def computes_correctly(engine: GpuEngine) -> bool:
         for view in views
     )
     volume = [SourceView(reference, source) for source in sources], None, np.linspace(0, 1, 9)
-    costs, found = engine.costs(volume), engine.cheapest(volume, 20, 800)
+    costs, cheapest = engine.costs(volume), engine.cheapest(volume, 20, 800)
     exact = CPU.find_cheapest(costs, reference.grey, 20, 800)
     costs_off = np.abs(costs.astype(int) - CPU.cost_volume(*volume))
-    same = (np.abs(found[0] - exact[0]) < PLACE_OFF) & (found[1] == exact[1])
+    same = (np.abs(cheapest[0] - exact[0]) < PLACE_OFF) & (cheapest[1] == exact[1])
     return bool(min(np.mean(costs_off <= COSTS_OFF), np.mean(same)) > MIN_RIGHT)
 
 

@@ -20,7 +20,6 @@ from reconstruction.common.wording import percentage
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.plane_sweep import PlaneSweep
-from reconstruction.method.study_result import InstantClouds
 from reconstruction.method.truth import DepthShares, depth_shares
 from reconstruction.methods.multiview.confidence import measure_support
 from reconstruction.methods.multiview.fusion import FusedCloud
@@ -47,7 +46,7 @@ from reconstruction.methods.multiview.result import (
 )
 from reconstruction.methods.multiview.still_scene import StillScene
 from reconstruction.methods.multiview.sweep_matcher import ViewDepth
-from reconstruction.pages.embedding import embed_image, view_clouds
+from reconstruction.pages.embedding import InstantClouds, embed_image, view_clouds
 from reconstruction.pages.page import Section, render_page, write_page
 from reconstruction.scene.calibration.consistency import turn_error
 from reconstruction.scene.conditions import Condition
@@ -76,12 +75,12 @@ class MadeMultiview(Made[MultiviewResult]):
         Raises:
             NotAvailableError: COLMAP matched, whose maps have none.
         """
-        if (found := self._view(camera).get(CONFIDENCE)) is None:
+        if (confidence := self._view(camera).get(CONFIDENCE)) is None:
             raise NotAvailableError(
                 f"the depth of {camera} has no confidence: COLMAP's PatchMatch does not report any",
                 hint="compute it with --matcher sweep",
             )
-        return found.astype(np.float32)
+        return confidence.astype(np.float32)
 
     @property
     def cloud(self) -> PointCloud:
@@ -112,7 +111,7 @@ def model_instant(
         BadInputError: the instant or the condition cannot be used, or nothing was found.
     """
     scene, dataset, progress = inputs.scene, inputs.dataset, options.progress
-    found = match_instant(
+    maps_found = match_instant(
         inputs,
         instant,
         condition,
@@ -123,15 +122,15 @@ def model_instant(
         workspace=part / WORKSPACE if options.workspace else None,
         on_pair=partial(_show_pair, early) if early is not None else None,
     )
-    images, sources, rough, maps = found.images, found.sources, found.rough, found.maps
+    images, sources, rough, maps = maps_found.images, maps_found.sources, maps_found.rough, maps_found.maps
     checked, confidence = None, dict[str, Array]()
     if options.check:
-        checked = check_images(found.usable)
+        checked = check_images(maps_found.usable)
         confidence = measure_confidence(images, sources, maps, checked.error_px, scene.scale_error)
     misfit_px = None if checked is None else checked.error_px
     views, pictures = image_views(images), image_colours(images)
     progress.step("fusing the maps into a cloud")
-    fused = found.cloud
+    fused = maps_found.cloud
     if not len(fused.points):
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
@@ -149,7 +148,7 @@ def model_instant(
     if options.cleans_cloud:
         progress.step("cloud, mesh and pictures" if options.makes_mesh else "cleaning the cloud")
         points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=options.makes_mesh)
-    reference = found.reference
+    reference = maps_found.reference
     image, depth = images[reference], maps[reference].depth
     own = next(view for view in scored if view.camera == reference)
     others = [view for name, view in views.items() if name != reference]
@@ -173,7 +172,7 @@ def model_instant(
         nearest=min(nearest for nearest, _ in ranges),
         farthest=max(farthest for _, farthest in ranges),
         views=scored,
-        left_out=dict(found.left_out),
+        left_out=dict(maps_found.left_out),
         fused_points=len(fused.points),
         cloud_points=points,
         mesh_triangles=triangles,
@@ -216,11 +215,11 @@ def measure_confidence(
     standard deviation of its scale.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    found = {}
+    files = {}
     for camera, support in measure_support(calibrated, sources, maps):
         known = np.where(maps[camera].depth > 0, support.confidence(misfit_px, scale_error), 0)
-        found[camera] = known.astype(np.float16)
-    return found
+        files[camera] = known.astype(np.float16)
+    return files
 
 
 def write_view(

@@ -55,11 +55,11 @@ def known_surfaces(
     `views` have the distortion of the session's images.
     """
     loaded = {camera: undistorted_truth(dataset, view, camera, instant) for camera, view in views.items()}
-    known = {camera: one for camera, one in loaded.items() if one is not None}
+    known = {camera: image for camera, image in loaded.items() if image is not None}
     if len(known) < len(loaded):
         return None
     plain = {camera: view.undistorted for camera, view in views.items()}
-    depth, moving_masks = ({camera: one[which] for camera, one in known.items()} for which in (0, 1))
+    depth, moving_masks = ({camera: image[which] for camera, image in known.items()} for which in (0, 1))
     return true_surfaces(plain, depth, moving_masks, kinds)
 
 
@@ -81,13 +81,13 @@ def true_surfaces(
         points = surface_points(view, rows, columns, z)
         parts["mover"].append(points[(z > 0) & moving])
         parts["static"].append(points[(z > 0) & ~moving])
-    found = {}
+    by_camera = {}
     for kind in kinds:
         points = np.concatenate(parts[kind])
         asked = _sample(_thin_out(points))
         seen = sum(visible_points(view, depth[name], asked).astype(int) for name, view in views.items())
-        found[kind] = points, asked[np.asarray(seen) >= 2]
-    return found
+        by_camera[kind] = points, asked[np.asarray(seen) >= 2]
+    return by_camera
 
 
 def points_on_moving(
@@ -159,8 +159,10 @@ def score_moving(
     true, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
     points = cloud.points[points_on_moving(cloud.points, cloud.seen, views, moving_masks)]
-    found = Measurements({"precision": count_near(true, points), "recall": count_near(points, shared)})
-    precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))
+    measured_cloud = Measurements(
+        {"precision": count_near(true, points), "recall": count_near(points, shared)}
+    )
+    precision, recall, f_score = (measured_cloud.value(name) for name in ("precision", "recall", "f_score"))
     if math.isnan(recall):
         return None
     return CloudScore(
@@ -213,10 +215,10 @@ class InstantScorer:
             images = {c: self.undistorted.image(c, times[c]).calibrated for c in found.maps}
             confirmed, difference = confirm(self.reference, images, found.maps)
             for kind, mask in (("mover", moving), ("static", static)):
-                one = measure_depth(found.maps[self.reference].depth, difference, mask, truth)
-                one.shares["consistency"] = int((confirmed & mask).sum()), int(mask.sum())
-                one.update(clouds.get(kind, Measurements()))
-                measured[name].update(one, f"{kind}_")
+                scored = measure_depth(found.maps[self.reference].depth, difference, mask, truth)
+                scored.shares["consistency"] = int((confirmed & mask).sum()), int(mask.sum())
+                scored.update(clouds.get(kind, Measurements()))
+                measured[name].update(scored, f"{kind}_")
         return measured
 
     def true_depth(self, instant: int) -> Array | None:

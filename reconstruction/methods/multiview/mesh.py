@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
 from reconstruction.methods.multiview.fusion import SLACK, FusedCloud, find_denied, project_points
@@ -143,8 +143,8 @@ def _farthest_off_plane(corners: Array, normals: Array) -> Array:
     `corners` and unit `normals` are (m, 3, 3).
     """
     off = (
-        np.einsum("ij,ij->i", corners[:, other] - corners[:, one], normals[:, one])
-        for one, other in permutations(range(3), 2)
+        np.einsum("ij,ij->i", corners[:, other] - corners[:, first], normals[:, first])
+        for first, other in permutations(range(3), 2)
     )
     return np.asarray(np.max(np.abs([*off]), axis=0))
 
@@ -187,9 +187,7 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
     """Draw points as squares of 3 px, the nearest in front, as seen from `eye` towards `middle`."""
     width, height = FRAME_PX
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
-    right = np.cross(ahead, up)
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(ahead, right), ahead]).astype(np.float32)
+    rotation = look_along(ahead, -up).astype(np.float32)
     seen = (points.astype(np.float32) - eye.astype(np.float32)) @ rotation.T
     nearer = np.argsort(-seen[:, 2])
     nearer = nearer[seen[nearer, 2] > 1e-9]

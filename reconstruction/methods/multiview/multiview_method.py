@@ -108,8 +108,8 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         """Yield each instant with depth of all cameras that have it; see `Method.see`."""
         from reconstruction.depth.seen_moment import SeenInstant
 
-        for found in self.run(scene, condition):
-            yield SeenInstant(found.instant, found.moment, found.left_out)
+        for result in self.run(scene, condition):
+            yield SeenInstant(result.instant, result.moment, result.left_out)
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras or instants that were left out; see `Method.notes`."""

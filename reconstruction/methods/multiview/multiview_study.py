@@ -23,7 +23,7 @@ from reconstruction.depth.view_choice import choose_reference_view, choose_sourc
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
 from reconstruction.method.score import UNASKED, Score
-from reconstruction.method.study_result import InstantClouds, Picture, StudyResult
+from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Tally
 from reconstruction.method.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.method.words import read_words
@@ -34,7 +34,7 @@ from reconstruction.methods.multiview.instant_scoring import InstantScorer
 from reconstruction.methods.multiview.matcher import ChosenMatcher, choose_matcher, image_colours, image_views
 from reconstruction.methods.multiview.mesh import draw_clouds
 from reconstruction.methods.multiview.multiview_method import Multiview
-from reconstruction.pages.embedding import view_clouds
+from reconstruction.pages.embedding import InstantClouds, view_clouds
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -211,8 +211,8 @@ class MultiviewStudy(Score):
         except BadInputError as error:
             raise ValueError(error.what) from error
         points = self.rough.points
-        sources = choose_source_views({c: one.view for c, one in images.items() if c in points}, points)
-        views = {c: one.view for c, one in images.items() if len(sources.get(c, ())) > 1}
+        sources = choose_source_views({c: image.view for c, image in images.items() if c in points}, points)
+        views = {c: image.view for c, image in images.items() if len(sources.get(c, ())) > 1}
         left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
         _require_cameras(views, left_out)
         self.reference = choose_reference_view(views, points)
@@ -318,12 +318,12 @@ class MultiviewStudy(Score):
         def run() -> dict[int, InstantDepth]:
             results = {}
             with suppress(BadInputError):  # no instant has depth
-                for found in method.run(self.scene, condition):
+                for result in method.run(self.scene, condition):
                     self.progress.step(
-                        f"depth from {len(found.maps)} cameras, instant {found.instant}, {side}"
+                        f"depth from {len(result.maps)} cameras, instant {result.instant}, {side}"
                     )
-                    if self.reference in found.maps:
-                        results[found.instant] = InstantDepth.of(found)
+                    if self.reference in result.maps:
+                        results[result.instant] = InstantDepth.of(result)
             return results
 
         return self.scene.once(("multiview", method.instants, method.without, condition), run)

@@ -139,7 +139,7 @@ def _model(pycolmap: Any, views: Mapping[str, View], tracks: list[Track]) -> tup
 
 def _in_place(views: Mapping[str, View], before: Mapping[str, View]) -> dict[str, View]:
     """Return the views turned, moved and scaled as a whole to where they were before."""
-    centres, old = (np.array([of[name].centre for name in views]) for of in (views, before))
+    centres, old = (np.array([poses[name].centre for name in views]) for poses in (views, before))
     middle, old_middle = centres.mean(0), old.mean(0)
     size, old_size = float(np.linalg.norm(centres - middle)), float(np.linalg.norm(old - old_middle))
     scale = old_size / size if size else 1.0
@@ -162,7 +162,7 @@ def estimate_scale_error(before: Mapping[str, View], refined: Mapping[str, View]
     Images show the rig's shape but not its scale, which is that of the cameras' distances before. As far as
     the cameras stood beside that shape, so far is the scale probably off, divided by the rig's size.
     """
-    centres, old = (np.array([of[name].centre for name in before]) for of in (refined, before))
+    centres, old = (np.array([poses[name].centre for name in before]) for poses in (refined, before))
     # A shift and a scale were fitted to the places: 4. Student's variance is that of 2 fewer.
     sigma = np.linalg.norm(old - centres) / np.sqrt(max(centres.size - 6, 1))
     return float(sigma / np.linalg.norm(centres - centres.mean(0)))

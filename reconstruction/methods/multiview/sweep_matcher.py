@@ -93,12 +93,12 @@ def match_all_views(
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = still.surface(name, images[name])
+        surface = still.surface(name, images[name])
         for box, mine in boxes_around(new[name]):
             swept = sweep.sweep(images[name].cropped(box), others, depth_ranges[name])
-            found = renewed(found, swept, box, mine)
+            surface = renewed(surface, swept, box, mine)
         steps.step(f"depth of {name}")
-        return found
+        return surface
 
     def sharpen(name: str) -> Surface:
         views = [SourceView(images[name], images[other]) for other in sources[name]]
@@ -123,13 +123,13 @@ def match_all_views(
             }
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposed = np.where(confirmed[name] > 0, 0, proposed)
-        found = surfaces[name]
+        surface = surfaces[name]
         for box, mine in boxes_around(new[name]):
             before = Surface(*(np.ascontiguousarray(part[box]) for part in surfaces[name]))
             given = before, proposed[box], sure[box] > 0, images[name].cropped(box)
             swept = sweep.adopt_proposals(*given, others, depth_ranges[name])
-            found = renewed(found, swept, box, mine)
-        return found
+            surface = renewed(surface, swept, box, mine)
+        return surface
 
     with budget.reserved(worker_count() * cells * BYTES_PER_CELL), worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
@@ -180,10 +180,10 @@ def voting_views(
     name: str, sources: Mapping[str, Sequence[str]], surfaces: Mapping[str, Surface]
 ) -> list[str]:
     """Return the other views that vote on a view's depth: those nearest by source links, `MAX_VOTERS`."""
-    found = [name]
-    for one in found:
-        found += [other for other in sources[one] if other in surfaces and other not in found]
-    return found[1 : 1 + MAX_VOTERS]
+    order = [name]
+    for one in order:
+        order += [other for other in sources[one] if other in surfaces and other not in order]
+    return order[1 : 1 + MAX_VOTERS]
 
 
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:

@@ -175,13 +175,13 @@ def _match_exposure(layers: Sequence[Layer], compensator: cv2.detail.ExposureCom
 
 def _cut_seams(layers: Sequence[Layer]) -> list[Array]:
     """Return the pixels of each layer that the panorama shows (uint8, 255)."""
-    found = cv2.detail.GraphCutSeamFinder("COST_COLOR").find(
+    masks = cv2.detail.GraphCutSeamFinder("COST_COLOR").find(
         [_umat(layer.picture.astype(np.float32)) for layer in layers],
         [layer.box[:2] for layer in layers],
         [_umat(_mask(layer.seen)) for layer in layers],
     )
     # Dilated by one pixel, so that rounding leaves no gap between two layers.
-    return [np.asarray(cv2.dilate(shown.get(), None)) for shown in found]
+    return [np.asarray(cv2.dilate(shown.get(), None)) for shown in masks]
 
 
 def _blend(layers: Sequence[Layer], masks: Sequence[Array], canvas: Box) -> Array:

@@ -150,8 +150,10 @@ def _best_match(picture: Array, at: Array, other: Array) -> Array | None:
 
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
     """Return the normalized correlation (n,) of the patches around pixels (n, 2) of two images."""
-    one, other = _patches(a, at_a), _patches(b, at_b)
-    return np.asarray((one * other).sum(1) / np.maximum(np.sqrt((one**2).sum(1) * (other**2).sum(1)), 1e-6))
+    first, other = _patches(a, at_a), _patches(b, at_b)
+    return np.asarray(
+        (first * other).sum(1) / np.maximum(np.sqrt((first**2).sum(1) * (other**2).sum(1)), 1e-6)
+    )
 
 
 def _patches(picture: Array, at: Array) -> Array:
@@ -179,9 +181,9 @@ class Misalignment(Struct, frozen=True, kw_only=True):
     @classmethod
     def at_points(cls, lengths: Array) -> "Misalignment":
         """Summarize lengths (n,), NaN where a point was lost."""
-        found = known(lengths)
-        median, p95 = map(float, np.percentile(found, [50, 95])) if len(found) else (None, None)
-        return cls(points=len(found), lost=len(lengths) - len(found), median_px=median, p95_px=p95)
+        spread = known(lengths)
+        median, p95 = map(float, np.percentile(spread, [50, 95])) if len(spread) else (None, None)
+        return cls(points=len(spread), lost=len(lengths) - len(spread), median_px=median, p95_px=p95)
 
 
 class OverlapScore(Struct, frozen=True, kw_only=True):

@@ -217,7 +217,7 @@ def session_input(
         )
     if delayed:
         shown["offset"] = shown["synced"] | delayed
-    conditions = {name: _pictures(scene, of) for name, of in shown.items()}
+    conditions = {name: _pictures(scene, picture) for name, picture in shown.items()}
     facts = {
         "source": str(dataset.session.folder),
         "left_out": {c: f"it has no image of instant {instant}" for c in asked if c not in cameras},

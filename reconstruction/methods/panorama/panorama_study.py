@@ -105,7 +105,8 @@ class PanoramaStudy(Score):
             now, later = synced.instant, offset.shown[second]
             self.progress.step(f"panorama {first}-{second}, instant {now}")
             measured = {
-                side: self._measure(one, later) for side, one in (("synced", synced), ("offset", offset))
+                side: self._measure(result, later)
+                for side, result in (("synced", synced), ("offset", offset))
             }
             tally.add(measured, {"instant": now, "offset_instant": later})
         moving = [measured["synced"].shares["mover_found"][1] for measured, _ in tally.rows]

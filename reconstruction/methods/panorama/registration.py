@@ -74,7 +74,11 @@ def estimate_cameras(
     Raises:
         ValueError: no estimate explains the images.
     """
-    used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
+    used = {
+        pair: overlap
+        for pair, overlap in overlaps.items()
+        if overlap.confidence > 1 and views.keys() >= set(pair)
+    }
     turned = _adjust_by_rounds(views, used, calibrated)
     if not calibrated and (turned is None or _residual_px(turned, used) > GOOD_PX):
         longest = max(max(view.width, view.height) for view in views.values())
@@ -103,7 +107,9 @@ def _adjust_by_rounds(
     for _ in range(ROUNDS):
         if turned is None:
             return None
-        fitting = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in overlaps.items()}
+        fitting = {
+            (a, b): _without_outliers(overlap, turned[a], turned[b]) for (a, b), overlap in overlaps.items()
+        }
         turned = _adjust(views, fitting, held)
     return turned
 
@@ -111,7 +117,12 @@ def _adjust_by_rounds(
 def _residual_px(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
     """Return the residual of the points, px: the mean over the overlaps of their medians."""
     return float(
-        np.mean([np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()])
+        np.mean(
+            [
+                np.median(_off(overlap, views[a], views[b])[overlap.fits])
+                for (a, b), overlap in overlaps.items()
+            ]
+        )
     )
 
 
@@ -258,11 +269,11 @@ def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
             (pixels - (view.width / 2, view.height / 2)).reshape(-1, 1, 2)
             for pixels, view in zip(at, (a, b), strict=True)
         )
-        found, fits = cv2.findHomography(
+        homography_found, fits = cv2.findHomography(
             centred_a, centred_b, cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000, confidence=0.999
         )
-        if found is not None and abs(np.linalg.det(found)) >= 1e-9:
-            return PictureOverlap(at, np.asarray(fits).ravel() > 0, np.asarray(found))
+        if homography_found is not None and abs(np.linalg.det(homography_found)) >= 1e-9:
+            return PictureOverlap(at, np.asarray(fits).ravel() > 0, np.asarray(homography_found))
     return PictureOverlap(at, np.zeros(len(at[0]), bool), np.eye(3))
 
 
@@ -286,9 +297,9 @@ def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], Pict
 def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str], PictureOverlap]) -> str:
     if len(own.positions) < MIN_MATCHES:
         return f"it has too few features ({len(own.positions)})"
-    own_overlaps = {a if b == name else b: one for (a, b), one in overlaps.items() if name in (a, b)}
+    own_overlaps = {a if b == name else b: overlap for (a, b), overlap in overlaps.items() if name in (a, b)}
     # An overlap with an image that is used would have made them one group.
-    if beside := [other for other, one in own_overlaps.items() if one.confidence > 1]:
+    if beside := [other for other, overlap in own_overlaps.items() if overlap.confidence > 1]:
         return f"it belongs to another panorama, with {' and '.join(beside)}: stitch those by themselves"
     nearest = max(own_overlaps, key=lambda other: len(own_overlaps[other].fits))
     shared = len(own_overlaps[nearest].fits)
@@ -343,7 +354,10 @@ def register_images(
         for name, image in images.items()
     }
     if moving:
-        points = {name: of.at_rest(_shrink_mask(moving[name], *sizes[name])) for name, of in points.items()}
+        points = {
+            name: own_points.at_rest(_shrink_mask(moving[name], *sizes[name]))
+            for name, own_points in points.items()
+        }
     return PanoramaStitcher(*register_pictures(points, sizes, views))
 
 

@@ -57,7 +57,9 @@ class Stereo(Method, frozen=True, kw_only=True):
             raise BadInputError("no pair is named", hint='pair=("left", "right")')
         first, second = self.pair
         shown = [instants_shown(scene.dataset, condition, k) for k in self.listed_instants]
-        yield from match_pair(scene, self.pair, [(one[first], one[second]) for one in shown], lean=True)
+        yield from match_pair(
+            scene, self.pair, [(picture[first], picture[second]) for picture in shown], lean=True
+        )
 
     def notes(self, result: Any) -> Iterator[str]:
         """Yield the cameras and the pairs that were left out; see `Method.notes`."""

@@ -154,7 +154,7 @@ class Rectification:
     @cached_property
     def _canvases(self) -> list[tuple[Array, Array, Array]]:
         """Each view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
-        found = []
+        votes_found = []
         for other, (view, rotation) in enumerate(zip(self.views, self.rotations, strict=True)):
             xs, ys = cv2.initUndistortRectifyMap(
                 view.matrix,
@@ -167,8 +167,8 @@ class Rectification:
             outline = self.project(view.rays(view.border()), other=bool(other))
             seen = np.zeros((self.height, self.width), np.uint8)
             cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
-            found.append((xs, ys, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0))
-        return found
+            votes_found.append((xs, ys, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0))
+        return votes_found
 
     @cached_property
     def _reference_pixels(self) -> tuple[Array, Array, Array]:
@@ -422,10 +422,10 @@ def find_disparity_range(
         asked += int(textured.sum())
         votes.append(forward[good])
         moving.append(forward[good & (canvas.remap(mask.astype(np.uint8), nearest=True)[0] > 0)])
-    found, fast = np.concatenate(votes), np.concatenate(moving)
-    if len(found) < max(200, MIN_AGREEMENT * asked):
+    offsets, fast = np.concatenate(votes), np.concatenate(moving)
+    if len(offsets) < max(200, MIN_AGREEMENT * asked):
         raise ValueError("the two views have too little in common to match")
-    low, high = np.percentile(found, [0.5, 99.5]) / scale
+    low, high = np.percentile(offsets, [0.5, 99.5]) / scale
     if len(fast) >= 20:
         ends = np.percentile(fast, [3, 97]) / scale
         low, high = min(low, ends[0]), max(high, ends[1])
@@ -469,8 +469,8 @@ def _patch_errors(
         likeness = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, at = cv2.minMaxLoc(likeness)
         if best >= LIKENESS and 0 < at[1] < likeness.shape[0] - 1:
-            found = at[1] + _peak(likeness[at[1] - 1 : at[1] + 2, at[0]]) + top + half
-            errors.append(abs(found - y) / pair.scale)
+            row = at[1] + _peak(likeness[at[1] - 1 : at[1] + 2, at[0]]) + top + half
+            errors.append(abs(row - y) / pair.scale)
     return errors
 
 

@@ -225,9 +225,9 @@ def compute_stereo(
     assert choice.cameras is not None
     reference, other = choice.cameras
     progress.step(f"stereo {reference}-{other}, instant {shown[reference]}")
-    (found,) = match_pair(scene, choice.cameras, [(shown[reference], shown[other])])
+    (matched,) = match_pair(scene, choice.cameras, [(shown[reference], shown[other])])
     return msgspec.structs.replace(
-        _save_result(scene, found, folder),
+        _save_result(scene, matched, folder),
         why=choice.why,
         left_out=absent,
         pairs_left_out=dict(choice.left_out),

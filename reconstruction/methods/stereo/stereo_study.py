@@ -213,13 +213,13 @@ class StereoStudy(Score):
             facts["mover_pixels"] = int(one.moving.sum())
             return {side: self._measure(one, side) for side in CONDITIONS}, facts
 
-        found = []
+        scored = []
         both = (method.run(self.scene, at) for at in (SYNCHRONIZED, late))
         for synced, offset in zip(*both, strict=True):
             self.progress.step(f"stereo {reference}-{other}, instant {synced.instant}")
-            found.append({"synced": synced.checked, "offset": offset.checked})
+            scored.append({"synced": synced.checked, "offset": offset.checked})
         with worker_pool() as pool:
-            instants = self._instants(pairs, found, prepare_pair(self.scene, self.pair))
+            instants = self._instants(pairs, scored, prepare_pair(self.scene, self.pair))
             tally = Tally(list(pool.map(measure, instants)))
         return StudyResult(
             name=self.text.name,
@@ -263,7 +263,7 @@ class StereoStudy(Score):
         still = median_still_depth([sides["synced"].depth for sides in maps], moving)
         where, inside = self._projected(still.tobytes())
         instants = []
-        for (now, later), found, mask in zip(pairs, maps, moving, strict=True):
+        for (now, later), pair_maps, mask in zip(pairs, maps, moving, strict=True):
             static = still_pixels(
                 where,
                 inside,
@@ -274,19 +274,19 @@ class StereoStudy(Score):
             truth = None if loaded is None else true_depth_in_unit(loaded[0], self.scene.unit, still, static)
             instants.append(
                 StereoInstant(
-                    now, {"synced": now, "offset": later}, found, mask & inside, static, truth, matcher
+                    now, {"synced": now, "offset": later}, pair_maps, mask & inside, static, truth, matcher
                 )
             )
         return instants
 
     def _measure(self, one: StereoInstant, side: str) -> Measurements:
         reference, other = self.cameras
-        found = one.maps[side]
+        side_maps = one.maps[side]
         images = self.dataset.grey(reference, one.now), self.dataset.grey(other, one.shown[side])
         measured = Measurements()
         masks = {"mover": one.moving, "static": one.static}
         errors = epipolar_errors(one.matcher, *images, tuple(masks.values()))
         for (kind, mask), off in zip(masks.items(), errors, strict=True):
-            measured.update(measure_depth(found.depth, found.difference, mask, one.truth), f"{kind}_")
+            measured.update(measure_depth(side_maps.depth, side_maps.difference, mask, one.truth), f"{kind}_")
             measured.medians[f"{kind}_epipolar_px"] = np.array(off, float)
         return measured

@@ -78,7 +78,7 @@ def follow(
     for name, view in views.items():
         progress.step(name)
         projection = view.matrix @ np.column_stack([view.rotation, view.translation])
-        for k in (k for of, k in frames if of == name):
+        for k in (k for camera, k in frames if camera == name):
             point = find_moving_point(dataset.grey(name, k), motion.background(name))
             if point is None:
                 continue

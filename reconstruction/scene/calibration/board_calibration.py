@@ -80,14 +80,14 @@ def lenses_of_recordings(dataset: Dataset, board: Board, recordings: Sequence[Da
             detector = BoardDetector(board)
             images = (recording.grey(name, instant) for instant in recording.instants(name))
             seen.setdefault(name, []).extend(filter(None, map(detector.detect, images)))
-    return {name: calibrate_lens(name, dataset.size(name), board, found) for name, found in seen.items()}
+    return {name: calibrate_lens(name, dataset.size(name), board, corners) for name, corners in seen.items()}
 
 
 def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[str]) -> None:
     """Raise BadInputError if a recording's images of these cameras have another size."""
     for name in cameras:
         if recording.size(name) != dataset.size(name):
-            sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
+            sizes = ["x".join(map(str, source.size(name))) for source in (recording, dataset)]
             raise BadInputError(
                 f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
                 hint="record the board in the mode that is used later: another may show another part",
@@ -134,9 +134,9 @@ def adjust_bundle(
             # Fixed values have no slope: the damping alone keeps their equations solvable.
             damped = normal + damping * np.diag(np.diag(normal).clip(1e-12))
             stepped = values - np.linalg.solve(damped, gradient)
-            found = linearize(stepped)
-            if found[0] < loss:
-                values, (loss, normal, gradient) = stepped, found
+            residuals = linearize(stepped)
+            if residuals[0] < loss:
+                values, (loss, normal, gradient) = stepped, residuals
                 damping /= 5
                 break
             damping *= 5
@@ -183,10 +183,10 @@ def _residuals(view: View, values: Array, points: Array, pixels: Array) -> tuple
     camera, board = values[LENS:CAMERA], values[CAMERA:]
     lens = _adjusted(view, values)
     rvec, tvec, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
-    found, by = cv2.projectPoints(points, rvec, tvec, lens.matrix, lens.distortion)
+    projected, by = cv2.projectPoints(points, rvec, tvec, lens.matrix, lens.distortion)
     # OpenCV's order: the composed rotation by both poses, board first, then the composed translation.
     by_poses = np.block([[*rates[2:4], *rates[:2]], [*rates[6:8], *rates[4:6]]])
-    return found.reshape(-1, 2) - pixels, np.hstack([by[:, 6 : 6 + LENS], by[:, :6] @ by_poses])
+    return projected.reshape(-1, 2) - pixels, np.hstack([by[:, 6 : 6 + LENS], by[:, :6] @ by_poses])
 
 
 BoardCorners = dict[tuple[str, int], Corners]
@@ -216,10 +216,10 @@ def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> Boa
 
 def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
     """Group corners by moment, then camera, in the order of moments."""
-    found: dict[int, dict[str, Corners]] = {moment: {} for moment in sorted({k for _, k in corners})}
+    by_moment: dict[int, dict[str, Corners]] = {moment: {} for moment in sorted({k for _, k in corners})}
     for (camera, moment), seen in corners.items():
-        found[moment][camera] = seen
-    return found
+        by_moment[moment][camera] = seen
+    return by_moment
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
@@ -256,8 +256,11 @@ def calibrate_from_board(
     views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
     used = _bundle_moments(corners)
     sightings = {
-        (name, moment): (places[sorted(found)].astype(float), _pixels(found, sorted(found)).astype(float))
-        for (name, moment), found in corners.items()
+        (name, moment): (
+            places[sorted(own_corners)].astype(float),
+            _pixels(own_corners, sorted(own_corners)).astype(float),
+        )
+        for (name, moment), own_corners in corners.items()
         if moment in used
     }
     views = adjust_bundle(views, sightings, frozenset(known))

@@ -151,7 +151,7 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ca
     """Check the views against features at rest, all of one instant."""
     groups = _shared_points(views, features)
     errors = {names: _errors_px(views, names, at) for names, at in groups.items()}
-    deviations = {names: _deviation_px(found) for names, found in errors.items()}
+    deviations = {names: _deviation_px(own_errors) for names, own_errors in errors.items()}
     limit = _refused_px(views)
     guilty = _blamed(deviations, limit * INCONSISTENT_PX / REFUSED_PX)
     moved = [
@@ -211,7 +211,7 @@ def _refused_px(views: Mapping[str, View]) -> float:
 
 def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> list[tuple[str, str]]:
     views = {name: view for name, view in views.items() if name in features}
-    found = set()
+    removed = set()
     for name, view in views.items():
         others = sorted(
             (
@@ -221,8 +221,8 @@ def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> 
             ),
             key=lambda other: float(np.linalg.norm(views[other].centre - view.centre)),
         )
-        found |= {tuple(sorted((name, other))) for other in others[:NEIGHBOURS]}
-    return sorted((a, b) for a, b in found)
+        removed |= {tuple(sorted((name, other))) for other in others[:NEIGHBOURS]}
+    return sorted((a, b) for a, b in removed)
 
 
 def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Array | None:
@@ -357,10 +357,10 @@ def _shift(
         if clear.any():
             at = groups[group][group.index(name)]
             distances.append(reprojection_errors(views[name], points[clear], at[clear]))
-    if distances and len(found := np.concatenate(distances)) >= MIN_TRACKS:
-        return float(np.median(found))
-    concerned = [found for group, found in errors.items() if not set(names).isdisjoint(group)]
-    return max(float(np.median(found.sum(0))) for found in concerned)
+    if distances and len(distances_px := np.concatenate(distances)) >= MIN_TRACKS:
+        return float(np.median(distances_px))
+    concerned = [own_errors for group, own_errors in errors.items() if not set(names).isdisjoint(group)]
+    return max(float(np.median(errors_px.sum(0))) for errors_px in concerned)
 
 
 Views = dict[str, View]
@@ -470,7 +470,7 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
         inlier_share=float(good.mean()) if len(good) else 0.0,
         reprojection_error_px=float(np.median(error[good])) if good.any() else None,
         triangulation_angle_deg=float(np.median(angle[good])) if good.any() else None,
-        coverage={name: len(found) / CELLS for name, found in cells.items()},
+        coverage={name: len(own_cells) / CELLS for name, own_cells in cells.items()},
     )
 
 

@@ -137,9 +137,9 @@ def _misplaced(views: Mapping[str, View], unit: str) -> list[Fault]:
     size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
     faults: list[Fault] = []
     nearest: dict[str, float] = {}
-    for (a, one), (b, other) in combinations(views.items(), 2):
-        apart = float(np.linalg.norm(one.centre - other.centre))
-        if apart <= SAME_FRACTION * size and np.abs(one.rotation - other.rotation).max() <= SAME_FRACTION:
+    for (a, first), (b, other) in combinations(views.items(), 2):
+        apart = float(np.linalg.norm(first.centre - other.centre))
+        if apart <= SAME_FRACTION * size and np.abs(first.rotation - other.rotation).max() <= SAME_FRACTION:
             faults.append((b, f"{a} and {b} have one pose, as if they were one camera"))
         elif apart > 0:
             nearest |= {name: min(nearest.get(name, apart), apart) for name in (a, b)}

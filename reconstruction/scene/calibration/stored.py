@@ -110,7 +110,10 @@ def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | Non
     returned. Files that cannot be read are ignored.
     """
     shelved = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
-    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in shelved]
+    known = [
+        (sum(shelf_entry.modes.get(name) == mode for name, mode in modes.items()), shelf_entry)
+        for shelf_entry in shelved
+    ]
     best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
@@ -132,7 +135,7 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
                 calibrations.append(_in_same_mode(own, camera_modes(dataset), modes))
     if (stored := find_calibration(modes)) is not None:
         calibrations.append(stored.calibration)
-    cameras = next((one.cameras for one in calibrations if len(one.cameras) > 1), {})
+    cameras = next((calibration.cameras for calibration in calibrations if len(calibration.cameras) > 1), {})
     return {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
         for name, camera in cameras.items()
@@ -222,12 +225,12 @@ def choose_calibration(features: SceneFeatures) -> Calibration | None:
 
 def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
     """Return by camera the features of its middle image, if that can be read."""
-    found = {}
+    shelves = {}
     for name in cameras:
         if there := dataset.instants(name):
             with suppress(BadInputError):
-                found[name] = detect_features(dataset.grey(name, there[len(there) // 2]), *least)
-    return found
+                shelves[name] = detect_features(dataset.grey(name, there[len(there) // 2]), *least)
+    return shelves
 
 
 def describe_check(check: CalibrationCheck) -> str:

@@ -94,9 +94,9 @@ def guess_calibration(motion: SceneMotion) -> Calibration:
 
     Raises as `calibrate_from_images`.
     """
-    found = calibrate_from_images(motion)
-    talk(f"{motion.dataset.name} has no calibration; this one was found: {found.source}")
-    return found
+    calibration = calibrate_from_images(motion)
+    talk(f"{motion.dataset.name} has no calibration; this one was found: {calibration.source}")
+    return calibration
 
 
 def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
@@ -195,7 +195,7 @@ def _shared_pixels(rec: Any) -> list[tuple[Array, Array]]:
         {point.point3D_id: point.xy for point in image.points2D if point.has_point3D()}
         for image in shown.values()
     ]
-    shared = (([*one.keys() & other.keys()], one, other) for one, other in combinations(places, 2))
+    shared = (([*first.keys() & other.keys()], first, other) for first, other in combinations(places, 2))
     return [
         (np.array([one[key] for key in keys]), np.array([other[key] for key in keys]))
         for keys, one, other in shared
@@ -275,14 +275,14 @@ def _solve(
     pycolmap.match_exhaustive(database, verification_options=verification, device=pycolmap.Device.cpu)
     (work / "global").mkdir()
     (work / "incremental").mkdir()
-    found = None
+    best = None
     with suppress(ForeignError):
         if not held:
             pycolmap.calibrate_view_graph(database)
         mapping = pycolmap.GlobalPipelineOptions(random_seed=0, num_threads=1, min_model_size=2)
         mapping.mapper.bundle_adjustment.refine_focal_length = not held
-        found = _largest(pycolmap.global_mapping(database, root / "images", work / "global", mapping))
-    if found is None or found.num_reg_images() < 2:
+        best = _largest(pycolmap.global_mapping(database, root / "images", work / "global", mapping))
+    if best is None or best.num_reg_images() < 2:
         # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
         options = pycolmap.IncrementalPipelineOptions(
             random_seed=0,
@@ -293,10 +293,10 @@ def _solve(
             triangulation={"ignore_two_view_tracks": False},
         )
         with suppress(ForeignError):
-            found = _largest(
+            best = _largest(
                 pycolmap.incremental_mapping(database, root / "images", work / "incremental", options)
             )
-    return found
+    return best
 
 
 def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, float]) -> None:

@@ -16,12 +16,13 @@ class Evening:
     def __init__(self, leader: Machine, node: Machine, folder: Path, stack: ExitStack) -> None:
         self.leader, self.node, self._folder, self._stack = leader, node, folder, stack
 
-    def start(self, machine: Machine, *words: str) -> subprocess.Popen[str]:
+    def start(self, machine: Machine, *words: str, skips_pairing: bool = False) -> subprocess.Popen[str]:
         """Start `capture-app` there; it ends with the test."""
         home = self._folder / machine.name
         names = {"XDG_STATE_HOME": "state", "XDG_DATA_HOME": "data", "XDG_CONFIG_HOME": "config"}
         folders = {name: str(home / part) for name, part in names.items()}
-        program = machine.start_python("-m", "capture_app.cli", *words, SIMULSHOT_OPEN="0", **folders)
+        folders["SIMULSHOT_OPEN"] = str(int(skips_pairing))
+        program = machine.start_python("-m", "capture_app.cli", *words, **folders)
         self._stack.callback(self._end, program)
         return program
 
@@ -81,5 +82,6 @@ def test_a_node_joins_the_open_leader_of_its_network(tmp_path: Path) -> None:
         node = two.join("cam", "--open")
         said(node, f"found a leader at {LEADER_HOST}:47010")
         said(leader, "cam joined")
-        doctor, _ = two.start(two.node, "doctor", "--leader", LEADER_HOST, "--json", "--open").communicate()
+        question = ("doctor", "--leader", LEADER_HOST, "--json")
+        doctor, _ = two.start(two.node, *question, skips_pairing=True).communicate()
         assert f"the leader at {LEADER_HOST}:47010 answers" in doctor

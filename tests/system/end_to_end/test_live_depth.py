@@ -1,7 +1,6 @@
 """Live depth of a rig of processes, with a burst in the middle, which loses nothing."""
 
 import asyncio
-import shutil
 from contextlib import aclosing
 from pathlib import Path
 
@@ -19,16 +18,15 @@ IMAGES = 40
 
 async def test_a_burst_is_whole_while_depth_is_live(start: Start, tmp_path: Path) -> None:
     """Five VGA cameras give the jumper's pictures, as webcams do: as JPEGs."""
-    shutil.copytree(JUMPER, tmp_path / "sessions" / "jumper")
     leader, at = await lead(start, tmp_path / "sessions")
     names = [folder.name for folder in sorted((JUMPER / "images" / "rig1").iterdir())]
     for name in names:
-        picture = JUMPER / "images" / "rig1" / name / "000002.jpg"
-        camera = f"sim:phone-a,replay={picture},drops=0,outliers=0"
+        camera = f"replay:{JUMPER},camera={name}"
         await start("node", "--name", name, "--camera", camera, "--leader", at)
     found: list[DepthPreview] = []
     async with AsyncRig(at) as rig:
         status = await rig.wait_until_ready(len(names), SLOW_PATIENCE_S)
+        await rig.burst(1)  # which has the recording's calibration
 
         async def follow() -> None:
             async with aclosing(live_depth(RigLink(rig.address), status, lambda: "cam04")) as depths:

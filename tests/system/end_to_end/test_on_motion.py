@@ -35,14 +35,14 @@ async def test_what_moves_is_in_the_take(start: Start, tmp_path: Path) -> None:
 
 async def test_a_still_picture_takes_nothing(start: Start, tmp_path: Path) -> None:
     _, address = await lead(start, tmp_path / "sessions")
-    still = tmp_path / "still.jpg"
+    still = tmp_path / "still"
+    (still / "cam").mkdir(parents=True)
     grey = np.kron(
         np.random.default_rng(0).integers(40, 200, (12, 16), np.uint8), np.ones((20, 20), np.uint8)
     )
-    cv2.imwrite(str(still), grey)
-    mjpeg = tmp_path / "still.mjpg"
-    mjpeg.write_bytes(still.read_bytes() * 3)
-    camera = f"sim:phone-a,drops=0,replay={mjpeg}"
+    for number in range(2):
+        cv2.imwrite(str(still / "cam" / f"{number}.jpg"), grey)
+    camera = f"replay:{still},fps=30"
     node = await start("node", "--name", "a", "--camera", camera, "--clock", "sim", "--leader", address)
     await node.says("ready")
     watching = await start("burst", "--leader", address, "--on-motion")

@@ -67,7 +67,20 @@ def test_a_node_that_ends_in_a_cut_keeps_what_it_took_and_does_not_end_the_recor
     instants, missing = record(monkeypatch, cut, Step(BEGINS_S + 17, how, "cam0", 0.0, 5.0))
     assert instants in (399, 400)
     assert {gap.split("/")[0] for gap in missing} == {"cam0"}
-    assert len(missing) <= 0.62 * instants, "it has what it took until 2 s before"
+    assert len(missing) <= 10 * (2 + 5 + 3 + 3), "what it took until 2 s before, and again after the cut"
+
+
+@pytest.mark.parametrize("how", ["kill", "power"])
+@pytest.mark.parametrize("lasts_s", [1.0, 12.0])
+def test_a_camera_that_is_started_again_takes_part_again(
+    monkeypatch: pytest.MonkeyPatch, how: str, lasts_s: float
+) -> None:
+    instants, missing = record(monkeypatch, Step(BEGINS_S + 10, how, "cam0", 0.0, lasts_s))
+    assert instants in (399, 400)
+    assert {gap.split("/")[0] for gap in missing} == {"cam0"}
+    assert len(missing) <= 10 * (lasts_s + 3), (
+        "what it took while its stream was aligned is in its ring buffer"
+    )
 
 
 @pytest.mark.parametrize("how", ["kill", "power"])

@@ -49,7 +49,7 @@ class FakeDriver:
         ("replay:takes/jump-001,camera=left", "left"),
         ("replay:my clip.mp4", "my-clip.mp4"),
         ("aravis:10.0.0.2", "aravis-10.0.0.2"),
-        ("webcam:0", "webcam-0"),
+        ("libcamera:0", "libcamera-0"),
     ],
 )
 def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:

@@ -22,10 +22,10 @@ HERE, THERE = "here", "there"
 @pytest.fixture
 def on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Machine:
     """Run a command line on one of the machines; return its exit code, stdout and stderr."""
-    monkeypatch.setenv(OPEN_VARIABLE, "0")
 
-    def run_there(machine: str, *arguments: str) -> tuple[int, str, str]:
+    def run_there(machine: str, *arguments: str, skips_pairing: bool = False) -> tuple[int, str, str]:
         monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / machine))
+        monkeypatch.setenv(OPEN_VARIABLE, str(int(skips_pairing)))
         code = run(arguments)
         return code, *capfd.readouterr()
 
@@ -77,8 +77,8 @@ async def test_an_invitation_makes_another_machine_an_operator(
     ) as leader:
         address = str(leader.own_address)
 
-        async def there(*arguments: str) -> tuple[int, str, str]:
-            return await asyncio.to_thread(on, THERE, *arguments)
+        async def there(*arguments: str, skips_pairing: bool = False) -> tuple[int, str, str]:
+            return await asyncio.to_thread(on, THERE, *arguments, skips_pairing=skips_pairing)
 
         code, _, said = await there("status", "--leader", address)
         assert code == ExitCode.NETWORK
@@ -94,7 +94,8 @@ async def test_an_invitation_makes_another_machine_an_operator(
         assert json.loads(said)["roles"] == [Role.OPERATOR]
         code, said, _ = await there("status", "--leader", address, "--json")
         assert (code, json.loads(said)["nodes"]) == (ExitCode.OK, [])
-        assert (await there("status", "--leader", address, "--open"))[0] == ExitCode.NETWORK
+        code, _, said = await there("status", "--leader", address, skips_pairing=True)
+        assert (code, f"unset {OPEN_VARIABLE}" in said) == (ExitCode.NETWORK, True)
 
 
 async def test_an_open_rig_asks_nobody_and_has_no_codes(on: Machine, tmp_path: Path) -> None:
@@ -102,13 +103,14 @@ async def test_an_open_rig_asks_nobody_and_has_no_codes(on: Machine, tmp_path: P
         LeaderOptions(sessions=tmp_path / "s", host="127.0.0.1", port=0, trust=Trust.open())
     ) as leader:
         address = str(leader.own_address)
-        code, _, _ = await asyncio.to_thread(on, THERE, "status", "--leader", address, "--open")
+        code, _, _ = await asyncio.to_thread(on, THERE, "status", "--leader", address, skips_pairing=True)
         assert code == ExitCode.OK
         code, _, said = await asyncio.to_thread(on, THERE, "status", "--leader", address)
-        assert (code, "does not prove its identity" in said, "--open" in said) == (
+        assert (code, "does not prove its identity" in said, OPEN_VARIABLE in said) == (
             ExitCode.NETWORK,
             True,
             False,
         )
-        code, _, said = await asyncio.to_thread(on, THERE, "trust", "invite", "--leader", address, "--open")
+        invite = ("trust", "invite", "--leader", address)
+        code, _, said = await asyncio.to_thread(on, THERE, *invite, skips_pairing=True)
         assert (code, "without a code" in said) == (ExitCode.NETWORK, True)

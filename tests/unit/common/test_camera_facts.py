@@ -42,7 +42,7 @@ def test_what_is_known_of_the_stamps_is_taken_off() -> None:
 
 def test_a_measured_bias_tells_the_light_of_stamps_of_any_moment() -> None:
     late = StampAccuracy(bias_ns=30 * MS, uncertainty_ns=MS, source=StampSource.LIGHT)
-    camera = structs.replace(facts(UNKNOWN), kind="webcam", stamp=late)
+    camera = structs.replace(facts(UNKNOWN), kind="rtsp", stamp=late)
     assert camera.exposure_start_ns(100 * MS, None) == 70 * MS
     assumed = structs.replace(camera, stamp=camera.assumed_stamp)
     assert assumed.exposure_start_ns(100 * MS, None) is None

@@ -15,7 +15,7 @@ from capture_app.net.channel import connect
 from capture_app.net.reachability import ProbeAnswer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.codec import VERSION, version_mismatch
-from capture_app.trust.trust import Trust
+from capture_app.trust.trust import OPEN_VARIABLE, Trust
 from tests.unit.net.ports import Answering, answering, closed_port
 
 from .echoes import Ping, echo
@@ -182,5 +182,5 @@ async def test_a_handshake_that_is_cut_is_no_reason_to_ask_nobody(tmp_path: Path
         async with a_leader(Trust.open()) as address:
             with pytest.raises(NetworkError) as error:
                 await connect(address, Ping, trust=node)
-        assert "--open" not in str(error.value) + error.value.hint
+        assert OPEN_VARIABLE not in str(error.value) + error.value.hint
         assert ("no longer paired with this machine" in str(error.value)) is paired

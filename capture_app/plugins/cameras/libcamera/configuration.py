@@ -137,8 +137,8 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
     if configuration is None or configuration.size == 0:
         raise CameraError(f"{name} delivers no video", hint="`capture-app cameras` lists the cameras")
     stream = configuration.at(0)
-    offered = [str(one) for one in stream.formats.pixel_formats]
-    formats = [one for one in FOURCC if one in offered and wishes.format in (None, FOURCC[one])]
+    offered = [str(pixel_format) for pixel_format in stream.formats.pixel_formats]
+    formats = [code for code in FOURCC if code in offered and wishes.format in (None, FOURCC[code])]
     if not formats:
         raise CameraError(
             f"{name} does not offer {wishes.format or 'a format that can be saved'}",

@@ -46,8 +46,8 @@ class Library:
         self.module = module
         self._manager = module.CameraManager.singleton()
         version = str(self._manager.version)
-        found = re.match(r"v?(\d+)\.(\d+)", version)
-        if found is None or (int(found[1]), int(found[2])) < MIN_VERSION:
+        match = re.match(r"v?(\d+)\.(\d+)", version)
+        if match is None or (int(match[1]), int(match[2])) < MIN_VERSION:
             raise NotAvailableError(
                 f"libcamera {version} is too old: {'.'.join(map(str, MIN_VERSION))} or newer is needed",
                 hint="install Debian 13 or an up-to-date Raspberry Pi OS",

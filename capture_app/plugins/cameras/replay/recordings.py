@@ -133,7 +133,7 @@ class SessionRecording(Recording):
             for image in _images_of(session, camera.name, with_others=not sparse)
         ]
         # Drop frames far outside the instants: their number varies by camera, the loop length must not.
-        in_loop = [one for one in placed if -period_ns <= 2 * one[0] < 2 * lasts_ns + period_ns]
+        in_loop = [frame for frame in placed if -period_ns <= 2 * frame[0] < 2 * lasts_ns + period_ns]
         in_loop.sort(key=lambda one: one[0])
         if not in_loop:
             raise BadInputError(

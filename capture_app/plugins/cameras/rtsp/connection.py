@@ -41,13 +41,13 @@ def reported_ticks(data: bytes) -> list[int]:
 
     The camera's wall clock in the same reports is not used: it may be wrong by years.
     """
-    found, at = [], 0
+    units, at = [], 0
     while at + 4 <= len(data):
         kind, words = struct.unpack_from(">xBH", data, at)
         if kind == 200 and at + 20 <= len(data):  # a sender report
-            found.append(struct.unpack_from(">I", data, at + 16)[0])
+            units.append(struct.unpack_from(">I", data, at + 16)[0])
         at += 4 * (words + 1)
-    return found
+    return units
 
 
 @dataclass(frozen=True, slots=True)

@@ -313,12 +313,12 @@ class RtspCamera(ThreadedCamera):
         except av.FFmpegError:
             self._is_damaged = True
             return []
-        found = []
+        packets = []
         for frame in frames:
             self._is_damaged &= not frame.key_frame
             if not self._is_damaged and frame.pts is not None:
-                found.append(frame)
-        return found
+                packets.append(frame)
+        return packets
 
     def _begin(self, media_ns: int, picture: Any) -> None:
         """Start delivery once the rate is known, and sender reports have arrived or timed out."""

@@ -12,13 +12,12 @@ import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame, JpegPicture
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_number
 from capture_app.common.camera_facts import (
     KELVIN,
@@ -37,7 +36,6 @@ from capture_app.plugins.cameras.sim.rendering.picture_source import (
     TEST_CARD,
     VIEWS,
     PictureSource,
-    Replay,
     open_picture_source,
 )
 from capture_app.plugins.cameras.sim.sensor import Sensor, SensorFrame
@@ -65,7 +63,6 @@ _SCENES = ", ".join(["a scene's name", *plugin_names(VIEWS)])
 OPTIONS = {
     "scene": f"what it sees: {_SCENES}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
-    "replay": "an MJPEG file whose pictures it gives, instead of a scene",
     "scale": "size of the pictures, 0.1 to 1 of the full size",
     "samples": "rays of each pixel of a scene, 1 to 4 (default): fewer are quicker and rougher",
     "calibration": "none: sessions do not get the scene's true calibration",
@@ -321,14 +318,13 @@ class SimulatedCamera(Camera):
             self._on_frame(self._captured(frame))
 
     def _captured(self, frame: SensorFrame) -> CapturedFrame:
-        jpeg = self._source.jpeg(frame)
         # The same frame gets the same noise in every run.
         seed = stable_seed(f"{self._seed}/{frame.stream}/{frame.sequence}")
         return CapturedFrame(
             sequence=frame.sequence,
             stream=frame.stream,
             timestamp_ns=self._clock.local_from_true(frame.timestamp_true_ns),
-            picture=SimulatedPicture(self._source, frame, seed) if jpeg is None else JpegPicture(jpeg),
+            picture=SimulatedPicture(self._source, frame, seed),
             exposure_ns=frame.exposure_ns,
             gain=self._controls.gain,
             white_balance=(1.0, 1.0),
@@ -376,24 +372,16 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     """
     model = _adjusted(find_profile(profile), options)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")
-    source: PictureSource
-    if "replay" in options:
-        if not {"scene", "view", "scale"}.isdisjoint(options):
-            raise BadInputError(
-                "a camera that replays a file has no scene", hint="leave scene=, view= and scale= out"
-            )
-        source = Replay.open(Path(options["replay"]))
-    else:
-        source = open_picture_source(
-            options.get("scene", TEST_CARD),
-            options.get("view", ""),
-            camera=name,
-            width=model.image_width,
-            height=model.image_rows,
-            row_time_ns=model.row_time_ns,
-            scale=read_number(options, "scale", _CAMERA, low=0.1, high=1) or 1.0,
-            samples=int(read_number(options, "samples", _CAMERA, low=1, high=4) or 4),
-        )
+    source = open_picture_source(
+        options.get("scene", TEST_CARD),
+        options.get("view", ""),
+        camera=name,
+        width=model.image_width,
+        height=model.image_rows,
+        row_time_ns=model.row_time_ns,
+        scale=read_number(options, "scale", _CAMERA, low=0.1, high=1) or 1.0,
+        samples=int(read_number(options, "samples", _CAMERA, low=1, high=4) or 4),
+    )
     sensor = Sensor(
         dataclasses.replace(model, image_rows=source.height),
         random.Random(camera_seed),

@@ -43,7 +43,7 @@ class SoundPart(NamedTuple):
 def sound_segments(parts: Iterable[SoundPart]) -> bytes:
     """Return the JPEG segments of these parts, each of at most MAX_PCM_BYTES."""
     contents = (_NAME + _HEAD.pack(*part[:5]) + part.pcm for part in parts)
-    return b"".join(struct.pack(">BBH", 0xFF, _APP9, 2 + len(one)) + one for one in contents)
+    return b"".join(struct.pack(">BBH", 0xFF, _APP9, 2 + len(content)) + content for content in contents)
 
 
 def add_segments(jpeg: bytes, segments: bytes) -> bytes:
@@ -63,7 +63,7 @@ def _end_of_head(jpeg: bytes) -> int:
 
 def sounds_of(jpeg: bytes) -> list[SoundPart]:
     """Return the sound in an image's bytes, which are untrusted; nothing of damaged segments."""
-    found = []
+    sounds = []
     at, end = len(JPEG_BEGIN), _end_of_head(jpeg)
     while at < end:
         content = jpeg[at + 4 : at + 2 + int.from_bytes(jpeg[at + 2 : at + 4])]
@@ -71,9 +71,9 @@ def sounds_of(jpeg: bytes) -> list[SoundPart]:
         if jpeg[at + 1] == _APP9 and content.startswith(_NAME) and pcm:
             part = SoundPart._make((*_HEAD.unpack_from(content, len(_NAME)), pcm))
             if part.rate_hz in RATES_HZ and part.channels in (1, 2) and part.first < _MAX_SAMPLE:
-                found.append(part._replace(pcm=pcm[: part.samples * 2 * part.channels]))
+                sounds.append(part._replace(pcm=pcm[: part.samples * 2 * part.channels]))
         at += 2 + max(2, int.from_bytes(jpeg[at + 2 : at + 4]))
-    return found
+    return sounds
 
 
 def read_sounds(session: Session, camera: str) -> list[tuple[ImageRecord, SoundPart]]:

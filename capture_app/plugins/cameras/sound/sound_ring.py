@@ -68,7 +68,7 @@ class SoundRing:
             self._add(pcm, arrival_ns)
 
     def _add(self, pcm: bytes, arrival_ns: int) -> None:
-        waiting = sum(len(one.pcm) for one in self._late) // 2
+        waiting = sum(len(chunk.pcm) for chunk in self._late) // 2
         due_ns = self._local_ns(self._end + waiting + len(pcm) // 2)
         late_ns = 0 if due_ns is None else arrival_ns - due_ns
         if late_ns < -LATE_NS:
@@ -90,7 +90,7 @@ class SoundRing:
         Samples that were less late for a moment before, as after a delay that was ending, are before the gap.
         """
         late, self._late = self._late, []
-        late_ns = [one.late_ns for one in late]
+        late_ns = [chunk.late_ns for chunk in late]
         usual_ns = sorted(late_ns)[len(late) // 4]
         before = max((n for n, ns in enumerate(late_ns[:-1]) if ns < usual_ns - SAME_NS), default=-1)
         gap_ns = min(late_ns[before + 1 :])

@@ -157,13 +157,13 @@ class VideoDevice:
         Empty if the driver does not report them.
         """
         asked = fourcc.encode("latin-1"), 0, 0, 0, 0, 0, 0, 0
-        found = []
+        intervals = []
         for _index, _fourcc, kind, *numbers in self._enumerate("ENUM_FRAMESIZES", *asked):
             if kind != DISCRETE:
                 return ((_steps(*numbers[:3]), _steps(*numbers[3:])),)
             width, height = numbers[:2]
-            found.append((_steps(width, width), _steps(height, height)))
-        return tuple(found)
+            intervals.append((_steps(width, width), _steps(height, height)))
+        return tuple(intervals)
 
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[tuple[Fraction, Fraction], ...]:
         """Return the frame periods (shortest, longest) in seconds: single ones are equal, or one range.
@@ -171,15 +171,15 @@ class VideoDevice:
         Empty if the driver does not report them.
         """
         asked = fourcc.encode("latin-1"), width, height, 0, 0, 0, 0, 0, 0, 0
-        found = []
+        intervals = []
         for _index, _fourcc, _width, _height, kind, *numbers in self._enumerate(
             "ENUM_FRAMEINTERVALS", *asked
         ):
             shortest = Fraction(numbers[0], numbers[1] or 1)
             if kind != DISCRETE:
                 return ((shortest, Fraction(numbers[2], numbers[3] or 1)),)
-            found.append((shortest, shortest))
-        return tuple(found)
+            intervals.append((shortest, shortest))
+        return tuple(intervals)
 
     def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
         """Request a format; return the one that the driver set, which may differ."""

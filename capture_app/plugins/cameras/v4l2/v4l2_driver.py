@@ -99,18 +99,18 @@ _CONTROLS = {
 def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
     """Return the controls that the device has."""
     states = []
-    for control, of in _CONTROLS.items():
-        if (limits := device.control_range(of.value)) is not None:
-            switch, value = device.control(of.switch), device.control(of.value)
+    for control, settings in _CONTROLS.items():
+        if (limits := device.control_range(settings.value)) is not None:
+            switch, value = device.control(settings.switch), device.control(settings.value)
             states.append(
                 ControlState(
                     control=control,
-                    value=None if value is None else value * of.scale,
-                    unit=of.unit or steps_of(model),
-                    automatic=switch not in (None, of.manual),
+                    value=None if value is None else value * settings.scale,
+                    unit=settings.unit or steps_of(model),
+                    automatic=switch not in (None, settings.manual),
                     can_be_automatic=switch is not None,
-                    minimum=limits[0] * of.scale,
-                    maximum=limits[1] * of.scale,
+                    minimum=limits[0] * settings.scale,
+                    maximum=limits[1] * settings.scale,
                 )
             )
     return tuple(states)
@@ -121,28 +121,28 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
 
     Raises CameraError if the device has no such control, OSError from the driver.
     """
-    of = _CONTROLS[control]
-    switch = device.control(of.switch)
+    settings = _CONTROLS[control]
+    switch = device.control(settings.switch)
     if value is None and switch is None:
         raise CameraError(
             f"{device.path} does not choose its {control} itself",
             hint=f"give a value: capture-app cameras set {control}=VALUE",
         )
-    if value is not None and device.control_range(of.value) is None:
+    if value is not None and device.control_range(settings.value) is None:
         raise CameraError(
             f"{device.path} has no control of its {control}",
             hint="capture-app cameras controls shows what each camera can set",
         )
-    *preferred, last = of.automatic if value is None else (of.manual,)
+    *preferred, last = settings.automatic if value is None else (settings.manual,)
     if switch not in (None, *preferred, last):
         for choice in preferred:
             with suppress(OSError):
-                device.set_control(of.switch, choice)
+                device.set_control(settings.switch, choice)
                 break
         else:
-            device.set_control(of.switch, last)
+            device.set_control(settings.switch, last)
     if value is not None:
-        device.set_control(of.value, round(value / of.scale))
+        device.set_control(settings.value, round(value / settings.scale))
 
 
 _log = logging.getLogger(__name__)

@@ -41,8 +41,8 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:
     """Return Caliscope's number of each camera: from its name if every name has one, otherwise its index."""
-    found = (re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras)
-    given = [int(match[1]) for match in found if match]
+    matches = (re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras)
+    given = [int(match[1]) for match in matches if match]
     numbers = given if len(set(given)) == len(cameras) else range(len(cameras))
     return dict(zip(cameras, numbers, strict=True))
 

@@ -36,8 +36,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if videos is None:
         return None
     # Calibrations name a camera by the id in SkellyCam's names.
-    found = {video: _NAME.fullmatch(video.stem) for video in videos_in(videos)}
-    named = {name[1] if name else video.stem: video for video, name in found.items()}
+    matches = {video: _NAME.fullmatch(video.stem) for video in videos_in(videos)}
+    named = {name[1] if name else video.stem: video for video, name in matches.items()}
     calibration = min(path.glob("*camera_calibration.toml"), default=None)
     tables = _tables(videos, named)
     return Layout(

@@ -23,8 +23,8 @@ def write(burst: ExportedBurst, folder: Path) -> None:
     """
     ids = camera_ids(burst.cameras, burst.name)
     files = {
-        camera: f"synchronized_videos/{_stem(burst.name, found, number)}.mp4"
-        for number, (camera, found) in enumerate(ids.items())
+        camera: f"synchronized_videos/{_stem(burst.name, markers, number)}.mp4"
+        for number, (camera, markers) in enumerate(ids.items())
     }
     burst.notes += renaming_notes(ids)
     calibration = burst.calibration

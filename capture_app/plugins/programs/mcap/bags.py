@@ -137,7 +137,10 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
         elif kind.startswith(_FOXGLOVE):
             poses[content.child_frame_id] = content.parent_frame_id, content
         else:
-            poses |= {one.child_frame_id: (one.header.frame_id, one.transform) for one in content.transforms}
+            poses |= {
+                transform.child_frame_id: (transform.header.frame_id, transform.transform)
+                for transform in content.transforms
+            }
     if not first:
         raise BadInputError(
             f"{path} has no foxglove.CompressedImage in protobuf and no pictures of sensor_msgs",
@@ -149,8 +152,11 @@ def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
     if unstamped:
         # Stamps and times of arrival are of two clocks.
         times = {
-            topic: [replace(frame, leader_ns=at_ns) for frame, at_ns in zip(of, arrivals[topic], strict=True)]
-            for topic, of in times.items()
+            topic: [
+                replace(frame, leader_ns=at_ns)
+                for frame, at_ns in zip(own_times, arrivals[topic], strict=True)
+            ]
+            for topic, own_times in times.items()
         }
     stamped = {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()}
     views, refused = None, ""
@@ -218,8 +224,8 @@ def _views(
 
 def _lens_of(picture: _Message, lenses: Collection[_Message]) -> Any:
     """Return the lens of an image's namespace and frame, otherwise of its frame or its namespace, or None."""
-    near = [one for one in lenses if picture.topic.startswith(f"{one.topic.rpartition('/')[0]}/")]
-    own = [one for one in lenses if one.frame_id == picture.frame_id]
+    near = [lens for lens in lenses if picture.topic.startswith(f"{lens.topic.rpartition('/')[0]}/")]
+    own = [lens for lens in lenses if lens.frame_id == picture.frame_id]
     chosen = [one for one in near if one in own] or own or near
     return chosen[0].content if chosen else None
 
@@ -245,7 +251,7 @@ def attachments(path: Path) -> dict[str, bytes]:
     with intact(path), _open_mcap(path) as stream:
         reader = load_optional("mcap.stream_reader", "export", "MCAP")
         records = reader.StreamReader(stream, emit_chunks=True).records
-        return {one.name: one.data for one in records if isinstance(one, reader.Attachment)}
+        return {record.name: record.data for record in records if isinstance(record, reader.Attachment)}
 
 
 def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) -> Iterator[_Message]:
@@ -255,22 +261,26 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
             with _open_mcap(path) as stream:
                 # It reads the chunks that were checked; the other reader follows an index to any place.
                 reader = load_optional("mcap.reader", "export", "MCAP").NonSeekingReader(stream)
-                for schema, channel, one in reader.iter_messages(topics or None, log_time_order=False):
+                for schema, channel, message in reader.iter_messages(topics or None, log_time_order=False):
                     kind = schema.name if schema else ""
                     if kind in kinds and channel.message_encoding == _ENCODINGS[kind.startswith(_FOXGLOVE)]:
                         yield _Message(
-                            channel.topic, kind, one.log_time, one.sequence, _decode(kind, one.data)
+                            channel.topic,
+                            kind,
+                            message.log_time,
+                            message.sequence,
+                            _decode(kind, message.data),
                         )
             return
         reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
-        with reader([path], default_typestore=ros_messages()) as found:
+        with reader([path], default_typestore=ros_messages()) as bag:
             chosen = [
-                one
-                for one in found.connections
-                if one.msgtype in kinds and one.topic in (topics or [one.topic])
+                connection
+                for connection in bag.connections
+                if connection.msgtype in kinds and connection.topic in (topics or [connection.topic])
             ]
-            for of, at_ns, raw in found.messages(connections=chosen) if chosen else ():
-                yield _Message(of.topic, of.msgtype, at_ns, 0, found.deserialize(raw, of.msgtype))
+            for of, at_ns, raw in bag.messages(connections=chosen) if chosen else ():
+                yield _Message(of.topic, of.msgtype, at_ns, 0, bag.deserialize(raw, of.msgtype))
 
 
 @contextmanager

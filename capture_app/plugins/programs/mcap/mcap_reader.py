@@ -45,12 +45,12 @@ def _open_export(folder: Path) -> Layout | None:
     record, rows = read_record(folder), exported_files(folder)
     if MCAP not in {file.suffix.lower() for file, _ in rows.values()}:
         return None
-    found = [*folder.glob("*.mcap"), *(path.parent for path in folder.glob("*/metadata.yaml"))]
-    if len(found) != 1:
+    paths = [*folder.glob("*.mcap"), *(path.parent for path in folder.glob("*/metadata.yaml"))]
+    if len(paths) != 1:
         raise BadInputError(
-            f"{folder} does not have one .mcap but {len(found)}", hint="keep the exported one only"
+            f"{folder} does not have one .mcap but {len(paths)}", hint="keep the exported one only"
         )
-    return exported_layout(folder, record, read_bag(found[0])[0].sources, _in_order(rows))
+    return exported_layout(folder, record, read_bag(paths[0])[0].sources, _in_order(rows))
 
 
 def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:

@@ -52,11 +52,11 @@ def find_recording(folder: Path, camera: str) -> Path | None:
     """
     if not folder.is_dir():
         raise BadInputError(f"{folder} is not a folder", hint="give the folder with the imported recordings")
-    found = sorted(path for path in folder.iterdir() if path.stem == camera and path.is_file())
-    if len(found) > 1:
-        names = ", ".join(path.name for path in found)
+    sounds = sorted(path for path in folder.iterdir() if path.stem == camera and path.is_file())
+    if len(sounds) > 1:
+        names = ", ".join(path.name for path in sounds)
         raise BadInputError(f"{folder} has several files for {camera}: {names}", hint="leave one there")
-    return found[0] if found else None
+    return sounds[0] if sounds else None
 
 
 def add_sound(burst: ExportedBurst, camera: str, recording: Path, video: Path) -> None:

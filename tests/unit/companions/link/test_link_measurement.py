@@ -1,7 +1,6 @@
 """Both ends of the measured link: over loopback, and step by step without a socket."""
 
 import asyncio
-import csv
 import json
 import random
 from collections.abc import AsyncIterator
@@ -12,15 +11,12 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock, SimulatedClock
-from capture_app.common.errors import BadInputError, ExitCode, NetworkError
+from capture_app.common.errors import ExitCode, NetworkError
 from capture_app.companions.link import link_measurement as measuring
 from capture_app.companions.link.link_measurement import (
     LinkClient,
-    RecordedLink,
     Synchronization,
     judge,
-    read_trace,
-    replay,
     serve,
     sum_up,
     synchronize,
@@ -122,13 +118,16 @@ async def test_two_ends_on_this_machine(leader_port: int) -> None:
 
 
 async def test_the_command_measures_a_leader_of_this_machine(
-    leader_port: int, capsys: pytest.CaptureFixture[str]
+    leader_port: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
+    pytest.importorskip("matplotlib")
     connect = ["--connect", f"127.0.0.1:{leader_port}", "--trials", "1", "--emulated", "--json"]
+    connect += ["--plot", str(tmp_path / "figures")]
     assert await asyncio.to_thread(run, ["link", *connect]) == ExitCode.OK
     result = json.loads(capsys.readouterr().out)
     assert (result["kind"], result["trials"]) == ("emulated link", 1)
     assert result["coverage_hard_bound"] == 1.0
+    assert (tmp_path / "figures" / "link.png").stat().st_size > 10_000
 
 
 async def test_nobody_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,7 +140,6 @@ async def test_nobody_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_command_wants_one_end(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["link"]) == ExitCode.USAGE
     assert run(["link", "--serve", "--connect", "127.0.0.1:1"]) == ExitCode.USAGE
-    assert run(["link", "--replay", "link.csv", "--connect", "127.0.0.1:1"]) == ExitCode.USAGE
     assert "--connect" in capsys.readouterr().err
 
 
@@ -157,86 +155,3 @@ def test_the_result_of_some_trials() -> None:
     assert figures["coverage_hard_bound"] == 1.0
     figures_us = (figures["mean_abs_us"], figures["max_us"], abs(figures["bias_us"]))
     assert figures_us == pytest.approx((abs(trial.error_us),) * 3)
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
-    """A WiFi link of two minutes: a message each 0.2 s, 1 ms and more under way."""
-    rng, path = random.Random(4), tmp_path / "delays.csv"
-    rows = [f"{i * 0.2:.1f},{1.0 + rng.gammavariate(2.0, 0.7):.4f}" for i in range(600)]
-    path.write_text("\n".join(("t_s,rtt_ms", *rows)))
-    return path
-
-
-def test_a_recorded_link_is_replayed_to_simulated_clocks(
-    recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    pytest.importorskip("matplotlib")
-    command = ["link", "--replay", str(recording), "--trials", "3", "--json"]
-    assert run([*command, "--plot", str(tmp_path / "figures")]) == ExitCode.OK
-    first = capsys.readouterr()
-    result = json.loads(first.out)
-    assert (result["kind"], result["trials"]) == ("simulated", 3)
-    assert result["coverage_hard_bound"] == 1.0
-    assert result["mean_abs_us"] < result["uncertainty_us"]
-    assert (tmp_path / "figures" / "link.png").stat().st_size > 10_000
-    assert run(command) == ExitCode.OK
-    assert capsys.readouterr().out == first.out
-
-
-@pytest.mark.shared
-def test_a_real_recorded_link(shared: Path) -> None:
-    trace = shared / "footage" / "timing" / "wifi_rtt_offset_good.csv"
-    figures = sum_up(replay(trace, 300, trials=3, seed=1), kind="simulated", messages=300, seed=1)
-    assert figures["coverage_hard_bound"] == 1.0
-    assert figures["mean_abs_us"] < figures["uncertainty_us"]
-
-
-@pytest.mark.parametrize("lost", ["nan", "inf", "-1e300"])
-def test_what_is_no_round_trip_in_a_recording_is_told(
-    recording: Path, capsys: pytest.CaptureFixture[str], lost: str
-) -> None:
-    recording.write_text(f"{recording.read_text()}\n120.0,{lost}")
-    assert run(["link", "--replay", str(recording)]) == ExitCode.BAD_INPUT
-    assert "leave lost messages out" in capsys.readouterr().err
-
-
-def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["link", "--replay", "nowhere.csv"]) == ExitCode.BAD_INPUT
-    assert "nowhere.csv" in capsys.readouterr().err
-
-
-def test_a_recorded_link_is_split_into_its_two_directions(tmp_path: Path) -> None:
-    path = tmp_path / "link.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("t_s", "rtt_ms"))
-        for i in range(100):
-            writer.writerow((i * 0.2, 3.0 if i == 50 else 2.0))
-    link = read_trace(path, random.Random(1))
-    ways = link.there_ns[50], link.back_ns[50]
-    assert sum(ways) == pytest.approx(3.0 * MS, abs=2)
-    assert min(ways) > 1.0 * MS
-    assert link.there_ns[40] == link.back_ns[40] == MS
-
-
-def test_a_recorded_link_is_replayed_by_the_time_in_a_loop() -> None:
-    link, clock = RecordedLink((5, 6, 7), (1, 1, 1), 100_000), SimulatedClock(0, 0.0, 0)
-    ways = [sample.t1_ns - sample.t0_ns for _, sample in link.exchanges(clock, 2, 4)]
-    assert ways == [5, 6, 7, 5]
-
-
-@pytest.mark.parametrize("text", ["", "t_s,rtt_ms\n1,2\n", "t_s,rtt_ms\n1,x\n", "t_s\n1\n"])
-def test_what_is_no_recorded_link_is_refused(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "link.csv"
-    path.write_text(text)
-    with pytest.raises(BadInputError, match=r"link\.csv"):
-        read_trace(path, random.Random(1))
-
-
-@pytest.mark.shared
-def test_the_recording_of_a_real_link_is_read(shared: Path) -> None:
-    link = read_trace(shared / "footage" / "timing" / "wifi_rtt_offset_good.csv", random.Random(1))
-    assert len(link.there_ns) == 2987
-    assert link.every_ns == pytest.approx(200 * MS, rel=0.05)
-    assert min(link.there_ns) > 0

@@ -9,10 +9,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
-from capture_app.node.camera.uploader import Uploader
-from capture_app.protocol.log import Log
 from capture_app.protocol.messages import CameraReport
-from capture_app.session.format.manifest import JOURNAL
 from tests.unit.node.camera.uploading import Picture, burst_upload
 
 UPLOAD = burst_upload(Picture(b"zero"))
@@ -69,22 +66,3 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     assert not spool.look().problem
     assert not burst.folder.exists()
     spool.close()
-
-
-def test_a_burst_of_an_earlier_version_stays_with_a_sentence(tmp_path: Path) -> None:
-    spool = Spool(tmp_path, "a")
-    spool.open()
-    old = spool.create_burst(UPLOAD.report)
-    (old.folder / JOURNAL).write_bytes(b"{}\n")
-    (old.folder / "000000.jpg").write_bytes(b"zero")
-    spool.close()
-    said: list[str] = []
-    uploader = Uploader("a", 1, Log(said.append), Spool(tmp_path, "a"))
-    uploader.load_spool()
-    assert said == [
-        f"left in the spool: {old.folder} has images of an earlier version of simulshot (deliver them with"
-        " that version, or copy the image files by hand and delete the folder)"
-    ]
-    assert (old.folder / "000000.jpg").read_bytes() == b"zero"
-    assert uploader.spool is not None
-    uploader.spool.close()

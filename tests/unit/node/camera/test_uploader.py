@@ -16,7 +16,14 @@ from capture_app.protocol.messages import (
     ReportAck,
     ToLeader,
 )
-from tests.unit.node.camera.uploading import Picture, burst_upload, images, receipts_of, uploading
+from tests.unit.node.camera.uploading import (
+    Picture,
+    burst_upload,
+    further,
+    images,
+    receipts_of,
+    uploading,
+)
 from tests.waiting import until
 
 pytestmark = pytest.mark.virtual
@@ -127,6 +134,31 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
     assert stored == {n: picture.data for n, picture in enumerate(pictures)}
     assert [picture.encoded for picture in pictures] == [1, 1, 1]
     assert any("still in" in line for line in said)
+
+
+async def test_a_recording_goes_on_where_an_earlier_run_of_the_node_left_it(tmp_path: Path) -> None:
+    """Its images arrive once each, and nothing of either run is left in the spool."""
+    stored: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
+
+    async def keep(channel: Channel[ToLeader]) -> None:
+        async for image, payload in images(channel):
+            await stored.put((image.record.instant, payload))
+
+    spool = Spool(tmp_path, "a")
+    spool.open()
+    left = burst_upload(Picture(b"zero"))
+    burst = spool.create_burst(left.report)
+    burst.add([encode_frame(left.report, left.frames[0])])
+    spool.close()
+    async with uploading(keep, [], Spool(tmp_path, "a")) as uploader:
+        again = burst_upload()
+        again.streamed = True
+        frame = burst_upload(Picture(b""), Picture(b""), Picture(b"two")).frames[2]
+        again.extend(further(frame, gaps=(0, 1), over=3, ended=True))
+        uploader.add_burst(again)
+        assert [await stored.get(), await stored.get()] == [(0, b"zero"), (2, b"two")]
+        await until(lambda: not any((tmp_path / "a").iterdir()))
+    assert stored.empty()
 
 
 class FullSpool(Spool):

@@ -18,7 +18,6 @@ from reconstruction.method.comparison_results import (
 )
 from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import (
-    InstantClouds,
     Interval,
     Measure,
     Picture,
@@ -26,6 +25,7 @@ from reconstruction.method.study_result import (
 )
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.methods.multiview.multiview_study import MultiviewFacts
+from reconstruction.pages.embedding import InstantClouds
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(

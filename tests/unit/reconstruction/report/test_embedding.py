@@ -10,9 +10,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
-from reconstruction.method.study_result import InstantClouds
 from reconstruction.pages import embedding
-from reconstruction.pages.embedding import view_clouds
+from reconstruction.pages.embedding import InstantClouds, view_clouds
 
 TURN = cv2.Rodrigues(np.array([0.1, 0.7, -0.2]))[0]
 CENTRE = np.array([1.0, -2.0, 0.5])

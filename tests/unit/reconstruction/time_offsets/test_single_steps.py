@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array
-from reconstruction.time_offsets.crossings import Crossings, _Fit
+from reconstruction.time_offsets.crossings import Crossings, _fit
 from reconstruction.time_offsets.lamp import BlinkEdge, find_edge_time
 from reconstruction.time_offsets.motion_alignment import rough_offsets_ms
 from reconstruction.time_offsets.pair_geometry import geometry_terms
@@ -50,7 +50,7 @@ def test_errors_that_neighbouring_instants_share_count_by_newey_and_west() -> No
         late_ms = 2.0 * signs[instants]
         geometry = geometry_terms(A, B, *seen((1.5, 6.0), len(instants), seed=1))
         one, none = np.ones(len(instants)), np.zeros(len(instants))
-        return _Fit(
+        return _fit(
             Crossings(instants, late_ms, speed, one, none, geometry, instants), NOTHING_STILL, 1.0
         ).sd_ms
 

@@ -97,3 +97,21 @@ def test_a_burst_with_an_ordered_end_goes_on_when_its_leader_is_started_again(lo
         assert max(map(abs, late_ns)) < 1_000_000
         assert max(abs(pick.residual_ns) for pick in frames) < 1_000_000
         assert not node.client.has_burst_pending
+
+
+def test_a_camera_that_is_started_again_continues_a_burst_once_it_is_aligned() -> None:
+    rig = rig_of_two()
+    burst = rig.trigger(frames=600, streamed=True)
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
+    spec = rig.nodes["cam1"].spec
+    rig.kill("cam1")
+    rig.run_for(3 * S)
+    node = rig.start(spec)
+    assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=60 * S)
+    picked = node.bursts[burst.number]
+    frames = [pick.instant for pick in picked.frames]
+    assert frames[-1] == 599
+    assert {gap.instant for gap in picked.gaps} == {*range(600)} - {*frames}
+    assert len(frames) > 250
+    assert max(abs(pick.residual_ns) for pick in picked.frames[100:]) < 200_000
+    assert not node.client.has_burst_pending

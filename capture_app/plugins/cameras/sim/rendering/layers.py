@@ -221,7 +221,7 @@ def find_visible(
     view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]
 ) -> list[VisiblePart]:
     """Return each part's visible pixels in front of `depth` (H, W), which is updated in place."""
-    found, front = [], depth.reshape(-1)
+    layers, front = [], depth.reshape(-1)
     numbers = np.arange(front.size).reshape(depth.shape)
     for part in parts:
         rows, columns = part.rectangle
@@ -231,9 +231,9 @@ def find_visible(
         centre = np.matmul((view.centre - part.translation[rows])[:, None], rotation)
         rays = bundle_rays(centre, np.matmul(directions[rows, columns], rotation))
         seen = VisiblePart(part, numbers[rows, columns].reshape(-1), rays, part.body.cast(rays))
-        found.append(seen.select(seen.hits.distance < front[seen.pixels]))
-        front[found[-1].pixels] = found[-1].hits.distance
-    return [seen.select(seen.hits.distance == front[seen.pixels]) for seen in found]
+        layers.append(seen.select(seen.hits.distance < front[seen.pixels]))
+        front[layers[-1].pixels] = layers[-1].hits.distance
+    return [seen.select(seen.hits.distance == front[seen.pixels]) for seen in layers]
 
 
 def light_changes(

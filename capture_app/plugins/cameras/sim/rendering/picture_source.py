@@ -1,18 +1,15 @@
-"""Image sources of a simulated camera: a rendered scene, a plugin's view, a test card, or a file."""
+"""Image sources of a simulated camera: a rendered scene, a plugin's view, or a test card."""
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from capture_app.common.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import load_plugin, plugin_names
 from capture_app.plugins.cameras.sim.sensor import SensorFrame
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.reading.decoding import decode_image, is_whole_jpeg, size_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +22,6 @@ if TYPE_CHECKING:
 TEST_CARD = "bars"
 VIEWS = "simulshot.simulated_views"
 """Group of entry points: modules that render a view, with its `WIDTH`, `HEIGHT` (pixels) and `render`."""
-MAX_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +44,6 @@ class PictureSource(ABC):
     def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
         """Return the image, BGR uint8, about `width` pixels wide if that is faster to render."""
         return self.render(frame, seed=seed)
-
-    def jpeg(self, frame: SensorFrame) -> bytes | None:
-        """Return the image as its source's JPEG; None if it is rendered."""
-        return None
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return depth in m (0 = none), object numbers and moving pixels, each (height, width)."""
@@ -196,48 +188,3 @@ def open_picture_source(
         )
     calibration = loaded.calibration().cameras[view]
     return SceneView(calibration.width, calibration.height, loaded, view, row_time_ns)
-
-
-@dataclass(frozen=True, slots=True)
-class Replay(PictureSource):
-    """The JPEGs of a file, in order and in a loop, unchanged."""
-
-    jpegs: tuple[bytes, ...]
-
-    @classmethod
-    def open(cls, path: Path) -> Replay:
-        """Read a file of concatenated JPEGs, as recordings have them.
-
-        Raises BadInputError if it cannot be read, is too large to keep in memory, or is not such a file.
-        """
-        with reading(path):
-            size = path.stat().st_size
-            data = b"" if size > MAX_BYTES else path.read_bytes()
-        if size > MAX_BYTES:
-            raise BadInputError(f"{path} is larger than {MAX_BYTES >> 20} MB", hint="replay a part of it")
-        jpegs: list[bytes] = []
-        for part in re.split(b"(?<=\xff\xd9)(?=\xff\xd8)", data):
-            # The sound in an image may have such bytes, too.
-            if jpegs and not is_whole_jpeg(jpegs[-1]):
-                jpegs[-1] += part
-            else:
-                jpegs.append(part)
-        sizes = {size_of(jpeg) for jpeg in jpegs}
-        known = sizes.pop()
-        if known is None or sizes:
-            raise BadInputError(
-                f"{path} is not a series of JPEGs of one size",
-                hint="make it so: ffmpeg -i VIDEO -c:v mjpeg -f mjpeg OUT.mjpeg",
-            )
-        return cls(*known, tuple(jpegs))
-
-    def jpeg(self, frame: SensorFrame) -> bytes | None:
-        """Return the file's next JPEG, as a copy, because a driver copies its buffer."""
-        return bytes(bytearray(self.jpegs[frame.sequence % len(self.jpegs)]))
-
-    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the decoded image, BGR uint8 (height, width, 3)."""
-        import numpy as np
-
-        picture = decode_image(self.jpegs[frame.sequence % len(self.jpegs)], colour=True)
-        return np.zeros((self.height, self.width, 3), np.uint8) if picture is None else picture

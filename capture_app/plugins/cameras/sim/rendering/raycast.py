@@ -45,10 +45,10 @@ class Texture:
         # cv2.remap takes maps of at most 32767 rows or columns, so fold the list into rows of 1024.
         folded = np.zeros((-(-len(where) // 1024) * 1024, 2), np.float32)
         folded[: len(where)] = where
-        found = cv2.remap(
+        texture = cv2.remap(
             level, folded.reshape(-1, 1024, 2), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
         )
-        return np.asarray(found.reshape(-1, 3)[: len(where)], np.float32)
+        return np.asarray(texture.reshape(-1, 3)[: len(where)], np.float32)
 
 
 def bundle_rays(origins: Floats, directions: Floats) -> Floats:
@@ -122,20 +122,20 @@ class Body:
 
     def cast(self, rays: Floats) -> Hits:
         """Return the first triangle hit by each ray (N, 6): origin and direction in the body's frame, m."""
-        found = self._scene.run(*_parts(rays), query="INTERSECT", output=True)
-        missed = found["primID"] < 0
+        hits = self._scene.run(*_parts(rays), query="INTERSECT", output=True)
+        missed = hits["primID"] < 0
         return Hits(
-            distance=np.where(missed, np.inf, found["tfar"]).astype(np.float32),
-            triangle=found["primID"].astype(np.int64),
-            barycentric=np.stack([found["u"], found["v"]], axis=1),
+            distance=np.where(missed, np.inf, hits["tfar"]).astype(np.float32),
+            triangle=hits["primID"].astype(np.int64),
+            barycentric=np.stack([hits["u"], hits["v"]], axis=1),
         )
 
     def occludes(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
         """Return whether each ray (N, 6) hits the body between `near` and `far` ray lengths."""
         origins, directions = _parts(rays)
         reach = np.full(len(rays), far - near, np.float32)
-        found = self._scene.run(origins + near * directions, directions, dists=reach, query="OCCLUDED")
-        return np.asarray(found >= 0)
+        hits = self._scene.run(origins + near * directions, directions, dists=reach, query="OCCLUDED")
+        return np.asarray(hits >= 0)
 
     def surface_at(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:
         """Return linear BGR (N, 3) and the unit normal (N, 3) that faces the ray, for rays that hit the body.

@@ -112,7 +112,9 @@ def read_stage(name: str, **drawn: Picture) -> SceneStage:
     parts = {name: Part(thing, own) for (name, thing), own in meshes.items() if name}
     fixtures = [Part(thing, own) for (name, thing), own in meshes.items() if not name]
     textures = set(table["texture"].tolist()) - set(drawn)
-    pictures = {one: np.asarray(cv2.imread(str(FILES / f"{one}.webp")), np.uint8) for one in textures}
+    pictures = {
+        texture: np.asarray(cv2.imread(str(FILES / f"{texture}.webp")), np.uint8) for texture in textures
+    }
     return SceneStage(fixtures, parts, pictures | drawn)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.checks.bullet_time.between_cameras import views_between
 from reconstruction.checks.bullet_time.bullet_time_study import (
     LONG_SIDE_PX,
     MANY_CAMERAS,
@@ -37,18 +36,6 @@ def on_arc(angle_deg: float, radius: float = 3.0, roll: float = 0.0) -> View:
     angle = np.radians(angle_deg)
     at = (radius * np.sin(angle), 0.0, 3.0 - radius * np.cos(angle))
     return make_view(at, yaw=-angle_deg, roll=roll)
-
-
-def test_views_between_two_cameras_turn_and_move_evenly() -> None:
-    left, right = on_arc(-10), on_arc(14)
-    between = list(views_between(left, right, 3))
-    assert len(between) == 3
-    for number, view in enumerate(between, 1):
-        assert view.rotation @ view.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
-        assert view.centre == pytest.approx(left.centre + number / 4 * (right.centre - left.centre))
-        # The middle of the picture stays on what both look at.
-        at = view.rotation @ np.array([0, 0, 3.0]) + view.translation
-        assert view.project(at[None])[0] == pytest.approx(view.matrix[:2, 2], abs=1.0)
 
 
 def test_the_walk_follows_a_row_whatever_the_names() -> None:

@@ -132,11 +132,11 @@ class Pump:
                 pass
         self._after_flush()
         due_ns = self._engine.next_timer()
+        if due_ns == self._due_ns:
+            return
+        self._due_ns = due_ns
         if self._timer is not None:
-            if due_ns == self._due_ns:
-                return
             self._timer.cancel()
-        self._timer, self._due_ns = None, due_ns
         if due_ns is not None and self._socket is not None:
             self._timer = self._loop.call_later(max(0, due_ns - self._clock()) / 1e9, self._tick)
 
@@ -150,7 +150,7 @@ class Pump:
             self._socket = None
 
     def _tick(self) -> None:
-        self._timer = None
+        self._due_ns = None
         self._engine.handle_timer(self._clock())
         self.turn()
 

@@ -118,7 +118,6 @@ class ClockFilter:
         """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
         self._min_window_ns, self._longest_ns = window_ns, longest_ns
         self._block_ns = window_ns // BLOCKS
-        self._not_before_ns = LONG_AGO_NS
         self._window_ns = window_ns
         self.asymmetry: PathAsymmetry | None = None
         """Path asymmetry of the link, measured from images; None if unknown."""
@@ -169,13 +168,14 @@ class ClockFilter:
         are ignored, as are samples with a negative round-trip delay, far too slow or older than the window.
         """
         window_ns = self._window_ns
-        since_ns = max(self._not_before_ns, self._newest_ns - window_ns)
+        # Messages from before a change may still be in transit.
+        since_ns = max(self._first_ns, self._newest_ns - window_ns)
         turnaround_ns, passed_ns = sample.t2_ns - sample.t1_ns, sample.t3_ns - sample.t0_ns
         if sample.t0_ns < since_ns or not 0 <= turnaround_ns <= passed_ns <= window_ns // 2:
             return True
         if not self.samples:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
-            self._first_ns = sample.t3_ns
+            self._first_ns = sample.t0_ns
         upper = sample.t0_ns, sample.upper_ns - self._anchor_ns
         lower = sample.t3_ns, self._anchor_ns - sample.lower_ns
         highest, lowest = _tighter(self._highest, upper), _tighter(self._lowest, lower)
@@ -240,8 +240,6 @@ class ClockFilter:
         suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SKEW)]
         if len(suspects) < STEP_SAMPLES and len(self._suspects) < SLEW_SAMPLES:
             return True
-        # Messages from before the step may still be in transit.
-        self._not_before_ns = suspects[0].t0_ns
         self.changes.note(self._newest_ns, self._line().skew, is_step=True)
         self._watch.restart(self._newest_ns)
         self._clear()

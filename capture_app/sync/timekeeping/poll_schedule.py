@@ -161,7 +161,8 @@ class SteadySchedule:
         """A sample contradicts the newest estimate: make the next one soon, over a cable by many samples."""
         self.estimate_due_ns = min(self.estimate_due_ns, self._soonest_ns)
         if self._is_near and self._is_settled:
-            self._samples_when_synced, self.request_due_ns = None, now_ns
+            # Once an estimate: else each answer would bring the next request at once.
+            self._is_settled, self._samples_when_synced, self.request_due_ns = False, None, now_ns
 
     def _interval(self, progress: Progress) -> int:
         if not progress.synced:

@@ -9,9 +9,15 @@ from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.plugins.cameras.sim.profiles import PROFILES
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockSynced
-from capture_app.sync.timekeeping.poll_schedule import NEAR_INTERVAL_NS, POLL_INTERVAL_NS
+from capture_app.sync.timekeeping.poll_schedule import (
+    NEAR_INTERVAL_NS,
+    POLL_INTERVAL_NS,
+    Progress,
+    SteadySchedule,
+)
 from tests.unit.sync.rig.rigs import LAN, MS, S, checked_error_ns
 
 
@@ -52,3 +58,21 @@ def test_a_settled_clock_asks_rarely_over_a_cable(link: Link, per_s: int) -> Non
     rig.run_for(10 * S)
     assert node.client.timekeeper.requests - before == pytest.approx(10 * per_s, abs=0.1 * 10 * per_s)
     checked_error_ns(node.client.time_map, node.spec.clock, rig.now_true_ns)
+
+
+def test_answers_that_all_contradict_bring_one_request_at_once_an_estimate() -> None:
+    schedule, map_ = SteadySchedule(), TimeMap(0, 0, 0.0, 1e4, 1e5, 0.0, 0.0, 1000, 100_000)
+    progress = Progress(synced=True, samples=1000, time_map=map_)
+    schedule.begin(0)
+    schedule.request_sent(0, progress)
+    schedule.reply_arrived(100_000, 100_000, progress)
+    schedule.estimated(S, is_settled=True)
+    for _ in range(2):
+        schedule.request_sent(S, progress)
+        schedule.contradicted(S)
+        assert schedule.request_due_ns == S
+        schedule.request_sent(S, progress)
+        due_ns = schedule.request_due_ns
+        schedule.contradicted(S)
+        assert schedule.request_due_ns == due_ns > S
+        schedule.estimated(S, is_settled=True)

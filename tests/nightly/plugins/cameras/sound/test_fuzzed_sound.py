@@ -47,7 +47,8 @@ def lying_image(rng: random.Random, number: int) -> bytes:
 
 
 def test_no_segment_of_sound_breaks_an_export(monkeypatch: pytest.MonkeyPatch) -> None:
-    muxed, found = [], []
+    muxed: list[int] = []
+    found: list[Any] = []
     plugin = SimpleNamespace(read_sounds=lambda session, camera: found)
     monkeypatch.setattr(
         mp4_sound, "_mux", lambda video, blocks, channels: muxed.append(sum(1 for _ in blocks))

@@ -36,25 +36,27 @@ class ClockChanges:
         self.state = ClockState.STEADY
         self.rate_changed_ns: int | None = None
         """Local time of the last significant change of a clock's rate."""
-        self._first_ns = self._newest_ns = LONG_AGO_NS
-        """Local times of the changes since the clock was last steady: the first and the newest one."""
-        self._skew_before = 0.0
-        """Skew before the first of them."""
+        self._shown_ns = self._newest_ns = LONG_AGO_NS
+        """Local times of the last change that may be a rate change, and of the newest one."""
+        self._skew_then = self._skew_before = 0.0
+        """Skew before that change, and before the first of those since the clock was last steady."""
         self._was_fast = False
         """Whether they were fast, so that their end is known from noise."""
 
     def note(self, local_ns: int, skew_before: float, *, is_step: bool = False) -> None:
         """Note that a clock has changed, by a step or by its rate."""
+        if local_ns - self._shown_ns > SHOWN_NS:
+            self._shown_ns, self._skew_then = local_ns, skew_before
         if self.state is ClockState.STEADY:
-            self._first_ns, self._skew_before, self._was_fast = local_ns, skew_before, False
+            self._skew_before, self._was_fast = skew_before, False
         self._was_fast |= is_step or local_ns - self._newest_ns < AGAIN_NS
         self.state, self._newest_ns = ClockState.CHANGED, local_ns
 
     def judge(self, local_ns: int, skew: float, error: float, *, is_known: bool) -> None:
         """Judge by the newest line's skew and its 95 % error; `is_known` if its samples bear that out."""
         since_ns, away = local_ns - self._newest_ns, abs(skew - self._skew_before)
-        if local_ns - self._first_ns <= SHOWN_NS and away > CHANGE_SKEW + error:
-            self.rate_changed_ns = self._first_ns
+        if local_ns - self._shown_ns <= SHOWN_NS and abs(skew - self._skew_then) > CHANGE_SKEW + error:
+            self.rate_changed_ns = self._shown_ns
         self._was_fast |= is_known and away - error > FAST_SKEW
         if since_ns >= SLEWED_NS:
             self.state = ClockState.STEADY

@@ -215,8 +215,8 @@ FAULTS: dict[str, Fault] = {
     "left-in-spool": Fault(
         "a node never deletes the spool folder of a finished burst",
         "capture_app/node/camera/uploader.py",
-        "            burst.end()\n            if burst.spooled is not None:\n",
-        "            burst.end()\n            if burst.spooled is None:\n",
+        "            burst.end()\n            await self._remove_spooled(burst)\n",
+        "            burst.end()\n",
     ),
     "spool-sync": Fault(
         "the node's spool is never synced",
@@ -293,8 +293,8 @@ FAULTS: dict[str, Fault] = {
     "cancelled": Fault(
         "a cancelled take drops the images that had arrived",
         "capture_app/node/burst/burst_session.py",
-        "        if self.is_empty() and self._lost is None and not any(of.silent for of in deliveries):\n",
-        "        if self._lost is None and not any(of.silent for of in deliveries) and missing:\n",
+        "if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):",
+        "if self._lost is None and not any(delivery.silent for delivery in deliveries) and missing:",
         _has("cancel"),
     ),
     "mark": Fault(

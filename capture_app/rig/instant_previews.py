@@ -18,6 +18,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+APART_S = 0.05
+"""Difference from which pictures are not called of one moment, in seconds."""
+OLD_S, OLD_WHILE_SAVING_S = 1.0, 2.0
+"""Age from which a picture is not live, in seconds; a node that sends frames gives one each 0.8 s."""
+
+
+def old_from_s(status: RigStatus | None) -> float:
+    """Return the age from which pictures are not live, in seconds."""
+    is_saving = status is not None and status.burst is not None and not status.burst.done
+    return OLD_WHILE_SAVING_S if is_saving else OLD_S
+
+
 class InstantPreviews(Struct, frozen=True):
     """Previews of the cameras that show one instant of the rig; its leader time in ns."""
 

@@ -124,6 +124,8 @@ class AsyncRig:
                 )
             await asyncio.sleep(LOOK_EVERY_S)
 
+    wait_ready = wait_until_ready
+
     async def now(self) -> LeaderTime:
         """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""
         return await rig_time(self.address)
@@ -243,6 +245,8 @@ class Rig:
     def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
         """Wait until at least `cameras` cameras are here and all are ready. Raises IncompleteError."""
         return _run(self._rig.wait_until_ready(cameras, timeout_s))
+
+    wait_ready = wait_until_ready
 
     def now(self) -> LeaderTime:
         """Return the rig's time now, from the earliest to the latest possible. Raises NetworkError."""

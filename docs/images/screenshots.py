@@ -21,7 +21,7 @@ from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.shoot_view import ShootView
 
-WIDE, SMALL = (120, 34), (80, 24)
+WIDE, SMALL = (120, 40), (80, 24)
 CAMERAS = 5
 TIMEOUT_S = 400.0
 

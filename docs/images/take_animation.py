@@ -25,7 +25,7 @@ from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.shoot_view import ShootView
 
 OUT = Path(__file__).with_name("take.webp")
-SIZE = COLUMNS, ROWS = 100, 32
+SIZE = COLUMNS, ROWS = 120, 40
 CAMERAS = 5
 READY_S = 400.0
 PLAN = {"shoot.name": "jump", "shoot.frames": 5, "shoot.before": 2, "shoot.countdown_s": 3.0}
@@ -58,7 +58,7 @@ class Film:
         """Write it as animated WebP."""
         animation = cv2.Animation()
         animation.frames, animation.durations, animation.loop_count = self.frames, self.durations, 0
-        made, data = cv2.imencodeanimation(".webp", animation, [cv2.IMWRITE_WEBP_QUALITY, 50])
+        made, data = cv2.imencodeanimation(".webp", animation, [cv2.IMWRITE_WEBP_QUALITY, 85])
         assert made
         path.write_bytes(data.tobytes())
         talk(f"{path}: {len(self.frames)} pictures, {path.stat().st_size / 1e3:.0f} kB")

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.cameras.base import OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame, FramePicture
+from capture_app.cameras.frames import CapturedFrame, FramePicture, JpegPicture
 from capture_app.common.camera_facts import EXACT_STAMPS, PhaseControl
 from capture_app.common.errors import CameraError
 from capture_app.plugins.cameras.sim.profiles import SensorProfile
@@ -121,9 +121,10 @@ class VirtualCamera(SimulatedCamera):
         self._sound = SoundRing(SOUND_HZ) if has_sound else None
         self._listening: asyncio.Task[None] | None = None
         device.opened = self
+        self._pictures = ReadyPicture(name, image_bytes, lie)
         super().__init__(
             Sensor(profile, world.chance("sensor", name, world.now_ns)),
-            ReadyPicture(name, image_bytes, lie),
+            self._pictures,
             clock,
             seed=len(name),
         )
@@ -137,6 +138,10 @@ class VirtualCamera(SimulatedCamera):
     @property
     def calibration(self) -> None:
         """No calibration: these images show nothing."""
+
+    def _captured(self, frame: SensorFrame) -> CapturedFrame:
+        """Return a frame whose picture is ready-made."""
+        return replace(super()._captured(frame), picture=JpegPicture(self._pictures.jpeg(frame)))
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming."""

@@ -23,7 +23,7 @@ from capture_app.common.tasks import Background, end
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
-from capture_app.rig.instant_previews import Gathering, LeaderMoments
+from capture_app.rig.instant_previews import APART_S, Gathering, LeaderMoments, old_from_s
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.rig_time import PlacedMark
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
@@ -190,6 +190,8 @@ class MonitorFeed:
             "rig",
             leader=rig.leader,
             advice=rig.advice,
+            old_s=old_from_s(rig),
+            apart_s=APART_S,
             cameras=[
                 {"name": name, "state": cameras[name].state, "message": cameras[name].message}
                 for name in sorted(cameras, key=natural_order)

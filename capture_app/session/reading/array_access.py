@@ -169,7 +169,10 @@ class CameraMatrices:
     """m, or arbitrary."""
 
     def project(self, points: npt.ArrayLike) -> Numbers:
-        """Return the pixels (... x 2) of points (... x 3) in the rig's frame; NaN behind the camera."""
+        """Return the pixels (... x 2) of points (... x 3) in the rig's frame.
+
+        They are NaN behind the camera: sum them up by `np.nanmedian` and its like.
+        """
         import cv2  # slow to import; only this method and `undistort` need it
 
         points = np.asarray(points, np.float64)

@@ -15,7 +15,7 @@ from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import RecordChanged, showing_errors
-from capture_app.tui.widgets.lines import Lines, chosen_line, filled_cells, justified
+from capture_app.tui.widgets.lines import Lines, chosen_line, filled_cells, justified, write_border
 from capture_app.tui.widgets.row_list import RowList
 
 SHOWN = 100
@@ -108,7 +108,8 @@ class JobsView(ModeView):
             self._rows.focus()
         self._rows.show_items({run.key: run for run in runs})
         held = " · paused while a burst is taken or saved" if self._runs.are_held and unfinished else ""
-        self._rows.border_subtitle = f"{unfinished} to do{held}" if unfinished else count(len(runs), "job")
+        jobs = f"{unfinished} to do{held}" if unfinished else count(len(runs), "job")
+        write_border(self._rows, None, jobs)
         self._show_log()
         self.refresh_bindings()
 
@@ -133,11 +134,9 @@ class JobsView(ModeView):
         if said := list(self._runs.log(run))[-SHOWN:]:
             lines += Content.styled("\n".join(["", *said]), "$foreground-muted").wrap(width)
         self._lines.show(lines)
-        title = Content(printable(f"{run.command.title} · {run.session.name}"))
-        if self._log.border_title != title.markup:
-            self._log.border_title = title
         elapsed = (rough_time(run.seconds),) if run.seconds >= 1 else ()
-        self._log.border_subtitle = " · ".join((str(SIGNS[run.state]), *elapsed))
+        state = " · ".join((str(SIGNS[run.state]), *elapsed))
+        write_border(self._log, printable(f"{run.command.title} · {run.session.name}"), state)
         if run is not before:
             self._log.scroll_home(animate=False)
         elif at_end and not run.state.is_over:

@@ -26,7 +26,7 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
 from capture_app.tui.widgets.cells import CellPicture
 from capture_app.tui.widgets.contact_sheet import ContactSheet
-from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line
+from capture_app.tui.widgets.lines import Lines, fitting, justified, strip_of_line, write_border
 from capture_app.tui.widgets.look import Motion
 from capture_app.tui.widgets.picture import draw_for, strip_of_middle
 from capture_app.tui.widgets.row_list import RowList
@@ -249,7 +249,7 @@ class TakePane(Vertical):
         """Show a session; `sheet` is None if it is missing or not loaded yet."""
         self.entry = entry
         facts = "" if entry is None else f"{count(len(entry.card.cameras), 'camera')} · {entry.card.folder}"
-        self.border_subtitle = Content(printable(facts))
+        write_border(self, None, printable(facts))
         if sheet is not self.sheet.sheet:
             self.sheet.show(sheet)
         self._show_words()
@@ -269,9 +269,9 @@ class TakePane(Vertical):
             yield from Content(f"→ {printable(card.remedy)}").wrap(width)
         elif sheet is not None and sheet.session.folder == card.folder:
             verdict, sign = sheet.verdict, GRADES[sheet.verdict.grade]
-            yield Content.assemble(
+            yield from Content.assemble(
                 (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
-            ).truncate(width, ellipsis=True)
+            ).wrap(width)
         if card.note:
             note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
             yield from [note.truncate(width, ellipsis=True)] if low else note.wrap(width)

@@ -34,7 +34,7 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import ListQuestion, TextQuestion, explain_verdict
 from capture_app.tui.rig_record import RecordChanged, SessionMoved, showing_errors
 from capture_app.tui.screen_settings import Settings
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.lines import Lines, write_border
 
 LOOK_AGAIN_S = 2.0
 """Interval at which the folder is read while visible, in seconds."""
@@ -160,13 +160,12 @@ class SessionsView(ModeView):
     def _follow_runs(self) -> None:
         for run in self._runs.unfinished:
             self._rows.show_again(str(run.session.absolute()))
-        self._name_frame(str(self._frame.border_title or ""))
+        self._name_frame()
 
-    def _name_frame(self, title: str) -> None:
+    def _name_frame(self, title: str | None = None) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
         subtitle = " · ".join([*importing, self._order, "< sorts · / finds · I imports"])
-        if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
-            self._frame.border_title, self._frame.border_subtitle = title, subtitle
+        write_border(self._frame, title, subtitle)
 
     @work(group="listing")
     async def look_at_disk(self) -> None:
@@ -235,9 +234,7 @@ class SessionsView(ModeView):
     async def _show_pane(self, after_s: float = 0.0) -> None:
         await asyncio.sleep(after_s)
         entry = self.entry
-        title = "" if entry is None else printable(entry.card.name)
-        if str(self._pane.border_title or "") != title:
-            self._pane.border_title = Content(title)
+        write_border(self._pane, "" if entry is None else printable(entry.card.name))
         if entry is None or entry.card.state != "complete":
             self._pane.show(entry, None)
         elif entry != self._pane.entry:

@@ -17,7 +17,7 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at
 from capture_app.tui.signs import SIGNS
-from capture_app.tui.widgets.lines import Lines, chosen_line
+from capture_app.tui.widgets.lines import Lines, chosen_line, write_border
 from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_rows, times_of
 from capture_app.tui.widgets.row_list import RowList
 
@@ -274,9 +274,7 @@ class CameraList(Vertical):
         self._head.show([compact_head(width)] if height == 1 else [])
         self.rows.show_items({node.name: node for node in in_tree_order(status.nodes)}, height)
         title = f"{count(len(status.cameras), 'camera')}{_settings(status.cameras)}"
-        subtitle = f"phase error over the last {SPAN_S:.0f} s · {self._axis}"
-        if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws everything
-            self.border_title, self.border_subtitle = title, subtitle
+        write_border(self, title, f"phase error over the last {SPAN_S:.0f} s · {self._axis}")
 
     def _draw_node(self, node: NodeStatus, width: int, chosen: bool) -> Sequence[Content]:
         height = self.rows.row_height

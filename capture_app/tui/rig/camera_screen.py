@@ -19,7 +19,7 @@ from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.dialog import Dialog
 from capture_app.tui.widgets.key_footer import KeyFooter
-from capture_app.tui.widgets.lines import Lines, fitting, log_lines
+from capture_app.tui.widgets.lines import Lines, fitting, log_lines, write_border
 from capture_app.tui.widgets.picture import Picture
 from capture_app.tui.widgets.plots import (
     TYPICAL_TOLERANCE_NS,
@@ -166,8 +166,7 @@ class CameraScreen(Dialog[None]):
             log: "log",
         }
         for panel, title in titles.items():
-            if panel.border_title != title:  # setting it redraws the panel
-                panel.border_title = title
+            write_border(panel, title)
         self._wedge.show(wedge_rows(detail.samples, *wedge.size))
         self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
         lines = log_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]

@@ -15,6 +15,7 @@ from textual.message import Message
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
+from capture_app.rig.instant_previews import APART_S, old_from_s
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.tui.rig_record import RigRecord
@@ -29,10 +30,6 @@ GRID_FPS, MANY_FPS = 2.5, 1.25
 MANY = 8
 """Number of cameras above which the preview rate is lower."""
 MIN_PX, MAX_PX = 64, 640
-APART_S = 0.05
-"""Difference from which pictures are not called of one moment, in seconds."""
-OLD_S = 2.0
-"""Age from which a picture is dimmed, in seconds: a busy camera shows one each 0.8 s."""
 REST = 3.0
 """Rest after pictures were drawn, in times of their drawing: keys are answered first on a busy machine."""
 
@@ -73,23 +70,23 @@ class PreviewTile(Vertical):
     def show_node(self, node: NodeStatus) -> None:
         """Show the camera's state."""
         self._node, self._sign = node, SIGNS[node.state]
-        self.picture.set_grey(node.state is NodeState.LOST)
+        self.picture.is_grey = node.state is NodeState.LOST
         self._show()
 
     def show_lost(self) -> None:
         """Show that nobody knows the camera's state."""
         self._sign = UNKNOWN
-        self.picture.set_grey(True)
+        self.picture.is_grey = True
         self._show()
 
-    def show_age(self, now_s: float, newest_s: float) -> None:
+    def show_age(self, now_s: float, newest_s: float, old_s: float) -> None:
         """Say how old the picture is if it is older than the newest ones, or if these are old."""
         moment_s = self.moment_s
-        is_old = moment_s is not None and (now_s - moment_s > OLD_S or newest_s - moment_s > APART_S)
+        is_old = moment_s is not None and (now_s - moment_s > old_s or newest_s - moment_s > APART_S)
         age = f" {age_words(now_s - moment_s)}" if is_old and moment_s is not None else ""
         if age != self._age:
             self._age = age
-            self.picture.set_class(is_old, "old")
+            self.picture.is_faded = is_old
             self._show()
 
     def mark(self, *, chosen: bool) -> None:
@@ -199,7 +196,7 @@ class PreviewGrid(Container, can_focus=True):
         moments = [tile.moment_s for tile in self.tiles if tile.moment_s is not None]
         now_s, newest_s = self._record.clock(), max(moments, default=-math.inf)
         for tile in self.tiles:
-            tile.show_age(now_s, newest_s)
+            tile.show_age(now_s, newest_s, old_from_s(self._record.status))
         return now_s - newest_s if moments else None
 
     @work(group="drawing")
@@ -210,15 +207,15 @@ class PreviewGrid(Container, can_focus=True):
                 begun_s = time.monotonic()
                 previews, self._waiting = self._waiting, {}
                 drawn = [
-                    (tile, preview, await draw_for(self.app, preview.jpeg, tile.picture.size))
+                    (tile, preview, size := tile.picture.size, await draw_for(self.app, preview.jpeg, size))
                     for camera, preview in previews.items()
                     if camera != self._depth_of
                     and (tile := self._tiles.get(camera)) is not None
                     and tile.picture.size
                 ]
                 with self.app.batch_update():
-                    for tile, preview, cells in drawn:
-                        tile.picture.show_drawn(preview.jpeg, cells)
+                    for tile, preview, size, cells in drawn:
+                        tile.picture.show_drawn(preview.jpeg, cells, size)
                         tile.moment_s = self._record.moment_s(preview.leader_ns)
                 self.post_message(self.Drawn())
                 await asyncio.sleep(REST * (time.monotonic() - begun_s))

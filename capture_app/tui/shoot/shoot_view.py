@@ -456,7 +456,7 @@ class ShootView(ModeView):
         self.take_panel.show(self.takes, now_s, depth, take_depth.picture(*of_newest))
         # The sheet hides that pane in a narrow window.
         self.stage.show_subtitle(depth[0] if depth and self.has_class("narrow", "sheet") else Content(""))
-        self._line.show([self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)])
+        self._line.show(self._words(now_s).wrap(max(self._line.size.width, 1)))
 
     def _words(self, now_s: float) -> Content:
         """Return the line's text: the pending activity, a failure, the verdict, or the rig's advice."""

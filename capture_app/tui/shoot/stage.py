@@ -10,14 +10,14 @@ from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
-from capture_app.rig.instant_previews import Gathering
+from capture_app.rig.instant_previews import Gathering, old_from_s
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.live_depth import DepthPreview
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.shoot.preview_grid import OLD_S, PreviewGrid, age_words
+from capture_app.tui.shoot.preview_grid import PreviewGrid, age_words
 from capture_app.tui.widgets.contact_sheet import ContactSheet
-from capture_app.tui.widgets.lines import Lines
+from capture_app.tui.widgets.lines import Lines, write_border
 
 LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
 DEPTHS = 20
@@ -75,11 +75,11 @@ class Stage(ContentSwitcher):
         if self.current != LIVE or self._shows_depth:
             return
         if age_s is None:
-            self._title("Live")
-        elif age_s > OLD_S:
-            self._title(f"Not live · pictures of {age_words(age_s)}")
+            write_border(self, "Live")
+        elif age_s > old_from_s(self._record.status):
+            write_border(self, f"Not live · pictures of {age_words(age_s)}")
         else:
-            self._title(f"Live · {self._live}" if self._live else "Live")
+            write_border(self, f"Live · {self._live}" if self._live else "Live")
 
     def show_depth(self, depth: DepthPreview | None) -> None:
         """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
@@ -87,7 +87,7 @@ class Stage(ContentSwitcher):
         self._shows_depth = depth is not None
         if depth is None:
             self._depths.clear()
-            self.border_title = "Live" if self.current == LIVE else self.border_title
+            write_border(self, "Live" if self.current == LIVE else None)
             return
         # A narrow window has room for the reason alone.
         words = [f"Live · {printable(depth.problem) or f'depth of {printable(depth.camera)}'}"]
@@ -98,7 +98,7 @@ class Stage(ContentSwitcher):
                 words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
         if moving := [fraction for _, fraction in self._depths if fraction is not None]:
             words.append(f"{100 * mean(moving):.0f} % of moving pixels have depth")
-        self.border_title = Content(" · ".join(words))
+        write_border(self, " · ".join(words))
 
     def show_live(self) -> None:
         """Show the live previews."""
@@ -106,8 +106,7 @@ class Stage(ContentSwitcher):
 
     def show_subtitle(self, words: Content) -> None:
         """Show words in the border below."""
-        if self.border_subtitle != words.markup:  # setting it redraws all pictures
-            self.border_subtitle = words
+        write_border(self, None, words)
 
     def load_sheet(self, sheet: TakeSheet, instant: int) -> None:
         """Load a take into the sheet, with the cursor at an instant."""
@@ -151,10 +150,5 @@ class Stage(ContentSwitcher):
             self.run_worker(asking, exclusive=True, group="previews")  # type: ignore[arg-type]
 
     def _go_to(self, stage: str, title: str) -> None:
-        self._title(printable(title))
+        write_border(self, printable(title))
         self.current = stage
-
-    def _title(self, words: str) -> None:
-        title = Content(words)
-        if self.border_title != title.markup:  # setting it redraws all pictures
-            self.border_title = title

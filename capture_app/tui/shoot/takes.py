@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from textual.containers import VerticalScroll
 from textual.content import Content
-from textual.visual import VisualType
-from textual.widgets import Static
 
 from capture_app.common.text import printable
 from capture_app.protocol.status import BurstStatus, CameraTransfer
@@ -14,6 +12,7 @@ from capture_app.rig.taking import TakePlan, local_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import Verdict
 from capture_app.tui.signs import GRADES
+from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source
 
 RATE_AFTER_S = 3.0
@@ -117,7 +116,7 @@ class TakePanel(VerticalScroll, can_focus=False):
     """Pane with the newest take in full and one line for each earlier take."""
 
     def __init__(self) -> None:
-        self._newest, self._earlier = Static(id="takes-newest"), Static(id="takes-earlier")
+        self._newest, self._earlier = Lines(id="takes-newest"), Lines(id="takes-earlier")
         self.plain = ""
         """Text shown."""
         self._picture = Picture(id="takes-depth")
@@ -139,16 +138,9 @@ class TakePanel(VerticalScroll, can_focus=False):
         newest = Content("\n").join(_lines(takes, now_s, depth))
         earlier = Content("\n").join(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
         self.plain = f"{newest.plain}\n\n{earlier.plain}".rstrip()
-        for part, text in ((self._newest, newest), (self._earlier, earlier)):
-            shown = part.content
-            if not isinstance(shown, Content) or not shown.is_same(text):
-                part.update(text, layout=not _same_height(part, shown, text))  # layouts are slow
-
-
-def _same_height(part: Static, one: VisualType, other: Content) -> bool:
-    """Return whether two texts of a part take as many lines of the screen, as far as is known."""
-    width = part.content_size.width
-    return isinstance(one, Content) and width > 0 and len(one.wrap(width)) == len(other.wrap(width))
+        width = self.scrollable_content_region.width or newest.cell_length
+        self._newest.show(newest.wrap(width))
+        self._earlier.show(earlier.wrap(width))
 
 
 def verdict_line(verdict: Verdict) -> Content:

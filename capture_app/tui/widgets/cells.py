@@ -1,8 +1,10 @@
 """Rendering of an image in terminal cells: quarter blocks in two colours, or braille dots without colour."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import groupby
+from operator import itemgetter
 from typing import TypeAlias
 
 import cv2
@@ -16,6 +18,8 @@ from textual.app import App
 from textual.geometry import Size
 from textual.strip import Strip
 
+from capture_app.tui.widgets.painted import cell_codes
+
 Image: TypeAlias = NDArray[np.uint8]
 """8-bit image, height x width or height x width x BGR."""
 
@@ -25,6 +29,7 @@ _INKED = np.array(
     np.float32,
 )
 """Quarters in the foreground colour for each glyph of QUARTERS: upper two, lower two."""
+_GLYPHS = np.array([list(glyph.encode()) for glyph in QUARTERS], np.uint8)
 _CUBE = np.array([0, 95, 135, 175, 215, 255], np.uint8)
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32)
 _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.int32)
@@ -45,7 +50,7 @@ class Palette(Enum):
         return (2, 4) if self is Palette.DOTS else (2, 2)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CellPicture:
     """Image in cells: `glyphs` is rows x columns, `inks` rows x columns x (foreground, background) x RGB.
 
@@ -67,16 +72,27 @@ class CellPicture:
         if self.palette is Palette.DOTS:
             return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], len(glyphs))
         inks = self.inks[row].astype(np.uint32)
-        colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
-        starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
-        text = "".join(QUARTERS[glyph] for glyph in glyphs)
-        segments = [
-            Segment(text[start:end], _style(front, back, self.palette is Palette.EIGHT_BIT))
-            for start, end, (front, back) in zip(
-                starts, [*starts[1:], None], colours[starts].tolist(), strict=True
-            )
-        ]
-        return Strip(segments, len(glyphs))
+        colours = ((inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]).tolist()
+        is_cube = self.palette is Palette.EIGHT_BIT
+        cells = zip(glyphs.tolist(), colours, strict=True)
+        runs = (
+            (ink, "".join(QUARTERS[glyph] for glyph, _ in run)) for ink, run in groupby(cells, itemgetter(1))
+        )
+        return Strip([Segment(text, _style(*ink, is_cube)) for ink, text in runs], len(glyphs))
+
+    @cached_property
+    def codes(self) -> NDArray[np.uint8]:
+        """Codes of the cells for a terminal of true colours, rows x columns x bytes."""
+        return cell_codes(_GLYPHS[self.glyphs], self.inks)
+
+    def toned(self, *, is_grey: bool, faded_to: tuple[int, int, int] | None) -> "CellPicture":
+        """Return the picture in grey, or half of it in the colour `faded_to`, or as it is."""
+        if not is_grey and faded_to is None:
+            return self
+        inks = self.inks.mean(axis=-1, keepdims=True) if is_grey else self.inks.astype(np.float64)
+        inks = inks if faded_to is None else (inks + faded_to) / 2
+        toned = np.broadcast_to(inks, self.inks.shape).astype(np.uint8)
+        return replace(self, inks=_nearest_of_256(toned) if self.palette is Palette.EIGHT_BIT else toned)
 
     def pixels(self) -> NDArray[np.uint8]:
         """Return the displayed colours: rows x columns x the 4 quarters of a cell x RGB."""

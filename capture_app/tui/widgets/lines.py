@@ -8,7 +8,7 @@ from operator import itemgetter
 
 from rich.segment import Segment
 from textual.content import Content
-from textual.geometry import Region, Size
+from textual.geometry import Offset, Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -68,6 +68,17 @@ def joined_cells(cells: Iterable[tuple[str, str]]) -> Content:
     return Content.assemble(
         *(("".join(cell for cell, _ in run), style) for style, run in groupby(cells, key=itemgetter(1)))
     )
+
+
+def write_border(widget: Widget, title: Content | str | None, subtitle: Content | str | None = None) -> None:
+    """Show these words in a widget's border, and redraw no more than them; None leaves those shown."""
+    for place, words in (("_border_title", title), ("_border_subtitle", subtitle)):
+        if words is not None and str(words) != str(getattr(widget, place)):
+            # Setting Textual's own attribute draws all in the widget again.
+            setattr(widget, place, words if isinstance(words, Content) else Content(words))
+            line = Region(0, 0, *widget.outer_size.with_height(1))
+            at = 0 if place == "_border_title" else widget.outer_size.height - 1
+            widget.refresh(line.translate(Offset(0, at) - widget.content_offset))
 
 
 class Lines(Widget):

@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, TypeAlias
 
 import cv2
@@ -21,8 +22,8 @@ from rich.segment import Segment
 from rich.style import Style
 from textual import work
 from textual.app import App
-from textual.filter import Monochrome
 from textual.geometry import Region, Size
+from textual.reactive import reactive
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -40,6 +41,7 @@ from capture_app.tui.widgets.cells import (
     resample,
 )
 from capture_app.tui.widgets.focus_aids import Aid, paint_marks
+from capture_app.tui.widgets.painted import PaintedStrip, blank_code
 
 MAX_CELLS = 297
 """Max columns or rows that a placeholder can address."""
@@ -48,7 +50,6 @@ NOISE = 12
 
 Without it, sensor noise would change nearly all cells each time; it reduced the bytes sent to a third.
 """
-_GREY = Monochrome()
 REST_S = 0.2
 """Delay before a picture is sent in pixels, in seconds; browsing through a take sends none."""
 
@@ -161,6 +162,10 @@ class Picture(Widget):
     """Image as large as fits at its aspect ratio; without one, `words` are shown."""
 
     DEFAULT_CSS = "Picture { width: 1fr; height: 1fr; }"
+    is_grey: reactive[bool] = reactive(False)
+    """Whether it is shown without its colours."""
+    is_faded: reactive[bool] = reactive(False)
+    """Whether it is shown half in the colour of its background."""
 
     def __init__(
         self,
@@ -179,8 +184,6 @@ class Picture(Widget):
         """Cells on display."""
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
-        self.is_grey = False
-        """Whether it is shown without its colours."""
         self._request = 0
         """Counter of requests, which identifies outdated work."""
         self._drawing = False
@@ -199,23 +202,20 @@ class Picture(Widget):
         self._source, self._sharp_source = source, sharp
         self._draw_again()
 
-    def show_drawn(self, source: Source, cells: CellPicture | None) -> None:
-        """Show this image, whose cells were drawn for this size."""
+    def show_drawn(self, source: Source, cells: CellPicture | None, size: Size) -> None:
+        """Show this image, whose cells were drawn for a box of `size`; draw it again if that has changed."""
         self._source, self._sharp_source = source, None
         self._request += 1
-        self._put(cells)
+        if size == self.size:
+            self._put(cells)
+        else:
+            self._draw_again()
 
     def show_aids(self, aids: Sequence[Aid]) -> None:
         """Mark parts of the picture with these aids."""
         if tuple(aids) != self._aids:
             self._aids = tuple(aids)
             self._draw_again()
-
-    def set_grey(self, is_grey: bool) -> None:
-        """Show the image in grey, or in its colours."""
-        if is_grey != self.is_grey:
-            self.is_grey = is_grey
-            self.refresh()
 
     def on_mount(self) -> None:
         """Redraw on a theme change, because dots are dark on a light theme."""
@@ -225,15 +225,29 @@ class Picture(Widget):
         """Delete the picture from the terminal."""
         self._put_sharp(None)
 
+    def render_lines(self, crop: Region) -> list[Strip]:
+        """Return lines of the picture, in true colours past Textual's objects for each colour."""
+        box, cells = self.size.region, None if self._sharp else self._toned
+        fits = cells is not None and crop == box and box.contains_region(cells.size.region)
+        if cells is None or not fits or cells.palette is not Palette.TRUECOLOR:
+            return super().render_lines(crop)
+        painted = np.tile(blank_code(self.rich_style), (box.height, box.width, 1))
+        left, top = (box.width - cells.size.width) // 2, (box.height - cells.size.height) // 2
+        painted[top : top + cells.size.height, left : left + cells.size.width] = cells.codes
+        return [PaintedStrip(codes, partial(self.render_line, y)) for y, codes in enumerate(painted)]
+
     def render_line(self, y: int) -> Strip:
         """Return one line of the picture."""
         width, plain = self.size.width, self.rich_style
-        drawn = self._sharp or self.cells
-        if drawn is not None:
-            strip = strip_of_middle(drawn, y, self.size, plain, plain)
-            return strip.apply_filter(_GREY, self.background_colors[1]) if self.is_grey else strip
+        if (drawn := self._sharp or self._toned) is not None:
+            return strip_of_middle(drawn, y, self.size, plain, plain)
         words = self._words[:width] if y == self.size.height // 2 else ""
         return Strip([Segment(words.center(width), plain)], width)
+
+    @property
+    def _toned(self) -> CellPicture | None:
+        faded_to = self.background_colors[1].rgb if self.is_faded else None
+        return None if self.cells is None else self.cells.toned(is_grey=self.is_grey, faded_to=faded_to)
 
     def _draw_again(self) -> None:
         self._request += 1

@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from capture_app import Rig
+from capture_app import AsyncRig, Rig
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import Trust
@@ -21,3 +21,8 @@ async def test_a_notebook_joins_a_rig_by_the_trust_in_use(tmp_path: Path) -> Non
     with trust.in_use():
         async with await LeaderNode.start(options) as leader:
             assert await asyncio.to_thread(asyncio.run, notebook()) == str(leader.address)
+
+
+def test_the_name_that_people_guess_waits_too() -> None:
+    assert Rig.wait_ready is Rig.wait_until_ready
+    assert AsyncRig.wait_ready is AsyncRig.wait_until_ready

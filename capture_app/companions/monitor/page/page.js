@@ -4,8 +4,8 @@ const seen = id => document.getElementById(id);
 const STATES = {joining: "joining", syncing: "clock …", aligning: "aligning …", lost: "lost", failed: "stopped"};
 const GOOD = ["ready", "coarse"];
 const MIN_TILE_PX = 104, GAP_PX = 6;
-// A picture says how old it is once it is older than that, or than the newest beside it.
-const OLD_S = 2, APART_S = 0.05;
+// A picture says how old it is once it is older than the rig allows, or than the newest beside it.
+let oldS = Infinity, apartS = Infinity;
 const tiles = new Map();
 // Why a picture of a take is absent. The server says it once, also to monitors that did not ask for it.
 const reasons = new Map();
@@ -41,6 +41,7 @@ const SHOW = {
   lost({reason}) { rigLost = reason; showState(); },
   rig(rig) {
     seen("advice").dataset.rig = rig.advice;
+    [oldS, apartS] = [rig.old_s, rig.apart_s];
     const here = new Set(rig.cameras.map(camera => camera.name));
     for (const [name, tile] of tiles) if (!here.has(name)) { tile.box.remove(); tiles.delete(name); }
     for (const [place, camera] of rig.cameras.entries()) {
@@ -161,7 +162,7 @@ function drawLive(tile, picture, moment) {
 function showAges() {
   const now = performance.now() / 1000, newest = Math.max(...[...tiles.values()].map(tile => tile.moment ?? -Infinity));
   for (const {box, camera, moment, said} of tiles.values()) {
-    const age = now - moment, old = moment !== null && (age > OLD_S || newest - moment > APART_S);
+    const age = now - moment, old = moment !== null && (age > oldS || newest - moment > apartS);
     box.classList.toggle("old", old);
     const ago = !old ? "" : age >= 120 ? `${Math.round(age / 60)} min ago` : `${age.toFixed(age < 1 ? 1 : 0)} s ago`;
     const state = !camera || GOOD.includes(camera.state) ? "" : STATES[camera.state] || camera.state;

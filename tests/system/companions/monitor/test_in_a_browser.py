@@ -101,6 +101,7 @@ async def test_ten_cameras_are_live_and_the_button_takes(
             await browser.tap("#shutter")
             await browser.shows("course.state !== 'failed'")
         await browser.shows("document.getElementById('picture').naturalWidth > 1000")
+        assert await browser.ask("document.getElementById('frame').tabIndex") == 0, "keys scroll the sheet"
         name = await browser.ask("document.getElementById('take-name').textContent")
         assert served.leader.status().sessions[-1].endswith(name)
         for kind in ("depth", "sheet", "depth"):

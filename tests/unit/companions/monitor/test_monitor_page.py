@@ -14,6 +14,7 @@ from capture_app.common.tasks import end
 from capture_app.companions.monitor.monitor_page import MonitorFeed
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus
+from capture_app.rig.instant_previews import APART_S, OLD_S
 from capture_app.web.paired_page import MAX_LINKS_PER_DEVICE
 from tests.unit.companions.monitor.served import ServedMonitor, StandInMonitor, monitored
 from tests.unit.tui.fake_rig import FakeRig
@@ -64,6 +65,8 @@ async def test_pictures_of_an_instant_come_together_once_the_last_were_drawn(ser
             assert new == {f"live/{name}" for name in quick.said["live"]["ages_s"]}
             assert all(0 <= age_s < 10 for age_s in quick.said["live"]["ages_s"].values())
             heard += len(new) == 2
+            assert quick.said["rig"]["apart_s"] == APART_S
+            assert quick.said["rig"]["old_s"] == OLD_S
             await quick.say(type="seen", picture="live")
         assert all(len(pictures) == 1 for pictures in slow.pictures.values()), "it has drawn none yet"
         await slow.say(type="seen", picture="live")

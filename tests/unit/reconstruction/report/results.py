@@ -204,7 +204,15 @@ def whole_result(out: Path) -> CompareResult:
         "synced_mover_epipolar_px": 0.1,
         "offset_mover_epipolar_px": 9.5,
     }
-    stereo = study("stereo", CAMERAS[:2], depth, depth, pictures=tuple(pictures), per_instant=(row,))
+    stereo = study(
+        "stereo",
+        CAMERAS[:2],
+        depth,
+        depth,
+        pictures=tuple(pictures),
+        per_instant=(row,),
+        commands={"synced": f"for k in 0 1; do reconstruct stereo {'/a/long/way' * 9} --instant $k; done"},
+    )
     many: Values = {
         "mover_coverage": 0.98,
         "static_coverage": 0.9,

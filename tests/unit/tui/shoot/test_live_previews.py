@@ -1,14 +1,23 @@
 """Previews of Shoot say of which moment they are: now, some seconds ago, or before a camera was lost."""
 
+import asyncio
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+import pytest
+from textual.app import App
+from textual.geometry import Size
 from textual.pilot import Pilot
+from textual.screen import Screen
 
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.status import Preview
+from capture_app.protocol.status import BurstStatus, Preview
 from capture_app.tui.shoot.preview_grid import PreviewTile
+from capture_app.tui.widgets.cells import CellPicture
+from capture_app.tui.widgets.lines import write_border
+from capture_app.tui.widgets.picture import Source, draw_for
 from tests.unit.tui.driving import until
 from tests.unit.tui.shoot.studio import Studio, ready_rig
 
@@ -85,9 +94,25 @@ async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None
         studio.pass_time(90.0)
         await until(pilot, lambda: studio.title == "Not live · pictures of 90 s ago")
         assert all("90 s ago" in tile.title for tile in studio.tiles)
-        assert all(tile.picture.has_class("old") for tile in studio.tiles)
+        assert all(tile.picture.is_faded for tile in studio.tiles)
         await studio.show_all(pilot, level=90)
-        assert not any(tile.picture.has_class("old") for tile in studio.tiles)
+        assert not any(tile.picture.is_faded for tile in studio.tiles)
+
+
+async def test_pictures_are_dimmed_after_a_second_and_while_a_take_is_saved_after_two(tmp_path: Path) -> None:
+    studio = LiveStudio(2, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await studio.show_all(pilot)
+        studio.pass_time(1.5)
+        await until(pilot, lambda: all(tile.picture.is_faded for tile in studio.tiles))
+        studio.rig.burst_status = BurstStatus(
+            burst=1, name="walk", cameras=2, instants=9, received=0, expected=18, recording=True
+        )
+        studio.pass_time(0.1)
+        await until(pilot, lambda: not any(tile.picture.is_faded for tile in studio.tiles))
+        studio.pass_time(0.5)
+        await until(pilot, lambda: all(tile.picture.is_faded for tile in studio.tiles))
 
 
 async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Path) -> None:
@@ -98,7 +123,7 @@ async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Pa
         studio.pass_time(0.4)
         studio.show("cam00", 80)
         studio.show("cam02", 80, completes=True)
-        await until(pilot, lambda: studio.tiles[1].picture.has_class("old"))
+        await until(pilot, lambda: studio.tiles[1].picture.is_faded)
         assert "0.4 s ago" in studio.tiles[1].title
         assert "ago" not in studio.tiles[0].title
         assert studio.title.startswith("Live · 2 pictures of one instant")
@@ -112,9 +137,54 @@ async def test_a_lost_camera_is_grey(tmp_path: Path) -> None:
         studio.rig.change("cam01", state=NodeState.LOST)
         await until(pilot, lambda: studio.tiles[1].picture.is_grey)
         tile = studio.tiles[1].picture
-        styles = [segment.style for segment in tile.render_line(tile.size.height // 2)]
+        line = tile.render_line(tile.size.height // 2)
+        styles = [segment.style for segment in line if segment.text.strip()]
         colours = {style.color.triplet for style in styles if style is not None and style.color is not None}
         assert all(max(colour) - min(colour) <= 1 for colour in colours if colour is not None)
         assert not studio.tiles[0].picture.is_grey
         studio.rig.lose_link()
         await until(pilot, lambda: studio.tiles[0].picture.is_grey)
+
+
+async def test_a_title_that_changes_draws_no_picture_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    studio = LiveStudio(2, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await studio.show_all(pilot)
+        await studio.settle(pilot)
+        spans: list[tuple[int, int, int]] = []
+        display = studio.app._display
+
+        def note(screen: Screen[Any], update: Any) -> None:
+            spans.extend(getattr(update, "spans", [(0, 0, 9999)] * 40))
+            display(screen, update)
+
+        monkeypatch.setattr(studio.app, "_display", note)
+        write_border(studio.view.stage, "Live · 2 pictures of another instant")
+        await until(pilot, lambda: bool(spans))
+        assert {row for row, _, _ in spans} == {studio.view.stage.region.y}
+
+
+async def test_pictures_that_were_drawn_before_a_resize_are_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    studio, is_resized = LiveStudio(1, tmp_path), asyncio.Event()
+
+    async def draw_late(app: App[Any], source: Source, size: Size) -> CellPicture | None:
+        cells = await draw_for(app, source, size)
+        await is_resized.wait()
+        return cells
+
+    monkeypatch.setattr("capture_app.tui.shoot.preview_grid.draw_for", draw_late)
+    async with studio.app.run_test(size=(160, 40)) as pilot:
+        await studio.enter(pilot)
+        studio.show("cam00", completes=True)
+        await pilot.pause()
+        await pilot.resize_terminal(110, 40)
+        is_resized.set()
+        picture = studio.tiles[0].picture
+        await until(
+            pilot, lambda: picture.cells is not None and picture.cells.size.width == picture.size.width
+        )

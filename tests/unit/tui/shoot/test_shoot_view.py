@@ -143,3 +143,15 @@ async def test_m_marks_the_take_under_way(tmp_path: Path) -> None:
         await studio.settle(pilot)
         assert ("mark", "mark") in rig.asked
         assert [one.message for one in studio.app._notifications] == ["marked in burst-001"]
+
+
+async def test_a_line_that_is_too_long_goes_on_below(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(2), tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        studio.view._failure = "cam03 has not answered for 12 s; " * 4 + "start it again with a key"
+        studio.view._show_course()
+        await studio.settle(pilot)
+        line = studio.view._line
+        assert " ".join(line.plain).split() == f"! no take: {studio.view._failure}".split()
+        assert line.size.height == len(line.plain) == 3

@@ -18,14 +18,13 @@ APART_NS = 1_000_000
 """Minimum time between two pairs that are kept, but for the newest: 500 ppm are half a microsecond in it."""
 
 
-def has_raw_clock() -> bool:
-    """Whether this system has a clock that nothing slews, CLOCK_MONOTONIC_RAW of Linux."""
-    return sys.platform == "linux" and hasattr(time, "CLOCK_MONOTONIC_RAW")
+RAW_CLOCK: int | None = getattr(time, "CLOCK_MONOTONIC_RAW", None) if sys.platform == "linux" else None
+"""The clock that nothing slews; None where the system has none."""
 
 
 def host_ns() -> int:
     """Return the host's clock now, in ns: CLOCK_MONOTONIC_RAW on Linux, CLOCK_MONOTONIC elsewhere."""
-    return time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW) if has_raw_clock() else time.monotonic_ns()
+    return time.monotonic_ns() if RAW_CLOCK is None else time.clock_gettime_ns(RAW_CLOCK)
 
 
 class HostReadings:
@@ -79,4 +78,4 @@ def host_from_monotonic(monotonic_ns: int) -> int:
 
     To be called on the event loop only.
     """
-    return _readings.host_from_monotonic(monotonic_ns) if has_raw_clock() else monotonic_ns
+    return monotonic_ns if RAW_CLOCK is None else _readings.host_from_monotonic(monotonic_ns)

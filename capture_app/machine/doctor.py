@@ -17,7 +17,7 @@ from capture_app import __version__
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import DiskError, SimulshotError
-from capture_app.common.host_clock import has_raw_clock
+from capture_app.common.host_clock import RAW_CLOCK
 from capture_app.common.text import count, megabytes
 from capture_app.machine.cameras import list_cameras
 from capture_app.net.discovery import LeaderBrowser, announced_hosts
@@ -83,7 +83,7 @@ def version() -> Finding:
 
 def clock() -> Finding:
     """Report whether this host has a clock that no NTP daemon slews."""
-    if has_raw_clock():
+    if RAW_CLOCK is not None:
         return Finding("clock", "good", "frames are timed by a clock that no NTP daemon slews")
     return Finding(
         "clock",

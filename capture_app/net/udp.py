@@ -105,6 +105,8 @@ class Pump:
         self._loop: asyncio.AbstractEventLoop
         self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._due_ns: int | None = None
+        """Local time in ns for which the timer is set."""
 
     def start(self, sock: socket.socket) -> None:
         """Run over a non-blocking UDP socket, which the pump then owns."""
@@ -129,9 +131,12 @@ class Pump:
             except OSError:
                 pass
         self._after_flush()
+        due_ns = self._engine.next_timer()
+        if due_ns == self._due_ns:
+            return
+        self._due_ns = due_ns
         if self._timer is not None:
             self._timer.cancel()
-        due_ns = self._engine.next_timer()
         if due_ns is not None and self._socket is not None:
             self._timer = self._loop.call_later(max(0, due_ns - self._clock()) / 1e9, self._tick)
 
@@ -145,6 +150,7 @@ class Pump:
             self._socket = None
 
     def _tick(self) -> None:
+        self._due_ns = None
         self._engine.handle_timer(self._clock())
         self.turn()
 

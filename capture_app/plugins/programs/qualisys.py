@@ -63,7 +63,10 @@ def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
     if (element := camera.find(tag)) is None:
         raise BadInputError(f"{where} has no <{tag}>", hint=EXPORT_AGAIN)
     try:
-        return np.array([float(element.attrib[key]) for key in keys])
+        values = np.array([float(element.attrib[key]) for key in keys])
+        if not np.isfinite(values).all():
+            raise ValueError("a number is not finite")
+        return values
     except KeyError as error:
         raise BadInputError(f"{where}: <{tag}> has no {error.args[0]}", hint=EXPORT_AGAIN) from None
     except ValueError as error:

@@ -229,8 +229,8 @@ class OutputFolder:
         try:
             self._workplace.rmdir()
         except OSError as error:
-            # Another run may use it by now, or have removed it.
-            if error.errno not in (errno.ENOTEMPTY, errno.ENOENT, errno.ENOTDIR):
+            # Another run may use it by now, or it is not there, which a read-only disk does not say.
+            if error.errno not in (errno.ENOTEMPTY, errno.ENOTDIR) and self._workplace.exists():
                 self._warn_left(error)
 
     def _warn_left(self, error: OSError) -> None:

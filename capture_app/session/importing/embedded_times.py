@@ -51,9 +51,11 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         rejecting(f"{path} is not a video that can be decoded", av.FFmpegError, hint=DAMAGED),
         av.open(str(path), metadata_errors="replace") as container,
     ):
-        if not container.streams.video:
+        # Where FFmpeg has no decoder, there is no context.
+        if not container.streams.video or container.streams.video[0].codec_context is None:
             raise BadInputError(
-                f"{path} has no video in it", hint="leave it out, or give the camera's video file"
+                f"{path} has no video in it that can be decoded",
+                hint="leave it out, or give the camera's video file",
             )
         yield av, container
 

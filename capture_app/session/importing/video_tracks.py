@@ -44,7 +44,7 @@ def read_track(path: Path, rate_hz: int, sample_format: str, channels: int) -> t
     parts: list[NDArray[Any]] = []
     start_s, length, silent = 0.0, 0, 0
     with open_container(path) as (av, container):
-        if not container.streams.audio:
+        if not container.streams.audio or container.streams.audio[0].codec_context is None:
             raise BadInputError("it has no sound")
         track = container.streams.audio[0]
         channels = 1 if track.codec_context.channels == 1 else channels

@@ -1,5 +1,6 @@
 """Format-independent cameras of a calibration file, matched to a rig by name or by image path."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -90,7 +91,7 @@ def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
     Raises BadInputError, with a message that begins with `where`, if the length is 0 or not finite.
     """
     quaternion = np.asarray(wxyz, np.float64)
-    length = float(np.linalg.norm(quaternion))
+    length = math.hypot(*quaternion)
     if not 1e-9 < length < 1e9:
         raise BadInputError(
             f"{where} has the rotation {list(wxyz)}, which is not a quaternion", hint=EXPORT_AGAIN
@@ -129,7 +130,7 @@ def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -
     """
     views: dict[str, View] = {}
     rest = [(name, view) for name, view in images if views.setdefault(name, view) is not view]
-    extent = max((float(np.linalg.norm(view.translation)) for view in views.values()), default=0.0)
+    extent = max((math.hypot(*view.translation) for view in views.values()), default=0.0)
     if moved := [name for name, view in rest if not _same_view(views[name], view, extent)]:
         raise BadInputError(f"{where}: camera {moved[0]} is not in one place in all of its images", hint=hint)
     return views

@@ -67,13 +67,17 @@ def _exif_bytes(data: bytes) -> bytes:
         exif = (at for marker, at in _segments(data) if (marker, data[at + 2 : at + 8]) == _EXIF_SEGMENT)
         return next((data[at + 8 : at + struct.unpack_from(">H", data, at)[0]] for at in exif), b"")
     if data.startswith(PNG_BEGIN):
-        at = len(PNG_BEGIN)
-        while at < len(data):
-            length, name = struct.unpack_from(">I4s", data, at)
-            if name == b"eXIf":
-                return data[at + 8 : at + 8 + length]
-            at += 12 + length
+        return next((data[at : at + length] for name, at, length in _chunks(data) if name == b"eXIf"), b"")
     return data if data[:4] in _TIFF_BEGINS else b""
+
+
+def _chunks(png: bytes) -> Iterator[tuple[bytes, int, int]]:
+    """Yield name, place and length of a PNG's chunks; the last one may reach beyond the file's end."""
+    at = len(PNG_BEGIN)
+    while at + 8 <= len(png):
+        length, name = struct.unpack_from(">I4s", png, at)
+        yield name, at + 8, length
+        at += 12 + length
 
 
 def _segments(data: bytes) -> Iterator[tuple[int, int]]:
@@ -180,6 +184,14 @@ def damage(data: bytes, size: Size) -> str:
     return "not an image" if own is None else f"{own[0]}x{own[1]} pixels, not {size[0]}x{size[1]}"
 
 
+def _png(data: bytes) -> Size:
+    width, height = struct.unpack_from(">II", data, 16)
+    # OpenCV takes the memory that a chunk claims: eight bytes a pixel at most, or those of a profile.
+    if any(length > MAX_HEADER_BYTES + 8 * width * height for _, _, length in _chunks(data)):
+        raise ValueError("a chunk is longer than the image")
+    return width, height
+
+
 def _bmp(data: bytes) -> Size:
     width, height = struct.unpack_from("<ii", data, 18)
     return abs(width), abs(height)
@@ -204,7 +216,7 @@ def _webp(data: bytes) -> Size | None:
 
 
 _READERS: tuple[tuple[bytes, Callable[[bytes], Size | None]], ...] = (
-    (PNG_BEGIN, lambda data: struct.unpack_from(">II", data, 16)),
+    (PNG_BEGIN, _png),
     (JPEG_BEGIN, _jpeg),
     (b"BM", _bmp),
     *((begin, _tiff) for begin in _TIFF_BEGINS),

@@ -7,6 +7,7 @@ from itertools import chain
 from math import hypot, sqrt
 
 from capture_app.common.bounds import Real
+from capture_app.sync.clock.clock_changes import ClockChanges, ClockState
 from capture_app.sync.clock.gap_watch import Cause, GapWatch, LineGap, cause_of
 from capture_app.sync.clock.likely_line import (
     ASYMMETRY,
@@ -15,7 +16,6 @@ from capture_app.sync.clock.likely_line import (
     LONG_AGO_NS,
     MAX_SKEW,
     ODD_HOSTS,
-    SKEW,
     SPELL_NS,
     STAMP_NS,
     TIGHTEST,
@@ -39,15 +39,6 @@ DRIFT_SHARE = 0.2
 Its fast messages are few. Three cameras over a recorded WiFi link were all ready in 98.2 % of half an hour
 with 30 s, their frames 147 us apart (the widest pair), and in 100 % with this, 85 us apart (simulated).
 """
-CHANGE_SKEW, SHOWN_NS = 2.0 * SKEW, 10_000_000_000
-"""Smallest rate change that is reported, two sigma of the skew of two crystals, and the time in which it must
-have shown: a crystal that warms up takes longer."""
-FAST_SKEW, FAST_NS = 200e-6, 1_000_000_000
-"""Smallest rate change whose end is trusted when the former rate is back, and the time for which it must
-show: time daemons slew by 500 ppm. A smaller one, as of a kernel's discipline, fades: it may go on unseen."""
-SLEWED_NS, STEPPED_NS = 30_000_000_000, 3_000_000_000
-"""Times for which a clock may change again: after its rate changed, as what slews it also ends, and after a
-step, as a clock that is slewed beyond MAX_SKEW contradicts itself again within a second."""
 PACES, LONGEST_NS = 1200, 90_000_000_000
 """Window length in units of the leader's request interval, which is 30 s at the default interval, and its
 maximum. Over longer times a crystal's drift is not a straight line."""
@@ -58,11 +49,11 @@ SLEW_SAMPLES, MAX_SLEW = 8, 0.1
 value explains them. chrony slews by at most a twelfth."""
 GAP_SIGMAS = 2.0
 """The gap has the errors of both directions, and the line's offset half of them."""
+ALERT_NS = 5_000_000_000
+"""Time for which a new line is doubted more readily, as samples of the slew may remain in it."""
 LOOKS_BACK, LOOKS_CLOSER = (1, 2, 4), 0.5
 """Multiples of the time since the gap was large: the newest samples, more of them where messages are slow;
 and fewer after a change, as a slew may have ended since the samples before it were removed."""
-CONTRADICTED = 0.05
-"""A sample contradicts an estimate if it leaves its minimum round trip this part smaller."""
 Bound = tuple[int, int]
 """Local time and bound, both in ns; lower bounds are stored negated."""
 
@@ -127,7 +118,6 @@ class ClockFilter:
         """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
         self._min_window_ns, self._longest_ns = window_ns, longest_ns
         self._block_ns = window_ns // BLOCKS
-        self._not_before_ns = LONG_AGO_NS
         self._window_ns = window_ns
         self.asymmetry: PathAsymmetry | None = None
         """Path asymmetry of the link, measured from images; None if unknown."""
@@ -149,25 +139,12 @@ class ClockFilter:
     def reset(self) -> None:
         """Remove all samples, and what is known of the link: another leader's are next."""
         self._watch = GapWatch()
-        self.is_back = False
-        """Whether a clock that changed lately has the rate of before again."""
-        self._skew_before = 0.0
-        """Skew before the first of the changes that may not be over."""
-        self._was_fast = False
-        """Whether the rate has been far from that since, so that its return is known from noise."""
-        self._fast_from_ns = LONG_AGO_NS
-        """Local time from which on it has been."""
-        self._changed: tuple[int, float] | None = None
-        """Local time of the last change that may be a rate change, and the skew before it."""
-        self._unsure_until_ns = LONG_AGO_NS
-        """Local time in ns until which a clock may change again."""
-        self.rate_changed_ns: int | None = None
-        """Local time in ns of the last significant change of a clock's rate."""
+        self.changes = ClockChanges()
+        """The changes of the two clocks since then."""
         self._clear()
 
     def _clear(self) -> None:
         """Remove all samples."""
-        self._newest: TimeMap | None = None
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
         self._first_ns = LONG_AGO_NS
         """Local time from which on the samples are of one clock."""
@@ -183,11 +160,6 @@ class ClockFilter:
         self._suspects: list[ClockSample] = []
         """Newest samples, if they contradict the earlier ones and are consistent with one clock."""
 
-    @property
-    def may_change_again(self) -> bool:
-        """Whether a clock has changed so recently that it may change again, as what slews it also ends."""
-        return self._newest_ns < self._unsure_until_ns
-
     def add(self, sample: ClockSample) -> bool:
         """Add a sample. Return False if the filter restarted.
 
@@ -196,13 +168,14 @@ class ClockFilter:
         are ignored, as are samples with a negative round-trip delay, far too slow or older than the window.
         """
         window_ns = self._window_ns
-        since_ns = max(self._not_before_ns, self._newest_ns - window_ns)
+        # Messages from before a change may still be in transit.
+        since_ns = max(self._first_ns, self._newest_ns - window_ns)
         turnaround_ns, passed_ns = sample.t2_ns - sample.t1_ns, sample.t3_ns - sample.t0_ns
         if sample.t0_ns < since_ns or not 0 <= turnaround_ns <= passed_ns <= window_ns // 2:
             return True
         if not self.samples:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
-            self._first_ns = sample.t3_ns
+            self._first_ns = sample.t0_ns
         upper = sample.t0_ns, sample.upper_ns - self._anchor_ns
         lower = sample.t3_ns, self._anchor_ns - sample.lower_ns
         highest, lowest = _tighter(self._highest, upper), _tighter(self._lowest, lower)
@@ -228,17 +201,10 @@ class ClockFilter:
         if not self._bounds[0]:
             return None
         line, age = self._look_for_change(), float(now_local_ns - self._block * self._block_ns)
-        if self._changed is not None and self._newest_ns - self._changed[0] <= SHOWN_NS:
-            change = line.skew - self._changed[1]
-            if abs(change) > CHANGE_SKEW + SIGMAS_95 * sqrt(line.skew_variance):
-                self.rate_changed_ns = self._changed[0]
         gap = abs(line.gap)
-        away, skew_error = abs(line.skew - self._skew_before), SIGMAS_95 * sqrt(line.skew_variance)
-        if away - skew_error < FAST_SKEW:
-            self._fast_from_ns = self._newest_ns
-        self._was_fast |= self._newest_ns - self._fast_from_ns > FAST_NS
-        self.is_back = self.may_change_again and self._was_fast and away + skew_error < CHANGE_SKEW
-        is_slewed = self.may_change_again and not self.is_back
+        skew_error = SIGMAS_95 * sqrt(line.skew_variance)
+        self.changes.judge(self._newest_ns, line.skew, skew_error, is_known=self._is_known)
+        is_slewed = self.changes.state is ClockState.CHANGED
         unseen = gap - self._gap(gap, line.excess).least if is_slewed else 0.0
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
         sigma = None if self.asymmetry is None else self.asymmetry.sigma(gap, 2.0 * sqrt(line.excess))
@@ -255,7 +221,7 @@ class ClockFilter:
         bound = max(highest - offset_ns, offset_ns - lowest) + unseen + ROUNDING_NS
         self.chance_ns = SIGMAS_95 * chance + self.longer_ns + unseen
         skew_bound = MAX_SKEW + abs(line.skew)
-        self._newest = TimeMap(
+        return TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
@@ -267,17 +233,6 @@ class ClockFilter:
             samples=self.samples,
             round_trip_ns=round(gap),
         )
-        return self._newest
-
-    def is_contradicted_by(self, sample: ClockSample) -> bool:
-        """Whether the newest map's minimum round trip is too large for a sample, as after a change."""
-        newest = self._newest
-        if newest is None:
-            return False
-        room_ns = (0.5 - CONTRADICTED) * newest.round_trip_ns
-        early_ns = newest.leader_from_local(sample.t0_ns) + room_ns - sample.t1_ns
-        late_ns = sample.t2_ns + room_ns - newest.leader_from_local(sample.t3_ns)
-        return max(early_ns, late_ns) > STAMP_NS
 
     def _suspect(self, sample: ClockSample) -> bool:
         """Record a sample that contradicts the earlier ones. Return as `add` does."""
@@ -285,9 +240,7 @@ class ClockFilter:
         suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SKEW)]
         if len(suspects) < STEP_SAMPLES and len(self._suspects) < SLEW_SAMPLES:
             return True
-        # Messages from before the step may still be in transit.
-        self._not_before_ns = suspects[0].t0_ns
-        self._note_change(STEPPED_NS)
+        self.changes.note(self._newest_ns, self._line().skew, is_step=True)
         self._watch.restart(self._newest_ns)
         self._clear()
         for suspect in suspects:
@@ -308,7 +261,9 @@ class ClockFilter:
                 for (past, hull), points in zip(self._past, new, strict=True)
             )
             self._fitted, self._stale = (
-                fit_line(*above, *below, odd=EVEN_ODDS if self.may_change_again else ODD_HOSTS),
+                fit_line(
+                    *above, *below, odd=EVEN_ODDS if self.changes.state is ClockState.CHANGED else ODD_HOSTS
+                ),
                 False,
             )
         return self._fitted
@@ -330,14 +285,10 @@ class ClockFilter:
         self._block, self._bounds = number, ([], [])
         self._past.clear()
 
-    def _note_change(self, unsure_ns: int) -> None:
-        """Note that one of the two clocks has stepped, or that its rate has changed."""
-        if self._changed is None or self._newest_ns - self._changed[0] > SHOWN_NS:
-            self._changed = self._newest_ns, 0.0 if self._fitted is None else self._fitted.skew
-        if not self.may_change_again:
-            self._skew_before = 0.0 if self._fitted is None else self._fitted.skew
-            self._was_fast, self._fast_from_ns = False, self._newest_ns
-        self._unsure_until_ns = max(self._unsure_until_ns, self._newest_ns + unsure_ns)
+    @property
+    def _is_known(self) -> bool:
+        """Whether the samples of the present clock span so many spells of the link as show their scatter."""
+        return self._newest_ns - self._first_ns >= TIGHTEST * SPELL_NS
 
     def _all_bounds(self) -> list[tuple[list[Bound], list[Bound]]]:
         return [*self._blocks.values(), self._bounds]
@@ -347,13 +298,14 @@ class ClockFilter:
 
     def _look_for_change(self) -> LikelyLine:
         """Return the line of the present clock: a new one if the samples are those of two clocks."""
-        line = self._line()
-        before = self._watch.before(line.gap)
-        if self._newest_ns - self._first_ns >= TIGHTEST * SPELL_NS:
-            self._watch.add(self._gap(line.gap, line.excess), is_of_path=not self.may_change_again)
+        line, is_steady = self._line(), self.changes.state is ClockState.STEADY
+        is_changed, spans_ns = self.changes.state is ClockState.CHANGED, self._newest_ns - self._first_ns
+        before = self._watch.before(line.gap, is_alert=is_changed and spans_ns < ALERT_NS)
+        if self._is_known:
+            self._watch.add(self._gap(line.gap, line.excess), is_of_path=is_steady)
         if before is None:
             return line
-        for multiple in (*LOOKS_BACK, LOOKS_CLOSER) if self.may_change_again else LOOKS_BACK:
+        for multiple in LOOKS_BACK if is_steady else (*LOOKS_BACK, LOOKS_CLOSER):
             since_ns = self._newest_ns - round(multiple * (self._newest_ns - before.local_ns))
             newest = [
                 [(t - since_ns, v) for bounds in self._all_bounds() for t, v in bounds[side] if t > since_ns]
@@ -364,15 +316,16 @@ class ClockFilter:
             cause = cause_of(before, line.gap, self._gap(*gap_of(*newest)))
             if cause is Cause.CLOCK:
                 self._watch.restart(self._newest_ns)
+                self.changes.note(self._newest_ns, line.skew)
                 return self._forget_before(since_ns)
-            if cause is Cause.PATH and not self.may_change_again:
+            # No path lets messages arrive before they are sent.
+            if cause is Cause.PATH and is_steady and line.gap > 0.0:
                 self._watch.forget_before(before.local_ns)
                 return line
         return line
 
     def _forget_before(self, local_ns: int) -> LikelyLine:
         """Remove the samples until a local time in ns, and return the line of the others."""
-        self._note_change(SLEWED_NS)
         self._first_ns = local_ns
         for side in chain(*self._all_bounds()):
             side[:] = [bound for bound in side if bound[0] > local_ns]

@@ -18,6 +18,15 @@ SIGMAS, WATCHED_NS = 3.0, 30_000_000_000
 With a sigma of the asymmetry besides, nothing was detected in 2.8 hours without a change, 12 minutes on each
 of 14 links, three of them a recording (simulated; docs/accuracy-measurements.md).
 """
+ALERT_SIGMAS = 1.5
+"""The same after a change, without the asymmetry: a path rarely changes just when a clock does, and samples
+of the slew that are missed bend the line for as long as they are in it."""
+QUEUE = 1.5
+"""A gap that is so many times the surest one is a queue's that fills just after a change: no measure.
+
+What is lost later on is then nearly all the queue's, and samples of a slew are not found: not ready for over
+60 s after 1,500 ppm, or falsely for 24 s (bufferbloat, 200 ms).
+"""
 RESTORED = 0.5
 """Fraction of the missing gap that the newest samples alone have to have, for a clock to have changed.
 
@@ -44,7 +53,6 @@ class Cause(Enum):
 
     CLOCK = auto()
     PATH = auto()
-    UNKNOWN = auto()
 
 
 class GapWatch:
@@ -60,15 +68,19 @@ class GapWatch:
         """Add the gap of the newest line; unless it `is_of_path`, it may be that of two clocks."""
         if is_of_path or self.path_ns == inf:
             self.path_ns = min(self.path_ns, gap.gap)
+        elif self._gaps and gap.gap > QUEUE * self._gaps[0][0].gap:
+            return
         while self._gaps and self._gaps[-1][0].least <= gap.least:
             self._gaps.pop()
         self._gaps.append((gap, self.path_ns))
         while self._gaps[0][0].local_ns < gap.local_ns - WATCHED_NS:
             self._gaps.popleft()
 
-    def before(self, gap_ns: float) -> LineGap | None:
-        """Return the newest gap for which this one is too small; None if there is none."""
-        return next((one for one, _ in reversed(self._gaps) if one.least > gap_ns), None)
+    def before(self, gap_ns: float, *, is_alert: bool) -> LineGap | None:
+        """Return the newest gap that this one falls short of; by less, just after a change (`is_alert`)."""
+        gaps = (one for one, _ in reversed(self._gaps))
+        limits = ((one, one.gap - ALERT_SIGMAS * one.sigma if is_alert else one.least) for one in gaps)
+        return next((one for one, limit_ns in limits if gap_ns < limit_ns), None)
 
     def forget_before(self, local_ns: int) -> None:
         """Remove the gaps until a local time in ns: the path was slower then."""
@@ -86,9 +98,9 @@ class GapWatch:
             self._gaps.append((surest._replace(local_ns=local_ns), self.path_ns))
 
 
-def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause:
-    """Return why a gap is smaller than the one before: the newest samples alone have a gap, too."""
+def cause_of(before: LineGap, gap_ns: float, newest: LineGap) -> Cause | None:
+    """Return why a gap is smaller than the one before, if the newest samples' own gap tells."""
     missing, restored = before.gap - gap_ns, newest.gap - gap_ns
     if restored - newest.sigma > RESTORED * missing:
         return Cause.CLOCK
-    return Cause.PATH if restored + newest.sigma < RESTORED * missing else Cause.UNKNOWN
+    return Cause.PATH if restored + newest.sigma < RESTORED * missing else None

@@ -21,8 +21,12 @@ EASING_INTERVALS_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
 
 The error depends on the number of recent samples until a few seconds have shown the skew.
 """
-NEAR_NS = 750_000
-"""Round-trip delays below this are a cable's."""
+NEAR_NS, NEAR_INTERVAL_NS = 750_000, 100_000_000
+"""Round-trip delays below this are a cable's, and the request interval of a settled clock on it.
+
+Nearly all of its messages are fast, so ten a second show the line. One that contradicts the line brings back
+the intervals after synchronization, until the clock is settled again.
+"""
 BACKLOG_NS = 100_000_000
 """Maximum time that is caught up after a late timer: four requests at POLL_INTERVAL_NS."""
 SPACING_NS, TREE_INTERVAL_NS = 8_000_000, 50_000_000
@@ -115,6 +119,7 @@ class SteadySchedule:
         self._grid_ns = 0
         self._soonest_ns = NEVER_NS
         self._samples_when_synced: int | None = None
+        self._is_near = self._is_settled = False
 
     def begin(self, now_ns: int) -> None:
         """Start requests and estimates in this node's slot, because many nodes may start together."""
@@ -144,16 +149,20 @@ class SteadySchedule:
         """
         if not progress.synced and progress.samples == self.min_samples - 1:
             self.estimate_due_ns = now_ns
-        return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._interval(progress)
+        self._is_near = round_trip_ns < self._near_ns
+        return self._is_near and self.request_due_ns <= now_ns + self._interval(progress)
 
     def estimated(self, now_ns: int, *, is_settled: bool) -> None:
         """Schedule the next estimate: rarely once the clock `is_settled`, or when a sample contradicts it."""
-        self._soonest_ns = now_ns + UNSETTLED_EVERY_NS
+        self._soonest_ns, self._is_settled = now_ns + UNSETTLED_EVERY_NS, is_settled
         self.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS if is_settled else self._soonest_ns
 
-    def contradicted(self) -> None:
-        """A sample contradicts the newest estimate: make the next one soon."""
+    def contradicted(self, now_ns: int) -> None:
+        """A sample contradicts the newest estimate: make the next one soon, over a cable by many samples."""
         self.estimate_due_ns = min(self.estimate_due_ns, self._soonest_ns)
+        if self._is_near and self._is_settled:
+            # Once an estimate: else each answer would bring the next request at once.
+            self._is_settled, self._samples_when_synced, self.request_due_ns = False, None, now_ns
 
     def _interval(self, progress: Progress) -> int:
         if not progress.synced:
@@ -168,8 +177,10 @@ class SteadySchedule:
         stage = 1 + (progress.samples - max(FIRST_SAMPLES, self._samples_when_synced)) // EASING_SAMPLES
         # Slower than the initial rate if it is not good enough: several such nodes would disturb each other.
         last = len(self._paces_ns) - (1 if progress.good_enough else 2)
-        easing = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
-        return max(easing, self.leader_interval_ns)
+        pace_ns = min(self._poll_interval_ns, self._paces_ns[max(0, min(stage, last))])
+        if self._is_near and self._is_settled and stage > 1:
+            pace_ns = max(pace_ns, NEAR_INTERVAL_NS)
+        return max(pace_ns, self.leader_interval_ns)
 
 
 class TreeSchedule(SteadySchedule):

@@ -8,7 +8,9 @@ from msgspec.structs import replace
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.node_state import NodeState
+from capture_app.sync.clock.clock_changes import ClockState
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.likely_line import STAMP_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.clock_events import (
     ClockChanged,
@@ -36,6 +38,8 @@ STEP_REPORT_INTERVAL_NS = 10_000_000_000
 """Minimum interval between two reports of refused steps, so that forged messages cannot flood the log."""
 MAX_EVENTS = 256
 """Maximum number of events stored for a node that does not read them."""
+CONTRADICTED = 0.05
+"""A sample contradicts an estimate if it leaves its minimum round trip this part smaller."""
 FURTHEST_NS = 2**62
 """Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 
@@ -149,8 +153,8 @@ class Timekeeper:
         samples = self.clock.samples
         if self.clock.add(sample):
             self._agreed_ns = now_ns if self.clock.samples > samples else self._agreed_ns
-            if self.clock.is_contradicted_by(sample):
-                self.schedule.contradicted()
+            if self.map_to_leader is not None and is_contradicted(self.map_to_leader, sample):
+                self.schedule.contradicted(now_ns)
         else:
             self._right_until_ns = self._right_until_ns or self._agreed_ns
             self.synced = self.time_is_known = False
@@ -224,7 +228,8 @@ class Timekeeper:
 
     def _estimate(self, now_ns: int) -> None:
         own, asked = self.clock.time_map(now_ns), self._asked
-        is_settled = self.synced and self.target.met and not self.clock.may_change_again
+        clock = self.clock.changes
+        is_settled = self.synced and self.target.met and clock.state is ClockState.STEADY
         self.schedule.estimated(now_ns, is_settled=is_settled)
         if own is None or asked is None:
             return
@@ -243,7 +248,7 @@ class Timekeeper:
             time_map = held
         else:
             self.time_map, self.path, self.time_is_known = time_map, asked.path, True
-            event = self.rate.judge(time_map, self.clock.rate_changed_ns)
+            event = self.rate.judge(time_map, clock.rate_changed_ns)
             if event is not None:
                 self.events.append(event)
             is_changed = isinstance(event, ClockChanged)
@@ -254,9 +259,20 @@ class Timekeeper:
                 self.events.append(doubted)
             self._right_until_ns = None
             self._history.add(time_map, now_ns)
-        if self.target.judge(time_map, now_ns, above_ns, is_back=self.clock.is_back) and not self.synced:
+        if (
+            self.target.judge(time_map, now_ns, above_ns, is_back=clock.state is ClockState.RESTORED)
+            and not self.synced
+        ):
             self.synced = True
             self.events.append(ClockSynced(time_map))
+
+
+def is_contradicted(time_map: TimeMap, sample: ClockSample) -> bool:
+    """Return whether a map's minimum round trip is too large for a later sample, as after a change."""
+    room_ns = (0.5 - CONTRADICTED) * time_map.round_trip_ns
+    early_ns = time_map.leader_from_local(sample.t0_ns) + room_ns - sample.t1_ns
+    late_ns = sample.t2_ns + room_ns - time_map.leader_from_local(sample.t3_ns)
+    return max(early_ns, late_ns) > STAMP_NS
 
 
 def _sendable(value_ns: float) -> int | None:

@@ -140,18 +140,12 @@ def test_a_gltf_library_has_the_cameras(exported: tuple[Session, Path]) -> None:
     assert json.loads((out / "cameras.gltf").read_text())["asset"]["version"] == "2.0"
 
 
-@pytest.mark.parametrize(
-    ("rig", "points", "says"),
-    [
-        ("two cameras", True, []),
-        ("two cameras", False, ["sparse/0 has no points"]),
-        ("k3", True, ["sparse/0 has lenses with k3"]),
-    ],
-)
-def test_an_export_to_colmap_says_what_trainers_cannot_read(
-    rig: str, points: bool, says: list[str], tmp_path: Path
+@pytest.mark.parametrize(("rig", "points"), [("two cameras", True), ("two cameras", False), ("k3", True)])
+def test_an_export_to_colmap_says_that_trainers_cannot_read_it(
+    rig: str, points: bool, tmp_path: Path
 ) -> None:
+    """3DGS looks for images by the last part of their names; gsplat fails without points, and with k3."""
     write_ply(tmp_path / "cloud.ply", PointCloud(POINTS, np.full((1000, 3), 90, np.uint8)))
     given: dict[str, Any] = {"points": tmp_path / "cloud.ply"} if points else {}
     notes = export_session(build(tmp_path / "s", rig), "colmap", tmp_path / "out", **given).notes
-    assert [note.partition(":")[0] for note in notes] == says
+    assert notes == ["sparse/0 is for COLMAP: trainers of Gaussian splats need --to splats"]

@@ -13,6 +13,7 @@ from tests.project import ROOT
 ROW = re.compile(r"^\| `(\w+)\.(\w+)` \| `(.+?)` \| (.+) \|$", re.MULTILINE)
 PAGES = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
 DECIDED = (
+    "clock_changes",
     "clock_filter",
     "consistency",
     "crossings",

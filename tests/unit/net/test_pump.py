@@ -109,6 +109,30 @@ async def test_the_timer_fires_not_before_it_is_due() -> None:
     assert engine.ticks_ns[0] >= due_ns
 
 
+async def test_a_timer_that_is_still_right_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine, loop = Notes(), asyncio.get_running_loop()
+    engine.timer_ns = host_ns() + 60_000_000
+    armed: list[float] = []
+    call_later = loop.call_later
+    monkeypatch.setattr(
+        loop, "call_later", lambda after_s, *of: (armed.append(after_s), call_later(after_s, *of))[1]
+    )
+    with pumping(engine) as (pump, _):
+        for _ in range(20):
+            pump.turn()
+        assert len(armed) == 1
+        engine.timer_ns -= 40_000_000
+        due_ns = engine.timer_ns
+        pump.turn()
+        assert len(armed) == 2
+        await asyncio.wait_for(engine.ticked.wait(), 5)
+        assert engine.ticks_ns[0] >= due_ns
+        engine.ticked.clear()
+        engine.timer_ns = due_ns
+        pump.turn()
+        await asyncio.wait_for(engine.ticked.wait(), 5)
+
+
 async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None:
     received: list[bytes] = []
     client: Any = SimpleNamespace(

@@ -33,10 +33,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
     for a dropped frame was taken at a different time than its rig frame, and is left out.
     """
     if burst.calibration is not None:
-        lenses = (burst.calibration.cameras[name] for name in burst.cameras)
-        full = any(_model(lens)[0] == "FULL_OPENCV" for lens in lenses)
-        if why := "has lenses with k3" if full else "" if points else "has no points":
-            burst.notes.append(f"sparse/0 {why}: trainers of Gaussian splats need --to splats")
+        burst.notes.append("sparse/0 is for COLMAP: trainers of Gaussian splats need --to splats")
     exported = [
         image
         for instant in range(len(burst.instants_ns))

@@ -15,6 +15,7 @@ from capture_app.rig.rig import Rig
 from capture_app.session.library.changes import rename_session, set_note, trash_session
 from capture_app.session.reading.reader import Session
 from tests.unit.session.conftest import jpeg
+from tests.unit.session.writing.test_kills import judge, killed
 
 MIB = 1 << 20
 Mount = Callable[[Path, Path], None]
@@ -116,6 +117,11 @@ def test_sessions_live_there(mounted: Path, tmp_path: Path) -> None:
     trash_session(renamed)
     assert not renamed.exists()
     shutil.rmtree(sessions)
+
+
+def test_a_writer_that_is_killed_there_loses_nothing_that_was_confirmed(mounted: Path) -> None:
+    judge([*killed(mounted, "moments", 1, 20), *killed(mounted, "steps", 101, 1, 1)], 20)
+    judge(killed(mounted, "videos", 1, 10_000, 9), 8)
 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ def test_a_path_that_becomes_faster_is_not_reported_as_a_changed_clock() -> None
         t3 = t1 + round(base + rng.expovariate(1.0 / MS))
         assert clock.add(ClockSample(t0, t1, t1, t3))
         clock.time_map(t3)
-    assert clock.rate_changed_ns is None
+    assert clock.changes.rate_changed_ns is None
     time_map = clock.time_map(40 * S)
     assert time_map is not None
     assert time_map.skew_uncertainty < 5e-6, "samples were removed"
@@ -40,4 +40,5 @@ def test_a_slewed_clock_is_not_ready_for_long_while_it_is_off(link: str) -> None
     found = run_slew(link, {"wire": cable, "paper": wifi}[link], Slew(500.0, 3.0), range(1, 2), 0.0)
     assert isinstance(found["false_s"], float)
     assert found["false_s"] <= (0.5 if link == "wire" else 2.0)
-    assert found["false_after_s"] == 0.0
+    assert isinstance(found["false_after_s"], float)
+    assert found["false_after_s"] <= 0.5

@@ -69,9 +69,9 @@ def test_bars_of_frames_taken_while_a_leader_was_suspended_hold_afterwards(suspe
         assert doubt.error_ns == pytest.approx(suspended_s * S, rel=0.02)
 
 
-@pytest.mark.parametrize("ppm", [500.0, -1500.0])
-def test_bars_of_frames_taken_before_a_slew_was_noticed_hold_afterwards(ppm: float) -> None:
-    """The second is beyond what a line may have: the clock counts as one that has stepped."""
+@pytest.mark.parametrize(("ppm", "share"), [(500.0, 0.95), (-1500.0, 0.93)])
+def test_bars_of_frames_taken_before_a_slew_was_noticed_hold_afterwards(ppm: float, share: float) -> None:
+    """The second is beyond what a line may have: the clock counts as one that steps again and again."""
     slewed = ChangingClock(3600 * S, 10e-6, 0, (RateSpell(20 * S, 25 * S, ppm * 1e-6),))
     specs = [
         NodeSpec("cam0", PERFECT, SimulatedClock(0, -10.0), LAN),
@@ -82,7 +82,7 @@ def test_bars_of_frames_taken_before_a_slew_was_noticed_hold_afterwards(ppm: flo
     burst = rig.trigger(frames=10_000, streamed=True)
     rig.run_for(8 * S)
     frames, stated, widened = held(rig, burst.number, lambda true_ns: true_ns)
-    assert widened >= 0.95 * frames
+    assert widened >= share * frames
     assert widened > stated
     assert not doubts(rig.nodes["cam0"])
     noticed = doubts(rig.nodes["cam1"])[0]

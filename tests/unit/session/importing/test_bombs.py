@@ -13,7 +13,7 @@ import zstandard
 from capture_app.cli import run
 from capture_app.common.errors import CameraError, ExitCode
 from capture_app.plugins.cameras.rtsp.connection import AccessUnits
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
+from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image, size_of
 
 MEASURED = """
 import resource, sys
@@ -53,6 +53,16 @@ def test_a_preview_of_a_huge_size_is_not_decoded() -> None:
     bomb = png(16384, 16384)
     assert len(bomb) < 3_000_000
     assert decode_image(bomb, colour=True, max_pixels=MAX_SENT_PIXELS) is None
+
+
+def test_a_chunk_that_claims_more_than_the_image_needs_is_not_decoded() -> None:
+    """OpenCV takes the memory that it claims: 3.2 GB for a PNG of a kilobyte."""
+    small = png(64, 64)
+    at = small.index(b"IDAT") - 4
+    for length in (0x7FC00000, 2**31, 2**32 - 1):
+        assert decode_image(small[:at] + struct.pack(">I", length) + small[at + 4 :]) is None
+    assert decode_image(small) is not None
+    assert size_of(small[:-30]) == (64, 64), "cut off, but of this size"
 
 
 def test_an_image_whose_size_cannot_be_read_first_is_not_decoded() -> None:

@@ -1,5 +1,6 @@
 """The one output folder: killed, refused, out of room or doubled, there is always one whole result."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -245,6 +246,21 @@ def test_a_rename_that_is_refused_keeps_the_earlier_result(
     make(tmp_path / "out", "third")
     assert (tmp_path / "out" / "result").read_text() == "third"
     assert names(tmp_path) == ["out"]
+
+
+def test_where_nothing_could_be_made_nothing_is_said_to_be_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Linux refuses to remove even what is not there, if the file system is mounted read-only."""
+
+    def refuse(path: Path, *_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    monkeypatch.setattr(Path, "rmdir", refuse)
+    with pytest.raises(BadInputError, match=r"cannot write to .*out: Read-only file system"):
+        make(tmp_path / "out", "first")
+    assert not caplog.text
 
 
 def test_a_mount_point_is_refused_before_any_work(small_disk: Callable[[int], Path]) -> None:

@@ -258,7 +258,7 @@ def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:
     assert time_map is not None
     assert abs(time_map.leader_from_local(t_ns) - t_ns - offset) < 60_000
     assert time_map.skew * 1e6 == pytest.approx(60, abs=15)
-    assert clock.rate_changed_ns is None, "it is no host that is slewed"
+    assert clock.changes.rate_changed_ns is None, "it is no host that is slewed"
 
 
 @pytest.mark.parametrize("slew_ppm", [-500, 100, 500])
@@ -267,7 +267,7 @@ def test_a_slewed_leader_is_reported_and_followed(slew_ppm: int) -> None:
     link = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=5, seconds=20)
     assert clock.time_map(now_ns) is not None
-    assert clock.rate_changed_ns is None
+    assert clock.changes.rate_changed_ns is None
     link.offset_ns, link.skew_ppm, link.epoch_ns = link.leader(now_ns) - now_ns, 20 + slew_ppm, now_ns
     rng, end_ns = random.Random(6), now_ns + 16 * S
     for t_ns in range(now_ns, end_ns, 25 * MS):
@@ -275,7 +275,7 @@ def test_a_slewed_leader_is_reported_and_followed(slew_ppm: int) -> None:
         time_map = clock.time_map(t_ns)
         assert time_map is not None
         assert error_ns(time_map, link, t_ns) <= time_map.hard_bound_ns
-    changed_ns = clock.rate_changed_ns
+    changed_ns = clock.changes.rate_changed_ns
     assert changed_ns is not None
     assert now_ns < changed_ns <= now_ns + 8 * S
     assert time_map is not None

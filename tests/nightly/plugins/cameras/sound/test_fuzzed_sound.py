@@ -47,10 +47,13 @@ def lying_image(rng: random.Random, number: int) -> bytes:
 
 
 def test_no_segment_of_sound_breaks_an_export(monkeypatch: pytest.MonkeyPatch) -> None:
-    muxed = []
+    muxed: list[int] = []
+    found: list[Any] = []
+    plugin = SimpleNamespace(read_sounds=lambda session, camera: found)
     monkeypatch.setattr(
         mp4_sound, "_mux", lambda video, blocks, channels: muxed.append(sum(1 for _ in blocks))
     )
+    monkeypatch.setattr(mp4_sound, "load_plugins", lambda group, name: {"sound": plugin})
     tracemalloc.start()
     for seed in range(CASES):
         rng = random.Random(seed)
@@ -62,8 +65,6 @@ def test_no_segment_of_sound_breaks_an_export(monkeypatch: pytest.MonkeyPatch) -
             for k, local_ns in enumerate(times_ns)
         ]
         found = [(image, part) for k, image in enumerate(images) for part in sounds_of(lying_image(rng, k))]
-        plugin = SimpleNamespace(read_sounds=lambda session, camera, found=found: found)
-        monkeypatch.setattr(mp4_sound, "load_plugins", lambda group, name, plugin=plugin: {"sound": plugin})
         burst = SimpleNamespace(
             session=None,
             origin_ns=BEGIN_NS,

@@ -296,15 +296,15 @@ def _befell(
     )
 
 
-def _is_unheard(rig: VirtualRig, of: OrderedBurst) -> bool:
-    """Return whether a fault of each of its cameras, or their relay, lasted when a burst was ordered."""
+def _unheard(rig: VirtualRig, of: OrderedBurst) -> set[str]:
+    """Return the machines of which a fault lasted when a burst was ordered, and what is behind a relay so."""
     unheard = {
         span.target
         for span in rig.evidence.spans
         if span.from_ns <= of.ordered_ns + 1e9 and span.until_ns + AFTER_S * 1e9 >= of.ordered_ns
     }
     below = {*rig.plan.behind_relay} if "relay" in unheard else set[str]()
-    return {*of.burst.clients} <= unheard | below
+    return unheard | below
 
 
 def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
@@ -320,10 +320,8 @@ def _long_enough(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
         # A cut of all its cameras is no excuse, unless none of them can have learned of it; nor is the loss
         # of a leader that comes back, if an end was ordered.
         goes_on = _has_end(of) and of.machine not in rig.absent_leaders
-        if (
-            _befell(rig, of, ends_ns=ends_ns, goes_on=goes_on)
-            or _is_unheard(rig, of)
-            or not _stayed(rig, of, ends_ns)
+        if _befell(rig, of, ends_ns=ends_ns, goes_on=goes_on) or not _stayed(rig, of, ends_ns) - _unheard(
+            rig, of
         ):
             continue
         last_ns = int(of.clock.true_from_local(instants_ns[-1])) if instants_ns else of.ordered_ns

@@ -20,7 +20,7 @@ async def first_of(*work: Coroutine[Any, Any, T]) -> T:
 
     Raises the error of that one only, unlike a task group.
     """
-    tasks = [asyncio.create_task(task) for task in work]
+    tasks = [asyncio.create_task(coroutine) for coroutine in work]
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:

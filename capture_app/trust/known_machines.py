@@ -167,10 +167,8 @@ class KnownMachines:
 
     def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
         """Return the machines to vouch for to the machine `who` (a pin): all to a standby, else standbys."""
-        asks, own = (
-            self.find(who),
-            [machine for machine in self.all() if not machine.vouched_by and machine.pin != who],
-        )
+        asks = self.find(who)
+        own = [machine for machine in self.all() if not machine.vouched_by and machine.pin != who]
         if asks is not None and Role.STANDBY in asks.roles:
             return tuple(own)
         return tuple(

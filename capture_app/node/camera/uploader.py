@@ -120,7 +120,9 @@ class Sender:
                 disputed = ", ".join(str(image.record.instant) for image in ended.disputed)
                 what = f"the leader has different images of instants {disputed}"
                 return ended, Refusal(what=what) if disputed and not ended.is_over else None
-            if unreported := next((image for image in self._waiting if image.must_be_reported(now())), None):
+            if unreported := next(
+                (upload for upload in self._waiting if upload.must_be_reported(now())), None
+            ):
                 refused = await self._take_all_answers() or await self._report_burst(unreported)
             elif (unsent := self._next_unsent()) is not None:
                 refused = await self._send_images(*unsent)
@@ -141,7 +143,7 @@ class Sender:
 
     async def _wait_for_work(self, now_s: float) -> None:
         """Wait until something has changed, or the leader is to be asked again about a burst."""
-        due_s = min((image.due_s for image in self._waiting if not image.is_committed), default=None)
+        due_s = min((upload.due_s for upload in self._waiting if not upload.is_committed), default=None)
         if due_s is None:
             await self._changed.wait()
         else:

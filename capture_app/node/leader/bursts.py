@@ -300,16 +300,16 @@ class ActiveBursts:
         soon_ns = self.now_ns() + SOON_NS
         return tuple(
             BurstStatus(
-                burst=burst.burst.number,
-                name=burst.status.name,
-                cameras=len(burst.burst.clients),
-                instants=burst.burst.frames,
+                burst=session.burst.number,
+                name=session.status.name,
+                cameras=len(session.burst.clients),
+                instants=session.burst.frames,
                 received=0,
-                expected=burst.burst.frames * len(burst.burst.clients),
-                first_leader_ns=burst.burst.instants_ns[0],
+                expected=session.burst.frames * len(session.burst.clients),
+                first_leader_ns=session.burst.instants_ns[0],
             )
-            for burst in self._bursts.values()
-            if not burst.finished.is_set() and burst.burst.instants_ns[0] > soon_ns
+            for session in self._bursts.values()
+            if not session.finished.is_set() and session.burst.instants_ns[0] > soon_ns
         )
 
     def _check_number(self, at_leader_ns: int | None) -> None:
@@ -322,7 +322,7 @@ class ActiveBursts:
                 hint="wait for them, or cancel one: capture-app burst --cancel BURST",
             )
         if (
-            sum(not burst.finished.is_set() for burst in self._bursts.values()) - len(ahead)
+            sum(not session.finished.is_set() for session in self._bursts.values()) - len(ahead)
             >= MAX_OPEN_BURSTS
         ):
             raise IncompleteError(
@@ -351,21 +351,22 @@ class ActiveBursts:
 
         A burst that is over already stays as it is: its operator learns of that only afterwards.
         """
-        under_way = [burst for burst in self._bursts.values() if not burst.finished.is_set()]
-        numbers = {take.burst.number for take in under_way}
+        under_way = [session for session in self._bursts.values() if not session.finished.is_set()]
+        numbers = {session.burst.number for session in under_way}
         if number is not None and 0 < number <= self._last_number and number not in numbers:
             return
-        found = [take for take in under_way if take.burst.streamed and number in (None, take.burst.number)]
+        streamed = [session for session in under_way if session.burst.streamed]
+        recordings = [session for session in streamed if number in (None, session.burst.number)]
         earlier = [session.status.name for session in self.resumed.sessions() if session.burst.streamed]
-        if not found and not number and earlier:
+        if not recordings and not number and earlier:
             raise BadInputError(
                 f"{earlier[-1]} was begun before the leader was restarted, and goes on to its ordered end",
                 hint="to end it now, stop its nodes and start them again",
             )
-        if not found:
+        if not recordings:
             what = "no recording is" if number is None else f"burst {number} is not a recording"
             raise BadInputError(f"{what} under way", hint="capture-app status shows the current one")
-        await self._end(found[-1])
+        await self._end(recordings[-1])
 
     async def _end(self, session: BurstSession) -> None:
         """End a session's burst for its nodes and itself: an operator needs no frames after now."""
@@ -396,7 +397,7 @@ class ActiveBursts:
         Raises BadInputError for a text that a mark cannot have, DiskError.
         """
         check_mark_text(mark.text)
-        takes = [burst for burst in self._bursts.values() if burst.contains(mark.leader_ns)]
+        takes = [session for session in self._bursts.values() if session.contains(mark.leader_ns)]
         for session in takes:
             await session.place_mark(mark)
         if takes:

@@ -187,19 +187,17 @@ def newest_instant(stored: Sequence[Sequence[Preview]]) -> list[Preview]:
         {preview.instant_ns: preview for preview in previews if preview.instant_ns is not None}
         for previews in stored
     ]
-    since_ns = max(
-        (min(previews_there) for previews_there in shown if len(previews_there) == STORED), default=-inf
-    )
-    together = [
-        previews_there for previews_there in shown if previews_there and max(previews_there) >= since_ns
-    ]
+    since_ns = max((min(by_instant) for by_instant in shown if len(by_instant) == STORED), default=-inf)
+    together = [by_instant for by_instant in shown if by_instant and max(by_instant) >= since_ns]
     common = set[int].intersection(*map(set, together)) if together else set()
-    if not common and all(len(instant_ns) == STORED for instant_ns in together):
+    if not common and all(len(by_instant) == STORED for by_instant in together):
         together = []
-    single = [previews[-1] for previews, of in zip(stored, shown, strict=True) if of not in together]
+    single = [
+        previews[-1] for previews, by_instant in zip(stored, shown, strict=True) if by_instant not in together
+    ]
     if not common:
         return single
-    *others, last = (instant_ns[max(common)] for instant_ns in together)
+    *others, last = (by_instant[max(common)] for by_instant in together)
     return [*single, *others, replace(last, completes=True)]
 
 

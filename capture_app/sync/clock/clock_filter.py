@@ -260,12 +260,8 @@ class ClockFilter:
                 ([*past, *points], lower_hull([*hull, *points]))
                 for (past, hull), points in zip(self._past, new, strict=True)
             )
-            self._fitted, self._stale = (
-                fit_line(
-                    *above, *below, odd=EVEN_ODDS if self.changes.state is ClockState.CHANGED else ODD_HOSTS
-                ),
-                False,
-            )
+            odd = EVEN_ODDS if self.changes.state is ClockState.CHANGED else ODD_HOSTS
+            self._fitted, self._stale = fit_line(*above, *below, odd=odd), False
         return self._fitted
 
     def _end_block(self, number: int) -> None:

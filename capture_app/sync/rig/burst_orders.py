@@ -206,7 +206,7 @@ class Orders:
 
         Within a burst it could not align its stream.
         """
-        self._streamed = {number: of for number, of in self._streamed.items() if now_ns < of[2]}
+        self._streamed = {number: burst for number, burst in self._streamed.items() if now_ns < burst[2]}
         for number, (trigger, clients, _) in self._streamed.items():
             if member.name in clients:
                 order = self._open_bursts.setdefault(

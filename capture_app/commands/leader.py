@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
 @stagger_option
-@plugin_options(FOLLOWERS, at="leader")
+@plugin_options(FOLLOWERS)
 @click.option(
     "--phones",
     "with_phones",
@@ -128,7 +128,7 @@ def leader(
     news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
-        followers = make_followers("leader", host, of_followers, leads=fps is None)
+        followers = make_followers(host, of_followers, leads=fps is None)
         required = next((follower.grid for follower in followers if follower.grid is not None), (None, None))
         return LeaderOptions(
             host=host,

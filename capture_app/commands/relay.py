@@ -1,19 +1,17 @@
 """`capture-app relay`: connect nodes that cannot reach the leader themselves."""
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.leader_choice import make_known, pairing_options
 from capture_app.commands.shared_options import (
     ADDRESS,
-    FOLLOWERS,
     clock_option,
     host_option,
     name_option,
     open_option,
-    plugin_options,
     port_option,
     run_until_stopped,
 )
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
 @host_option
 @port_option
 @clock_option
-@plugin_options(FOLLOWERS, at="relay")
 @pairing_options
 @open_option
 @json_option
@@ -45,7 +42,6 @@ def relay(
     pin: str | None,
     code: str | None,
     as_json: bool,
-    **of_followers: Any,
 ) -> None:
     """Run a relay until Ctrl-C; nodes join it like a leader.
 
@@ -54,7 +50,6 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
-    from capture_app.node.followers import make_followers
     from capture_app.node.relay_node import RelayOptions
     from capture_app.protocol.log import Log
 
@@ -65,7 +60,6 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        followers=make_followers("relay", host, of_followers),
         log=Log(lambda line: log_line(f"{name}: {line}")),
     )
     run_until_stopped(_run_relay(options, as_json))

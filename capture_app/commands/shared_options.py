@@ -176,10 +176,10 @@ def page_options(default_port: int) -> Callable[[F], F]:
     )
 
 
-def plugin_options(group: str, at: str) -> Callable[[F], F]:
-    """Combine the `OPTIONS` of those plugins of a group that have them for the command `at`."""
-    plugins = load_plugins(group, "OPTIONS", "AT").values()
-    return together(*(option for plugin in plugins if at in plugin.AT for option in plugin.OPTIONS))
+def plugin_options(group: str) -> Callable[[F], F]:
+    """Combine the `OPTIONS` of a group's plugins."""
+    plugins = load_plugins(group, "OPTIONS").values()
+    return together(*(option for plugin in plugins for option in plugin.OPTIONS))
 
 
 def confirm(question: str, refusal: str) -> None:

@@ -16,7 +16,6 @@ from capture_app.net.discovery import Kind, announced
 from capture_app.net.server import TransferServer
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import Enrolment
-from capture_app.node.followers import Follower, SharedGrid
 from capture_app.node.joining import Joining
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ToLeader
@@ -48,8 +47,6 @@ class PortOptions(EndpointOptions):
     host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
     port: int = DEFAULT_PORT
     """Port for UDP and TCP; 0 for a free one."""
-    followers: Sequence[Follower] = ()
-    """Other programs that follow the rig's grid, started and closed together with it."""
 
 
 class Endpoint:
@@ -97,7 +94,7 @@ class Endpoint:
 
 
 class PortEndpoint(Endpoint):
-    """Endpoint with a port that others join, a leader's or a relay's, and with the rig's followers."""
+    """Endpoint with a port that others join, a leader's or a relay's."""
 
     def __init__(
         self,
@@ -111,7 +108,7 @@ class PortEndpoint(Endpoint):
         self._kind: Kind = "relay" if isinstance(sealed, SealedRelay) else "leader"
         self.enrolment = Enrolment(options.trust, options.log, sealed)
         super().__init__(options, engine, sealed, self.enrolment.look, drain)
-        self._host, self._followers, self._bound = options.host, options.followers, bound
+        self._host, self._bound = options.host, bound
         family, port = bound[1].family, bound[1].getsockname()[1]
         self.address = Address(reachable_host(options.host, family), port)
         """Address for other machines."""
@@ -125,16 +122,9 @@ class PortEndpoint(Endpoint):
     async def __aexit__(self, *_: object) -> None:
         await self.stop()
 
-    async def start_serving(
-        self, serve: Callable[[Channel[ToLeader]], Awaitable[None]], grid: Callable[[], SharedGrid | None]
-    ) -> None:
-        """Start the followers on `grid`, pass each stream of the port to `serve`, and run the engine.
-
-        Raises NetworkError where a follower's port is in use; then it has stopped.
-        """
+    async def start_serving(self, serve: Callable[[Channel[ToLeader]], Awaitable[None]]) -> None:
+        """Pass each stream of the port to `serve`, and run the engine; what fails to start has stopped."""
         try:
-            for follower in self._followers:
-                follower.start(self._clock, self.log, grid)
             self._server = TransferServer(ToLeader, serve, trust=self._trust)
             await self._server.start(self._bound[1])
         except BaseException:
@@ -150,9 +140,7 @@ class PortEndpoint(Endpoint):
         return announced(*where, name=name, trust=self._trust, among=among)
 
     async def stop(self) -> None:
-        """Release the followers, say goodbye to all peers, and close the port."""
-        for follower in self._followers:
-            await follower.close()
+        """Say goodbye to all peers, and close the port."""
         await super().stop()
         if self._server is not None:
             await self._server.stop()

@@ -1,10 +1,10 @@
 """Interface for other programs that follow a rig's frame grid: entry points of `simulshot.followers`.
 
-Each names a module with `OPTIONS` (click's, for the commands `AT`: leader, relay) and `make_followers`. A
-leader or a relay starts and closes its followers, and knows nothing else of them.
+Each names a module with `OPTIONS` (click's, of the command `leader`) and `make_followers`. A leader starts
+and closes its followers, and knows nothing else of them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from capture_app.common.clock import NodeClock
@@ -13,12 +13,8 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import FollowerStatus
-from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_grid import FrameGrid
 
 GROUP = "simulshot.followers"
-SharedGrid = tuple[FrameGrid, TimeMap | None]
-"""A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
 
 
 class Follower:
@@ -27,11 +23,8 @@ class Follower:
     grid: tuple[int, int] | None = None
     """Period and phase (ns) of the grid that the rig must use; None: they follow any grid."""
 
-    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
-        """Lead the programs and log their events; `grid` returns the current grid, None before there is one.
-
-        Raises NetworkError where a port of theirs is in use.
-        """
+    def start(self, clock: NodeClock, event_log: Log) -> None:
+        """Lead the programs and log their events. Raises NetworkError where a port of theirs is in use."""
         raise NotImplementedError
 
     async def close(self) -> None:
@@ -56,13 +49,11 @@ class Follower:
         return ()
 
 
-def make_followers(
-    at: str, host: str, values: Mapping[str, Any], *, leads: bool = False
-) -> Sequence[Follower]:
-    """Make the followers that the options' `values` of the command `at` ask for.
+def make_followers(host: str, values: Mapping[str, Any], *, leads: bool = False) -> Sequence[Follower]:
+    """Make the followers that the options' `values` ask for.
 
     `host` is the address that the rig listens on; with `leads`, a follower may require its own grid.
     """
-    plugins = load_plugins(GROUP, "OPTIONS", "AT", "make_followers").values()
-    made = [plugin.make_followers(host, values, leads=leads) for plugin in plugins if at in plugin.AT]
+    plugins = load_plugins(GROUP, "OPTIONS", "make_followers").values()
+    made = [plugin.make_followers(host, values, leads=leads) for plugin in plugins]
     return [follower for followers in made for follower in followers]

@@ -22,7 +22,6 @@ from capture_app.net.channel import Channel, connect
 from capture_app.net.server import bind_port
 from capture_app.node.endpoint import PortEndpoint, PortOptions
 from capture_app.node.enrolment import Asked, is_node
-from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import fitted, node_statuses, page_of
 from capture_app.protocol.event_text import relay_line
@@ -102,7 +101,7 @@ class RelayNode(PortEndpoint):
             rng,
         )
         relay = cls(options, engine, bound)
-        await relay.start_serving(relay._serve, relay.shared_grid)
+        await relay.start_serving(relay._serve)
         relay._tasks = [asyncio.create_task(relay._joining.run())]
         return relay
 
@@ -137,11 +136,6 @@ class RelayNode(PortEndpoint):
             period_ns=None if leader.grid is None else leader.grid.period_ns,
             nodes=node_statuses(page, nodes, now_ns=now_ns),
         )
-
-    def shared_grid(self) -> SharedGrid | None:
-        """Return the root's grid, with this relay's map to the root's time."""
-        grid, time_map = self._engine.leader.grid, self._engine.member.time.time_map
-        return None if grid is None or time_map is None else (grid, time_map)
 
     # Streams
 

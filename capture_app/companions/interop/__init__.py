@@ -1,1 +1,1 @@
-"""Protocols of other programs: phones with libsoftwaresync or RecSync, and rpicam-apps."""
+"""Protocols of other programs: phones with libsoftwaresync or RecSync."""

@@ -20,7 +20,6 @@ def _warn(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
     return given
 
 
-AT = ("leader",)
 OPTIONS = (
     click.option(
         "--android-app",

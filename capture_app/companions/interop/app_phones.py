@@ -12,7 +12,7 @@ from capture_app.companions.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.followers import Follower, SharedGrid
+from capture_app.node.followers import Follower
 from capture_app.protocol.event_text import FollowerEvent
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
@@ -41,7 +41,7 @@ class AppPhones(Follower):
         self._clock: NodeClock = HostClock()
         self._event_log = Log()
 
-    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log) -> None:
         """Listen on the app's two ports. Raises NetworkError if they are in use."""
         self._clock, self._event_log = clock, event_log
         hint = "the app knows no other port: end the other program that uses it"

@@ -8,7 +8,7 @@ on the leader's disk, each camera's in order.
 
 import asyncio
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from capture_app.common.host_clock import host_ns
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.tasks import end
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.followers import Follower, SharedGrid
+from capture_app.node.followers import Follower
 from capture_app.protocol.log import Log
 from capture_app.session.format.journal import FRAMES_SUFFIX, record_of_line
 from capture_app.session.format.manifest import JOURNAL, RIG, VIDEOS, FrameRecord, ImageRecord
@@ -41,7 +41,7 @@ class LslFrames(Follower):
         self._clock: NodeClock
         self._outlet: Any = None
 
-    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log) -> None:
         """Open the stream, and follow each take from then on."""
         lsl = self._lsl
         info = lsl.StreamInfo(

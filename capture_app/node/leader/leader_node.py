@@ -9,7 +9,6 @@ from typing import Self
 from capture_app.common.errors import SimulshotError
 from capture_app.net.server import bind_port
 from capture_app.node.endpoint import PortEndpoint
-from capture_app.node.followers import SharedGrid
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
@@ -78,7 +77,13 @@ class LeaderNode(PortEndpoint):
             owners=None if names is None else names.owners,
         )
         leader = cls(options, engine, bound, names)
-        await leader.start_serving(leader.service.serve, leader.shared_grid)
+        try:
+            for follower in options.followers:
+                follower.start(options.clock, leader.log)
+        except BaseException:
+            await leader.stop()
+            raise
+        await leader.start_serving(leader.service.serve)
         return leader
 
     async def stop(self) -> None:
@@ -88,6 +93,8 @@ class LeaderNode(PortEndpoint):
         """
         if self._local is not None:
             await self._local.aclose()
+        for follower in self.options.followers:
+            await follower.close()
         await super().stop()
         await self.bursts.close()
         if self._storing is not None:
@@ -109,10 +116,6 @@ class LeaderNode(PortEndpoint):
             await asyncio.sleep(UNUSED_LOOK_S)
             if self._rig.is_unused:
                 return
-
-    def shared_grid(self) -> SharedGrid | None:
-        """Return the grid of instants, None before the first camera."""
-        return None if self.engine.grid is None else (self.engine.grid, None)
 
     def _drain(self, now_ns: int) -> None:
         while (event := self.engine.next_event()) is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from capture_app.common.stagger import Stagger
 from capture_app.common.timeouts import RETURN_NS
 from capture_app.node.endpoint import PortOptions
+from capture_app.node.followers import Follower
 from capture_app.sync.tree.succession import Continued
 
 
@@ -15,6 +16,8 @@ class LeaderOptions(PortOptions):
     """Options of a leader."""
 
     sessions: Path
+    followers: Sequence[Follower] = ()
+    """Other programs that follow the rig, started and closed together with it."""
     or_free_port: bool = False
     """Whether to use another port if that one is in use."""
     period_ns: int | None = None

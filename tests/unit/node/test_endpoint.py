@@ -1,7 +1,6 @@
 """What leaders, relays and standbys start, they close again, after a failed start too."""
 
 import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,12 +9,10 @@ from capture_app.common.address import Address
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NetworkError
 from capture_app.net.server import bind_port
-from capture_app.node.endpoint import PortEndpoint
-from capture_app.node.followers import Follower, SharedGrid
+from capture_app.node.followers import Follower
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
-from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.log import Log
 from capture_app.trust.trust import Trust
 from tests.waiting import until
@@ -40,7 +37,7 @@ class NotedFollower(Follower):
     def __init__(self, noted: list[str], name: str, *, fails: bool = False) -> None:
         self.noted, self.name, self.fails = noted, name, fails
 
-    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log) -> None:
         if self.fails:
             raise NetworkError("its port is in use")
         self.noted.append(f"{self.name} started")
@@ -49,33 +46,21 @@ class NotedFollower(Follower):
         self.noted.append(f"{self.name} closed")
 
 
-async def start(kind: str, folder: Path, port: int, followers: list[NotedFollower]) -> PortEndpoint:
-    trust = Trust.open()
-    if kind == "leader":
-        leading = LeaderOptions(sessions=folder, host=HERE, port=port, trust=trust, followers=followers)
-        return await LeaderNode.start(leading)
-    relaying = RelayOptions(
-        name="relay",
-        parents=(Address(HERE, free_port()),),
-        host=HERE,
-        port=port,
-        trust=trust,
-        followers=followers,
-    )
-    return await RelayNode.start(relaying)
+async def start(folder: Path, port: int, followers: list[NotedFollower]) -> LeaderNode:
+    options = LeaderOptions(sessions=folder, host=HERE, port=port, trust=Trust.open(), followers=followers)
+    return await LeaderNode.start(options)
 
 
-@pytest.mark.parametrize("kind", ["leader", "relay"])
-async def test_a_failed_start_leaves_nothing_behind(kind: str, tmp_path: Path) -> None:
+async def test_a_failed_start_leaves_nothing_behind(tmp_path: Path) -> None:
     before = asyncio.all_tasks()
     noted: list[str] = []
-    endpoint = await start(kind, tmp_path, 0, [NotedFollower(noted, "one")])
-    port = endpoint.address.port
-    await endpoint.stop()
+    leader = await start(tmp_path, 0, [NotedFollower(noted, "one")])
+    port = leader.address.port
+    await leader.stop()
     assert noted == ["one started", "one closed"]
     followers = [NotedFollower(noted, "one"), NotedFollower(noted, "other", fails=True)]
     with pytest.raises(NetworkError, match="its port is in use"):
-        await start(kind, tmp_path, port, followers)
+        await start(tmp_path, port, followers)
     assert noted[2:] == ["one started", "one closed", "other closed"]
     for sock in bind_port(HERE, port):
         sock.close()

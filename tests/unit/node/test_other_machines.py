@@ -57,8 +57,8 @@ class Field:
         files = {path: path.stat().st_size for path in sorted(self.sessions.rglob("*")) if path.is_file()}
         machines = [[(m.pin, m.roles) for m in trust.known.all()] for trust in self.others]
         burst = status.burst and (status.burst.received, status.burst.done, status.burst.transfer)
-        grid = self.leader.shared_grid()
-        return nodes, burst, status.sessions, files, machines, grid and grid[0].period_ns
+        grid = self.leader.engine.grid
+        return nodes, burst, status.sessions, files, machines, grid and grid.period_ns
 
 
 @pytest.fixture(params=["the leader", "a relay"])

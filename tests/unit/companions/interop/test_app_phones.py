@@ -59,7 +59,7 @@ class PhoneRig:
 @pytest.fixture
 async def rig() -> AsyncIterator[PhoneRig]:
     made = PhoneRig()
-    made.phones.start(HostClock(), made.news, lambda: None)
+    made.phones.start(HostClock(), made.news)
     try:
         async with made.one:
             await until(lambda: made.one.is_synced, seconds=SLOW_PATIENCE_S)
@@ -139,14 +139,14 @@ async def test_a_port_that_another_program_has_is_named() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind((f"{HOST}.3", CALL_PORT))
         with pytest.raises(NetworkError, match="8244") as raised:
-            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), Log(), lambda: None)
+            AppPhones(f"{HOST}.3", aligns=False).start(HostClock(), Log())
         assert "no other port" in raised.value.hint
 
 
 async def test_without_phones_nothing_is_said(tmp_path: Path) -> None:
     news = Log()
     phones = AppPhones(f"{HOST}.4", aligns=False)
-    phones.start(HostClock(), news, lambda: None)
+    phones.start(HostClock(), news)
     phones.take_part(a_take(burst_of(host_ns() + S)))
     await phones.close()
     assert phones.take_alone(BurstRequest(frames=1)) == ""

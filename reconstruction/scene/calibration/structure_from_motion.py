@@ -38,6 +38,8 @@ FEATURE_BYTES_PER_PIXEL = 220
 """Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
 PEAK_THRESHOLD = 0.004
 """Minimum contrast of a feature, below COLMAP's 0.0067: a median over time has little noise."""
+FIRST_PAIR_DEG = 4.0
+"""Minimum angle between the rays of the first two cameras: neighbours in a row are below COLMAP's 16."""
 FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
@@ -292,6 +294,7 @@ def _solve(
             ba_refine_focal_length=not held,
             triangulation={"ignore_two_view_tracks": False},
         )
+        options.mapper.init_min_tri_angle = FIRST_PAIR_DEG
         with suppress(ForeignError):
             best = _largest(
                 pycolmap.incremental_mapping(database, root / "images", work / "incremental", options)

@@ -44,7 +44,7 @@
 # make bench NAME=hostile   hostile datagrams, frames and connections against a running rig (BENCH="--datagrams 10000000 --frames 200000")
 # make bench NAME=paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; BENCH="--quick --out DIR")
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
-# make samples   render the sample sessions again from their recipes: the same bytes
+# make samples   render the sample sessions again from their recipes: the same times, truth and pictures
 # make pictures NAME=screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make pictures NAME=animation   film a take on the real screen for README, a minute or two
 # make pictures NAME=calibration   the pictures of docs/calibration.md, from the simulator (a minute)

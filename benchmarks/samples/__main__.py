@@ -25,7 +25,7 @@ def render(recipes: tuple[Path, ...], out: Path, retake: bool, replace: bool, as
     """Render simulated sessions. RECIPE is a recipe.json or a session that was rendered from one.
 
     Where the recipe has no frame times yet, a simulated rig takes the burst, and the recipe.json in the
-    session records them. The same recipe always gives the same bytes.
+    session records them. The same recipe always gives the same bytes with one Embree.
     """
     results = []
     for path in recipes:

@@ -1,7 +1,7 @@
 """Recipe of a rendered session, `recipe.json`: what to take, and the take once it is made.
 
-With its take, a recipe always gives the same bytes, however the engine changes. Without one, the engine takes
-the burst in virtual time at `at_s` seconds, with clocks, networks and sensors drawn by `seed`:
+With its take, a recipe always gives the same bytes, however the engine changes (but for Embree). Without one,
+the engine takes the burst in virtual time at `at_s` seconds; `seed` draws clocks, networks and sensors:
 
     {"name": "mine", "scene": "studio", "created": "2026-01-31T12:00:00Z", "seed": 7, "at_s": 10, "frames": 5,
      "cameras": [{"name": "cam00", "profile": "phone-a"}, {"name": "left", "view": "cam05", "profile": "pi"}]}

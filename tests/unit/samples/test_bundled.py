@@ -1,4 +1,4 @@
-"""The bundled sample sessions: whole, true, small, and the same bytes again from their recipes."""
+"""The bundled sample sessions: whole, true and small."""
 
 import json
 from pathlib import Path

@@ -165,7 +165,10 @@ class Scene:
         """
         for name in asked or ():
             if name not in self.known_views:
-                return PairChoice(None, f"camera {name} has no calibration")
+                own = self.dataset.session.calibration()
+                is_left_out = own is not None and name in own.cameras
+                lacks = "is left out, as its calibration is wrong" if is_left_out else "has no calibration"
+                return PairChoice(None, f"camera {name} {lacks}")
         if asked is not None:
             return PairChoice(asked, "asked for")
         views = {name: view for name, view in self.known_views.items() if among is None or name in among}

@@ -53,5 +53,5 @@ def faults(run: Run) -> list[str]:
 
 
 def _explains(line: str) -> bool:
-    """Whether a line on stderr belongs to a batch: it says what has no result, and goes on."""
-    return ": failed: " in line or ": not applicable: " in line
+    """Whether a line on stderr says what of a batch has no result, or why a camera is left out."""
+    return any(said in line for said in (": failed: ", ": not applicable: ", " is left out: "))

@@ -75,6 +75,16 @@ def test_what_is_odd_is_said(
     assert not (tmp_path / "out").exists()
 
 
+def test_an_asked_camera_whose_calibration_is_wrong_is_left_out_with_the_reason(
+    sound: Path, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = make_odd("calibration: mirrored, one", sound, tmp_path)
+    done = reconstruct(*command_line("stereo of a pair", session, tmp_path / "out"))
+    assert done.code == ExitCode.BAD_INPUT
+    assert "left is left out: the calibration of camera left cannot be right: its rotation" in done.err
+    assert "camera left is left out, as its calibration is wrong" in done.err
+
+
 def test_a_camera_without_an_image_is_left_out_of_that_instant_and_named(
     sound: Path, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:

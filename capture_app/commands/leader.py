@@ -128,19 +128,16 @@ def leader(
     news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
-        followers = make_followers(host, of_followers, leads=fps is None)
-        required = next((follower.grid for follower in followers if follower.grid is not None), (None, None))
         return LeaderOptions(
             host=host,
             port=port,
             or_free_port=or_free_port,
             sessions=sessions,
-            period_ns=required[0] if fps is None else round(1e9 / fps),
-            grid_phase_ns=required[1],
+            period_ns=None if fps is None else round(1e9 / fps),
             align_row=align_row,
             max_delay_ns=round(max_delay_ms * 1e6),
             stagger=stagger,
-            followers=followers,
+            followers=make_followers(of_followers),
             log=news,
             spool=spool,
         )

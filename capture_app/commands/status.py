@@ -16,7 +16,7 @@ from capture_app.console.terminal import answer, json_option, print_json_line, p
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.protocol.status import FollowerStatus, NodeStatus, RigStatus
+    from capture_app.protocol.status import NodeStatus, RigStatus
 
 NO_TIME = "-"
 _STAMPS = "stamps µs"
@@ -96,27 +96,11 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
             if heading != _STAMPS or any(row[heading] != NO_TIME for row in rows)
         ]
         yield table(shown, [[row[name] for name in shown] for row in rows])
-    if rig.app_phones:
-        yield table(
-            ("phone with the app", "state", "time ±µs", "bound µs", "ppm", "address"),
-            map(_phone_row, rig.app_phones),
-        )
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
         burst = f"burst {ahead.burst} ({ahead.name}) begins in {begins}"
         yield f"{burst}; cancel it: capture-app burst --cancel {ahead.burst}"
     yield from (f"saved {path}" for path in rig.sessions)
-
-
-def _phone_row(phone: "FollowerStatus") -> tuple[str, ...]:
-    return (
-        phone.name,
-        phone.state,
-        _microseconds(phone.uncertainty_ns),
-        _microseconds(phone.hard_bound_ns),
-        "-" if phone.skew_ppm is None else f"{phone.skew_ppm:+.1f}",
-        phone.address,
-    )
 
 
 def _node_row(node: "NodeStatus") -> dict[str, str]:

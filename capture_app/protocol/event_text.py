@@ -1,7 +1,6 @@
 """Events as lines for people, and as records: at a leader, at a relay, and at a camera's node."""
 
 import re
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -38,18 +37,8 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
 """Each event's name in the log, and the fields that are copied from it."""
 
 
-@dataclass(frozen=True, slots=True)
-class FollowerEvent:
-    """Event of one follower, or of all of them, as a line for people."""
-
-    name: str | None
-    line: str
-    is_warning: bool = False
-    """Whether it needs attention."""
-
-
-RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerEvent
-"""Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
+RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus
+"""Events that a leader logs: nodes that come and go, clock problems, damaged seals, and bursts."""
 
 
 def leader_line(event: RigEvent) -> tuple[str, bool]:
@@ -64,8 +53,6 @@ def leader_line(event: RigEvent) -> tuple[str, bool]:
             return f"burst {burst}: without {name}: {refusal}" if refusal else "", True
         case HostOffRate():
             return off_rate_line(event), bool(event.fast_ppm)
-        case FollowerEvent():
-            return event.line, event.is_warning
         case DatagramsRefused():
             return str(event), True
         case BurstStatus():

@@ -79,13 +79,6 @@ class ControlsAnswer(Message, frozen=True, kw_only=True, tag="controls"):
     state: CameraControls
 
 
-class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones"):
-    """Set the exposure of phones with libsoftwaresync or RecSync; they do not answer."""
-
-    exposure_ns: Annotated[int, Meta(gt=0, le=1_000_000_000)]
-    iso: Annotated[int, Meta(gt=0, le=1_000_000)]
-
-
 class CameraHealth(Message, frozen=True, kw_only=True, tag="camera-health"):
     """Current frame rate, exposure and gain of a node's camera."""
 
@@ -206,15 +199,7 @@ class Done(Message, frozen=True, kw_only=True, tag="done"):
 
 
 Order = (
-    AddCamera
-    | AddSimulated
-    | RemoveCamera
-    | InvitePhone
-    | CancelBurst
-    | EndBurst
-    | StaggerCameras
-    | StopRig
-    | ExposeAppPhones
+    AddCamera | AddSimulated | RemoveCamera | InvitePhone | CancelBurst | EndBurst | StaggerCameras | StopRig
 )
 """Orders of an operator to a leader, besides a burst."""
 FromOperator = (

@@ -43,7 +43,6 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.CancelBurst,
         orders.EndBurst,
         orders.InvitePhone,
-        orders.ExposeAppPhones,
         orders.StaggerCameras,
         orders.StopRig,
         pairing_messages.Invite,

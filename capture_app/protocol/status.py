@@ -112,22 +112,6 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     """First instant of a burst that begins later, in leader time; else 0."""
 
 
-class FollowerStatus(Struct, frozen=True, kw_only=True):
-    """Device that follows the rig through another program's protocol; times in ns, None while unknown."""
-
-    name: str
-    address: str
-    state: str
-    """State: synchronizing, synced or lost."""
-    uncertainty_ns: int | None = None
-    """95 % uncertainty of its time, at its maximum before the next update."""
-    hard_bound_ns: int | None = None
-    skew_ppm: float | None = None
-    round_trip_ns: int | None = None
-    samples: int = 0
-    last_seen_ns: int = 0
-
-
 class RigStatus(Struct, frozen=True, kw_only=True):
     """Status of a rig: its leader, its nodes, and its bursts."""
 
@@ -150,8 +134,6 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
     """Number of nodes after this page, by name; `message` summarizes them."""
-    app_phones: tuple[FollowerStatus, ...] = ()
-    """Phones with libsoftwaresync or RecSync; their images stay on them."""
     burst: BurstStatus | None = None
     ahead: tuple[BurstStatus, ...] = ()
     """Bursts that begin much later, and can be cancelled."""

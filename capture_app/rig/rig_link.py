@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from capture_app.common.address import Address, parse_address
 from capture_app.common.bounds import Message
-from capture_app.common.camera_facts import TIMES, CameraControls, Control, ControlValue
+from capture_app.common.camera_facts import CameraControls, Control, ControlValue
 from capture_app.common.errors import (
     BadInputError,
     IncompleteError,
@@ -27,7 +27,6 @@ from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATU
 from capture_app.net.asking import ask, ask_all_nodes, receive_answer
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
-from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, LogLine, Preview, RigStatus
 from capture_app.rig.rig_time import PlacedMark, place_mark
 
@@ -92,7 +91,6 @@ async def match_cameras(
     return {
         source: first,
         **dict(zip(others, rest, strict=True)),
-        **await _set_app_phones(leader, rig, first),
     }
 
 
@@ -127,24 +125,6 @@ async def _set_like(
             values[control] = measured.value
     done = await _ask_camera(leader, name, values)
     return CameraControls(controls=done.controls, problems={**problems, **done.problems})
-
-
-async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> CamerasControls:
-    """Set phones with the app, which do not answer; their gain is an ISO, where 100 counts as gain 1."""
-    phones = [phone.name for phone in rig.app_phones if phone.state != "lost"]
-    if not phones:
-        return {}
-    exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
-    if exposure and gain and exposure.value is not None and gain.value is not None and gain.unit == TIMES:
-        await give_order(
-            leader,
-            ExposeAppPhones(exposure_ns=round(exposure.value * 1000), iso=round(gain.value * 100)),
-        )
-        problem = "the value was sent; the phone does not confirm it"
-        problems = {Control.EXPOSURE: problem, Control.GAIN: problem}
-    else:
-        problems = {Control.EXPOSURE: "it accepts an exposure only with a gain, which was not measured in ×"}
-    return {name: CameraControls(problems=problems) for name in phones}
 
 
 class LinkLost(Struct, frozen=True):

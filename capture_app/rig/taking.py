@@ -149,7 +149,7 @@ class Saved(TakeEvent, frozen=True):
 
     @property
     def session(self) -> str | None:
-        """Path of the session on the leader's machine; None if phones store the images."""
+        """Path of the session on the leader's machine."""
         return self.status.session
 
     def open(self) -> "OpenSession":
@@ -158,11 +158,6 @@ class Saved(TakeEvent, frozen=True):
 
         session = local_session(self.status)
         if session is None:
-            if self.session is None:
-                raise NotAvailableError(
-                    "the images are on the phones",
-                    hint="copy each phone's folder here and run capture-app sessions import",
-                )
             raise NotAvailableError(
                 f"the images are on the leader: {self.session}",
                 hint="copy that folder to this machine, and open the copy",

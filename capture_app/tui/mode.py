@@ -12,7 +12,7 @@ from textual.screen import Screen
 from textual.style import Style
 from textual.widgets import Static
 
-from capture_app.common.text import count, printable
+from capture_app.common.text import printable
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.rig_link import LinkLost
 from capture_app.tui.rig_record import RecordChanged, RigRecord
@@ -57,9 +57,6 @@ class Header(Lines):
             yield Content.styled(printable(status.order), "$secondary")
         if status.is_open:
             yield Content.styled("OPEN: no pairing", "$warning")
-        if present := [phone for phone in status.app_phones if phone.state != "lost"]:
-            synced = sum(phone.state == "synced" for phone in present)
-            yield Content.styled(f"{synced} of {count(len(present), 'app phone')} synchronized", "$warning")
         if (free := status.disk_free_bytes) is not None:
             mark, style = ("! ", "$error") if free < 2e9 else ("", "")
             yield Content.styled(f"{mark}{free / 1e9:.0f} GB free", style)

@@ -11,8 +11,6 @@ import msgspec
 from capture_app.common.address import Address
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.pairing_codes import Role
-from capture_app.companions.interop.app_leader import AppLeader
-from capture_app.companions.interop.app_protocol import TIME_PORT, CallMethod, encode_call
 from capture_app.companions.phones import wire
 from capture_app.companions.phones.phone import Phone
 from capture_app.net.channel import Channel
@@ -112,29 +110,3 @@ def read_phone_page(data: bytes, folder: Path) -> None:
 
 async def _swallow(_: str | bytes) -> None:
     """The way to a page that is not there."""
-
-
-def read_app_phone(data: bytes, folder: Path) -> None:
-    """Whatever comes to the ports of phones with the Android app: calls and times, a length byte before each.
-
-    An even length is of a call, an odd one of a time answer, whose first time is that of the latest request.
-    """
-    leader, now_ns, host = AppLeader(aligns=True), 10**12, ("192.0.2.9", 1)
-    leader.calls.receive_datagram(encode_call(CallMethod.HEARTBEAT, "a,192.0.2.9,false"), host, now_ns)
-    asked, at = b"", 0
-    while at < len(data):
-        length, now_ns = data[at], now_ns + 3_000_000
-        datagram, at = data[at + 1 : at + 1 + length], at + 1 + length
-        for port in (leader.calls, leader.times):
-            port.handle_timer(now_ns)
-            for sent, to in port.datagrams_to_send(now_ns):
-                assert to[0] == host[0]
-                asked = sent if to[1] == TIME_PORT else asked
-        if length % 2:
-            leader.times.receive_datagram(asked + datagram[:16].ljust(16, b"\0"), host, now_ns)
-        else:
-            leader.calls.receive_datagram(datagram, host, now_ns)
-    for _ in range(3):
-        now_ns += 10**9
-        leader.calls.handle_timer(now_ns)
-        msgspec.json.encode(leader.statuses(now_ns))

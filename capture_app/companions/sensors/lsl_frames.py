@@ -19,8 +19,6 @@ from capture_app.common.host_clock import host_ns
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.tasks import end
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.followers import Follower
-from capture_app.protocol.log import Log
 from capture_app.session.format.journal import FRAMES_SUFFIX, record_of_line
 from capture_app.session.format.manifest import JOURNAL, RIG, VIDEOS, FrameRecord, ImageRecord
 
@@ -30,7 +28,7 @@ LOOK_EVERY_S = 0.1
 READINGS = 5
 
 
-class LslFrames(Follower):
+class LslFrames:
     """Outlet of frame times between `start` and `close`."""
 
     def __init__(self) -> None:
@@ -41,7 +39,7 @@ class LslFrames(Follower):
         self._clock: NodeClock
         self._outlet: Any = None
 
-    def start(self, clock: NodeClock, event_log: Log) -> None:
+    def start(self, clock: NodeClock) -> None:
         """Open the stream, and follow each take from then on."""
         lsl = self._lsl
         info = lsl.StreamInfo(
@@ -53,7 +51,7 @@ class LslFrames(Follower):
         self._clock, self._outlet = clock, lsl.StreamOutlet(info)
         self._task = asyncio.create_task(self._run())
 
-    def take_part(self, take: BurstSession) -> None:
+    def follow_take(self, take: BurstSession) -> None:
         """Follow a take's journals until it is saved."""
         self._takes[take.folder] = take, _Tail(take.folder)
 

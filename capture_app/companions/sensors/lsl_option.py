@@ -31,7 +31,7 @@ OPTIONS = (
 )
 
 
-def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[Follower]":
+def make_followers(values: Mapping[str, Any]) -> "Sequence[Follower]":
     """Make the follower of this option. Raises NotAvailableError without pylsl."""
     if not values["lsl"]:
         return ()

@@ -184,11 +184,6 @@ class ActiveBursts:
         frames, asked_ns, engine = request.frames or 0, self.now_ns(), self._engine
         check_before(request.before, request.frames)
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
-        if engine.grid is None:
-            accepted = [follower.take_alone(request) for follower in self._options.followers]
-            if any(accepted):
-                yield replace(before, done=True, message="; ".join(filter(None, accepted)))
-                return
         if request.wait_ready_s:
             async for reason in reasons_until_ready(
                 engine, self._options.clock, request.wait_ready_s, request.nodes
@@ -207,7 +202,7 @@ class ActiveBursts:
                 yield replace(before, message=drift)
         session = await self.order(order, name=request.name, note=request.note)
         for follower in self._options.followers:
-            follower.take_part(session)
+            follower.follow_take(session)
         while not session.finished.is_set():
             yield session.status
             await has_come(session.finished, SNAPSHOT_EVERY_S)

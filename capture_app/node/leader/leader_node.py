@@ -67,7 +67,6 @@ class LeaderNode(PortEndpoint):
                     period_ns=options.period_ns,
                     align_row=options.align_row,
                     max_delay_ns=options.max_delay_ns,
-                    grid_phase_ns=options.grid_phase_ns,
                     stagger=options.stagger,
                 ),
                 continues=None if continued is None else continued.upstream_map,
@@ -79,7 +78,7 @@ class LeaderNode(PortEndpoint):
         leader = cls(options, engine, bound, names)
         try:
             for follower in options.followers:
-                follower.start(options.clock, leader.log)
+                follower.start(options.clock)
         except BaseException:
             await leader.stop()
             raise

@@ -26,8 +26,6 @@ class LeaderOptions(PortOptions):
     """Row whose middle of exposure is aligned, as a fraction of the height; None: the first row's start."""
     max_delay_ns: int = 0
     """Maximum delay of a burst that is requested for now, to reach the best predicted alignment."""
-    grid_phase_ns: int | None = None
-    """Phase of the instants relative to whole periods of leader time; None: set by the cameras."""
     stagger: Stagger | None = None
     """Planned order of the cameras' frames; None: all at the same instant."""
     resume: Sequence[Path] | None = None

@@ -300,9 +300,6 @@ class LeaderService:
                 await self._remove(name)
             case orders.CancelBurst() | orders.EndBurst():
                 await self._end_burst(order)
-            case orders.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
-                for follower in self._options.followers:
-                    follower.expose(exposure_ns, iso)
             case orders.StaggerCameras():
                 await self._stagger(Stagger.parse(order.order) if order.order else None)
             case orders.InvitePhone():

@@ -94,7 +94,6 @@ class LeaderState:
             ),
             burst=None if bursts.newest is None else fitted_burst(bursts.newest.status),
             ahead=bursts.ahead,
-            app_phones=tuple(status for follower in options.followers for status in follower.statuses()),
             sessions=tuple(bursts.saved),
             sessions_folder=str(options.sessions.absolute()),
             disk_free_bytes=self._room(now_ns),

@@ -429,8 +429,7 @@ class Leader:
         Return whether the grid has changed.
         """
         shared, immovable = self.current.grid_choice, len(self.roster.immovable)
-        is_given = self.current.upstream is not None or self.config.rig.grid_phase_ns is not None
-        if shared is None or is_given or self.orders.is_busy(now_ns):
+        if shared is None or self.current.upstream is not None or self.orders.is_busy(now_ns):
             return False
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False

@@ -26,8 +26,6 @@ class RequestedConfig:
     """
     max_delay_ns: int = 0
     """Maximum delay of a burst requested for now, to reach the best predicted alignment."""
-    grid_phase_ns: int | None = None
-    """Fixed offset of instants from whole periods of leader time; None: the cameras determine the grid."""
     stagger: Stagger | None = None
     """Planned order of the cameras' frames; None: all at the same instant."""
 
@@ -62,9 +60,7 @@ class CurrentConfig:
         if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
             return False
         self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
-        period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
-        phase_ns = now_ns if phase_ns is None else phase_ns
-        grid = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
+        grid = FrameGrid(now_ns, self.config.period_ns or camera.period_ns)
         if self.grid_choice is not None and grid.period_ns == self.grid_choice.grid.period_ns:
             return False
         self.grid_choice = GridPhaseChoice(grid)

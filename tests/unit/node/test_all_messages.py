@@ -76,7 +76,6 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.InvitePhone(),
         orders.ControlsRequest(camera="cam", values={Control.GAIN: 2.0}),
         orders.ControlsAnswer(camera="cam", state=CameraControls()),
-        orders.ExposeAppPhones(exposure_ns=1, iso=100),
         wire.NodeStream(camera="cam", instance=node.instance, shows=True),
         orders.CameraHealth(fps=1.0),
         orders.SaveStamp(camera="cam", stamp=EXACT_STAMPS, asymmetry=PathAsymmetry(1, 2, 3)),

@@ -9,11 +9,10 @@ from capture_app.common.address import Address
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NetworkError
 from capture_app.net.server import bind_port
-from capture_app.node.followers import Follower
+from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
-from capture_app.protocol.log import Log
 from capture_app.trust.trust import Trust
 from tests.waiting import until
 
@@ -31,16 +30,19 @@ def free_port() -> int:
     return port
 
 
-class NotedFollower(Follower):
+class NotedFollower:
     """A follower that notes what becomes of it, and fails to start if it is to."""
 
     def __init__(self, noted: list[str], name: str, *, fails: bool = False) -> None:
         self.noted, self.name, self.fails = noted, name, fails
 
-    def start(self, clock: NodeClock, event_log: Log) -> None:
+    def start(self, clock: NodeClock) -> None:
         if self.fails:
             raise NetworkError("its port is in use")
         self.noted.append(f"{self.name} started")
+
+    def follow_take(self, take: BurstSession) -> None:
+        """There is none."""
 
     async def close(self) -> None:
         self.noted.append(f"{self.name} closed")

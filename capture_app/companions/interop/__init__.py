@@ -1,1 +1,0 @@
-"""Protocols of other programs: phones with libsoftwaresync or RecSync."""

@@ -114,7 +114,7 @@ def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) ->
 
 
 def _lines(result: "OffsetTolerance") -> Iterator[str]:
-    from reconstruction.method.phrases import late_or_early
+    from reconstruction.common.wording import late_or_early
 
     yield result.verdict
     for instant in result.timing.instants if result.timing else ():

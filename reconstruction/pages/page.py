@@ -1,11 +1,12 @@
-"""Rendering of pages from templates: one small HTML file with its styles, scripts and images."""
+"""Rendering of templates: sentences, and pages, small HTML files with their styles, scripts and images."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template, select_autoescape
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
@@ -16,7 +17,8 @@ from reconstruction.common.outputs import METRICS, REPORT
 PACKAGE, TEMPLATES = "reconstruction.pages", "template"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
-    wording.seconds, wording.percentage, wording.keep_units, wording.timeliness, wording.walking_distance,
+    wording.seconds, wording.percentage, wording.percent, wording.keep_units, wording.timeliness,
+    wording.walking_distance, wording.delays,
 )  # fmt: skip
 
 
@@ -53,6 +55,14 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
     return _environment(package).get_template("page.html").render(shown)
 
 
+def render_sentences(template: str, package: str = PACKAGE, **view: object) -> str:
+    """Render plain text on one line, from a template's file (.txt) or its text."""
+    environment = _environment(package, escapes=False)
+    named = template.endswith(".txt")
+    found = environment.get_template(template) if named else environment.from_string(template)
+    return re.sub(r"[ \n]+", " ", found.render(view)).strip()
+
+
 def write_page(page: str, out: Path) -> Path:
     """Write `report.html` atomically into the folder `out` and return its path.
 
@@ -72,10 +82,10 @@ def write_page(page: str, out: Path) -> Path:
 
 
 @cache
-def _environment(package: str) -> Environment:
+def _environment(package: str, *, escapes: bool = True) -> Environment:
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(name, TEMPLATES) for name in dict.fromkeys((package, PACKAGE))]),
-        autoescape=True,
+        autoescape=select_autoescape((), ("txt",), default_for_string=escapes, default=True),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -16,7 +16,6 @@ from reconstruction.report.findings import (
     claims,
     describe_delays,
     describe_exactness,
-    describe_synchronization,
     name_conditions,
 )
 from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
@@ -146,7 +145,6 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "control": next(
             filter(None, (study.control_sentence(result, result_of) for study, result_of in made)), ""
         ),
-        "synchronization": describe_synchronization(result),
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
         "conditions_table": conditions_table(result),
     }

@@ -18,7 +18,7 @@ PACKAGE, TEMPLATES = "reconstruction.pages", "template"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.percentage, wording.percent, wording.keep_units, wording.timeliness,
-    wording.walking_distance, wording.delays,
+    wording.walking_distance, wording.delays, wording.times,
 )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from reconstruction.pages.page import Section, as_template, render_page, write_p
 from reconstruction.report.findings import (
     claims,
     describe_delays,
-    describe_exactness,
+    exactness_view,
     name_conditions,
 )
 from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
@@ -132,7 +132,7 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "claims_note": claims_note,
         "result": result,
         "origin": f"{size}; {meaning}" if kind else "",
-        "exactness": describe_exactness(result),
+        **exactness_view(result),
         "hero": hero,
         "why": as_template(reason.why if reason else ""),
         "diagram": reason.diagram if reason else "",

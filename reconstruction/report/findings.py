@@ -163,34 +163,20 @@ def _is_vague(found: StudyResult[Any], claim: Claim) -> bool:
     )
 
 
-def describe_exactness(result: CompareResult) -> dict[str, str]:
-    """Return this take's time `error` and the delay its motion tolerates (`tolerated`), with a `conclusion`.
+def exactness_view(result: CompareResult) -> dict[str, object]:
+    """Return what the page says of the take's time error: the timing shown, with its offset in words.
 
-    Both have a `*_source` that says how they were determined. Unknown values are stated as such.
+    It is that of the camera that is furthest off (`is_offset`), else that of the pair.
     """
-    offset = [timing for timing in timings_of(result) if timing.offset]
-    furthest = max(offset, key=_largest_offset_ms, default=None)
+    rig = result.rig_timing.cameras if result.rig_timing is not None else ()
+    known = [timing for timing in (result.timing, *rig) if timing is not None]
+    furthest = max((timing for timing in known if timing.offset), key=_largest_offset_ms, default=None)
     shown = furthest or result.timing
-    measured = offset_text(shown) if shown is not None else ""
-    if shown is not None and shown.change:
-        measured = f"up to {wording.milliseconds(round(_largest_offset_ms(shown)))}"
-    if result.sync_residual_us is not None and furthest is None:
-        error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
-        source += f"; {measured} by what moves" if measured else ""
-    elif shown is not None and measured:
-        error, source = measured, f"{shown.other} against {shown.reference}, by what moves"
-        source = f"{shown.reason}, by what moves" if shown.change else source
-    else:
-        error = wording.NOT_AVAILABLE
-        source = result.unsynchronized.partition(":")[0] or "neither recorded nor measured"
-    together = furthest is None and result.timing is not None and result.timing.synchronized
-    tolerated, tolerated_source, conclusion = _tolerated_delay(result, together=together)
     return {
-        "error": error,
-        "error_source": source,
-        "tolerated": tolerated,
-        "tolerated_source": tolerated_source,
-        "conclusion": conclusion,
+        "shown": shown,
+        "is_offset": furthest is not None,
+        "late": offset_text(shown) if shown is not None else "",
+        "largest_ms": _largest_offset_ms(shown) if shown is not None else 0.0,
     }
 
 
@@ -201,36 +187,3 @@ def _largest_offset_ms(timing: Timing) -> float:
         later = [moment.late_ms for moment in timing.instants if moment.instant >= step.instant]
         late_ms += [median(later)] if later else []
     return max(map(abs, [*late_ms, timing.late_ms or 0.0]))
-
-
-def timings_of(result: CompareResult) -> list[Timing]:
-    """Return the judgements of the pair and of all cameras."""
-    rig = result.rig_timing.cameras if result.rig_timing is not None else ()
-    return [timing for timing in (result.timing, *rig) if timing is not None]
-
-
-def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
-    """Return the tolerated delay, its source, and how the take's own error compares with it."""
-    tolerance, error_us = result.tolerance, result.sync_residual_us
-    apart = any(timing.offset for timing in timings_of(result))
-    unknown = {
-        "whether the pictures show one instant was not measured": result.timing is None,
-        "the pictures do not show one instant": apart,
-        "whether the pictures show one instant is not certain": not together,
-        "depth against delay was not measured": tolerance is None,
-    }
-    if tolerance is None or not together:
-        return wording.NOT_AVAILABLE, next(why for why, holds in unknown.items() if holds), ""
-    if tolerance.tolerable_offset_ms is None:
-        max_ms = round(max(abs(point.late_ms or 0.0) for point in tolerance.points))
-        return f"> {wording.milliseconds(max_ms)}", "less than a tenth of the depth is lost by then", ""
-    tolerated_us = 1000 * tolerance.tolerable_offset_ms
-    conclusion = ""
-    if error_us is not None and tolerated_us < error_us:
-        conclusion = "This take is not accurate enough for this motion."
-    elif error_us is not None:
-        conclusion = (
-            f"{wording.times(tolerated_us / max(error_us, 1e-3))} more accurate than this motion needs."
-        )
-    why = "at this delay a tenth of the depth is lost, or half of what moves is off by a pixel"
-    return wording.microseconds(tolerated_us), why, conclusion

@@ -22,12 +22,14 @@ import signal
 import threading
 from collections.abc import Iterable, Mapping
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import GuardedModule, load_guarded
+
+if TYPE_CHECKING:
+    from reconstruction.common.geometry import Array, View
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
@@ -54,9 +56,9 @@ Sightings = Mapping[int, int]
 
 def build_model(
     colmap: Any,
-    views: Mapping[str, View],
-    keypoints: Mapping[str, Array],
-    points: Iterable[tuple[Array, Sightings]] = (),
+    views: "Mapping[str, View]",
+    keypoints: "Mapping[str, Array]",
+    points: "Iterable[tuple[Array, Sightings]]" = (),
     corner: float = 0.0,
 ) -> Any:
     """Return COLMAP's model of views without distortion, whose cameras and images are numbered from 1.

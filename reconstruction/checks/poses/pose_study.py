@@ -16,7 +16,7 @@ from reconstruction.common import wording
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.method.score import UNASKED, Score
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import read_words
@@ -176,20 +176,17 @@ class PoseStudy(Score):
     reason = ""
     """Why poses are estimated."""
 
-    @property
-    def steps(self) -> int:
-        """Number of progress lines: one for the whole study."""
-        return 0 if self.options.poses is False else 1
+    steps = 1
 
     def unasked(self) -> str:
         """Return why poses are not estimated; empty if requested or if much of the image moves."""
-        asked = self.options.poses
+        asked = self.text.name in self.context.studies
         moves = f"{wording.percentage(self.known.moving_share, decimals=0)} of the picture moves"
         self.reason = "asked for" if asked else moves
-        if asked is None and self.known.moving_share < LARGE_MOVING_FRACTION:
+        if not asked and self.known.moving_share < LARGE_MOVING_FRACTION:
             rejected = "which pose estimation rejects as outliers, in late pictures too"
-            return f"{moves}, {rejected} (--poses measures it anyway)"
-        return UNASKED if asked is False else ""
+            return f"{moves}, {rejected} (--study poses measures it anyway)"
+        return ""
 
     def prepare(self) -> None:
         """Reject cameras whose poses cannot be compared.

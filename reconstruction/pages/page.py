@@ -18,7 +18,7 @@ PACKAGE, TEMPLATES = "reconstruction.pages", "template"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.percentage, wording.percent, wording.keep_units, wording.timeliness,
-    wording.walking_distance, wording.delays, wording.times,
+    wording.walking_distance, wording.delays, wording.times, wording.late_or_early,
 )  # fmt: skip
 
 
@@ -57,10 +57,18 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
 
 def render_sentences(template: str, package: str = PACKAGE, **view: object) -> str:
     """Render plain text on one line, from a template's file (.txt) or its text."""
+    return re.sub(r"[ \n]+", " ", _text_template(template, package).render(view)).strip()
+
+
+def render_lines(template: str, package: str = PACKAGE, **view: object) -> list[str]:
+    """Render the lines of plain text that a command prints, from a template's file (.txt) or its text."""
+    text = _text_template(template, package).render(view)
+    return [line.rstrip() for line in text.splitlines() if line.strip()]
+
+
+def _text_template(template: str, package: str) -> Template:
     environment = _environment(package, escapes=False)
-    named = template.endswith(".txt")
-    found = environment.get_template(template) if named else environment.from_string(template)
-    return re.sub(r"[ \n]+", " ", found.render(view)).strip()
+    return (environment.get_template if template.endswith(".txt") else environment.from_string)(template)
 
 
 def write_page(page: str, out: Path) -> Path:

@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.reconstruction.verdict_takes import Take, session_of, single_image_takes
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import SimulshotError
-from reconstruction.pages.page import render_lines
+from reconstruction.common.templates import render_lines
 from reconstruction.time_offsets.session_offsets import measure_times
 
 COLUMNS = {"kind": ("scene", ""), "truth": ("the right camera", ""), "said": ("said", "")}

@@ -128,7 +128,7 @@ def calibrate(
     Print a board first (reconstruct board), and show it to all cameras in a burst; `capture-app coverage`
     counts the views.
     """
-    from reconstruction.pages.page import render_lines
+    from reconstruction.common.templates import render_lines
     from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.scene.calibration_run import calibrate as run
 

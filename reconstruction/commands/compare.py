@@ -105,8 +105,8 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
+    from reconstruction.common.templates import render_lines
     from reconstruction.compare.tolerance_study import measure_tolerance
-    from reconstruction.pages.page import render_lines
 
     result = measure_tolerance(session, out, **options)
     answer(as_json, result, render_lines("tolerance.txt", "reconstruction.commands", result=result, out=out))

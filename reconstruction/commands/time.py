@@ -48,7 +48,7 @@ def time_command(
     offsets of any size and clock rates are measured. A torch that blinks eight times in front of all cameras
     also gives the time between their rows.
     """
-    from reconstruction.pages.page import render_lines
+    from reconstruction.common.templates import render_lines
     from reconstruction.time_offsets.session_offsets import measure_times
 
     result = measure_times(session, reference, apply=apply, repair_drops=repair_drops)

@@ -132,7 +132,7 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the lines that the command prints of a result, by `LINES` beside the method's code if any."""
-        from reconstruction.pages.page import render_lines
+        from reconstruction.common.templates import render_lines
 
         package = sys.modules[type(self).__module__].__package__
         own = files(package) / LINES if package else None

@@ -19,13 +19,13 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.common.options import Pair, checked, compare_keywords
+from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, scored
 from reconstruction.method.phrases import EACH_DELAYED, late_text
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
 from reconstruction.method.words import StudyText
-from reconstruction.pages.page import render_sentences
 from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
 from reconstruction.scene.instant_choice import (
     ShownInstant,

@@ -1,25 +1,18 @@
-"""Rendering of templates: sentences, and pages, small HTML files with their styles, scripts and images."""
+"""Rendering of pages: one HTML file with its styles, scripts and images, from templates of sections."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template, select_autoescape
+from jinja2 import Template
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import count
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common import wording
 from reconstruction.common.outputs import METRICS, REPORT
+from reconstruction.common.templates import environment_of
 
-PACKAGE, TEMPLATES = "reconstruction.pages", "template"
-FILTERS = (
-    count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
-    wording.seconds, wording.percentage, wording.percent, wording.keep_units, wording.timeliness,
-    wording.walking_distance, wording.delays, wording.times, wording.late_or_early,
-)  # fmt: skip
+PACKAGE = "reconstruction.pages"
 
 
 @dataclass(frozen=True)
@@ -37,7 +30,7 @@ class Section:
 
 def as_template(source: str, package: str = PACKAGE) -> Template:
     """Compile a template given as text; it may include and import the report's templates."""
-    return _environment(package).from_string(source)
+    return environment_of(package, PACKAGE).from_string(source)
 
 
 def render_page(view: Mapping[str, object], sections: Sequence[Section], package: str = PACKAGE) -> str:
@@ -52,23 +45,7 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
     headline, lead = wording.headline(str(view["verdict"]))
     frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": (), "running": ()}
     shown = {**frame, **view, "headline": headline, "lead": lead, "sections": sections}
-    return _environment(package).get_template("page.html").render(shown)
-
-
-def render_sentences(template: str, package: str = PACKAGE, **view: object) -> str:
-    """Render plain text on one line, from a template's file (.txt) or its text."""
-    return re.sub(r"[ \n]+", " ", _text_template(template, package).render(view)).strip()
-
-
-def render_lines(template: str, package: str = PACKAGE, **view: object) -> list[str]:
-    """Render the lines of plain text that a command prints, from a template's file (.txt) or its text."""
-    text = _text_template(template, package).render(view)
-    return [line.rstrip() for line in text.splitlines() if line.strip()]
-
-
-def _text_template(template: str, package: str) -> Template:
-    environment = _environment(package, escapes=False)
-    return (environment.get_template if template.endswith(".txt") else environment.from_string)(template)
+    return environment_of(package, PACKAGE).get_template("page.html").render(shown)
 
 
 def write_page(page: str, out: Path) -> Path:
@@ -87,16 +64,3 @@ def write_page(page: str, out: Path) -> Path:
             hint="choose another folder with --out",
         ) from error
     return target
-
-
-@cache
-def _environment(package: str, *, escapes: bool = True) -> Environment:
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(name, TEMPLATES) for name in dict.fromkeys((package, PACKAGE))]),
-        autoescape=select_autoescape((), ("txt",), default_for_string=escapes, default=True),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update({function.__name__: function for function in FILTERS})
-    return environment

@@ -6,6 +6,7 @@ from statistics import median
 from typing import Any
 
 from reconstruction.common import wording
+from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.phrases import EACH_DELAYED, UNSYNCHRONIZED, late_text
 from reconstruction.method.score import reported, study_reports
@@ -13,7 +14,6 @@ from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming, Timing
 from reconstruction.method.words import Claim
-from reconstruction.pages.page import render_sentences
 from reconstruction.scene.calibration.consistency import INACCURATE_PX, describe_misfit
 from reconstruction.scene.calibration.structure_from_motion import GUESS
 

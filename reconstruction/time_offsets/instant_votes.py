@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct, structs
 
 from reconstruction.common.geometry import Array
-from reconstruction.pages.page import render_sentences
+from reconstruction.common.templates import render_sentences
 
 BIN_MS = 0.5
 MATCH_PX = 0.5

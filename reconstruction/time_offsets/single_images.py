@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
-from reconstruction.pages.page import render_sentences
+from reconstruction.common.templates import render_sentences
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.pages.page import render_lines
+from reconstruction.common.templates import render_lines
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes, with_own_changes

@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_lines
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak, with_repeats
-from reconstruction.pages.page import render_lines
 from reconstruction.report.findings import timing_sentences
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime

@@ -29,6 +29,7 @@ def render_lines(template: str, package: str = PACKAGE, **view: object) -> list[
     return [line.rstrip() for line in text.splitlines() if line.strip()]
 
 
+@cache
 def _text_template(template: str, package: str) -> "Template":
     environment = environment_of(package, PACKAGE, escapes=False)
     return (environment.get_template if template.endswith(".txt") else environment.from_string)(template)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from jinja2 import Template
@@ -28,6 +29,7 @@ class Section:
     view: Mapping[str, object] | None = None
 
 
+@cache
 def as_template(source: str, package: str = PACKAGE) -> Template:
     """Compile a template given as text; it may include and import the report's templates."""
     return environment_of(package, PACKAGE).from_string(source)

@@ -6,13 +6,14 @@ The folder grows cloud by cloud, and a stopped run can be resumed. `plan.json` h
 
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import msgspec
 import numpy as np
+from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import pretty_json
@@ -49,7 +50,7 @@ OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
 SETTINGS = "depth", "quick", "whole", "without", "width"
 """Options that determine the clouds."""
 
-Form = TypeVar("Form")
+Form = TypeVar("Form", bound=Struct)
 
 
 def write_recording(
@@ -71,20 +72,43 @@ def write_recording(
                     stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
 
 
-Plan = Mapping[str, Any]
-"""Inputs and settings of a folder's clouds, as JSON has them; clouds of another plan do not belong there."""
+class SequencePlan(Struct, frozen=True, kw_only=True):
+    """Inputs and settings of a folder's clouds; clouds of another plan do not belong among them."""
+
+    session: str
+    pictures: str
+    """Fingerprint of the images and the calibration."""
+    condition: str
+    matcher: str
+    mesh: bool = msgspec.field(name="meshes")
+    time_shifts_ms: dict[str, float]
+    depth: bool
+    quick: bool = False
+    whole: bool = True
+    without: tuple[str, ...] = ()
+    width: int | None = None
+
+    def difference(self, earlier: "SequencePlan") -> str:
+        """Describe the first setting in which an earlier plan differs; empty if they are equal."""
+        for name in self.__struct_fields__:
+            was, now = getattr(earlier, name), getattr(self, name)
+            if was != now:
+                if isinstance(was, bool):
+                    return f"made {'with' if was else 'without'} --{name}"
+                return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
+        return ""
 
 
 class SequenceFolder:
     """Folder of a sequence, which this run alone writes to."""
 
-    def __init__(self, out: Path, plan: Plan) -> None:
+    def __init__(self, out: Path, plan: SequencePlan) -> None:
         """Remove unfinished work of a killed run. Raises BadInputError for clouds with other settings."""
         self.out = out
-        earlier = _read(out / PLAN, dict[str, Any])
+        earlier = _read(out / PLAN, SequencePlan)
         if earlier is None and (out / PLAN).exists():
             raise BadInputError(f"{out / PLAN} is broken", hint="choose a new folder for --out")
-        if earlier is not None and self._has_clouds() and (other := _difference(plan, earlier)):
+        if earlier is not None and self._has_clouds() and (other := plan.difference(earlier)):
             raise BadInputError(
                 f"{out} holds clouds {other}", hint="use the same options, or choose a new folder for --out"
             )
@@ -99,7 +123,7 @@ class SequenceFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, out: Path, plan: Plan) -> Iterator[Self]:
+    def opened(cls, out: Path, plan: SequencePlan) -> Iterator[Self]:
         """Open a folder, and create it if missing; at the end remove it if it has no cloud.
 
         Raises as `growing_folder` and the constructor do.
@@ -167,16 +191,6 @@ def _read(path: Path, form: type[Form]) -> Form | None:
         return None
 
 
-def _difference(plan: Plan, earlier: Plan) -> str:
-    """Describe the first setting in which an earlier plan differs; empty if they are equal."""
-    for name, now in plan.items():
-        if (was := earlier.get(name)) != now:
-            if isinstance(was, bool):
-                return f"made {'with' if was else 'without'} --{name}"
-            return f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
-    return ""
-
-
 def model_sequence(
     scene: Scene,
     out: Path,
@@ -195,20 +209,20 @@ def model_sequence(
     began = time.monotonic()
     dataset, chosen = scene.dataset, scene.dataset.chosen_instants(options.instants)
     progress, matcher = options.progress, options.chosen_matcher.name
-    plan = {
-        "session": dataset.name,
-        "pictures": dataset.fingerprint(scene.given),
-        "condition": condition.name,
-        "matcher": matcher,
-        "mesh": options.makes_mesh,
-        "time_shifts_ms": options.time_shifts_ms,
+    plan = SequencePlan(
+        session=dataset.name,
+        pictures=dataset.fingerprint(scene.given),
+        condition=condition.name,
+        matcher=matcher,
+        mesh=options.makes_mesh,
+        time_shifts_ms=dict(options.time_shifts_ms),
         **{name: getattr(options, name) for name in SETTINGS},
-    }
+    )
     # Only saved maps have a confidence, which needs the check.
     each = msgspec.structs.replace(
         options, cloud=False, workspace=False, check=options.depth, progress=SILENT
     )
-    with SequenceFolder.opened(out, msgspec.to_builtins(plan)) as folder:
+    with SequenceFolder.opened(out, plan) as folder:
         still = StillScene()
         masks = (out / MASKS).is_dir()
         missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)

@@ -95,7 +95,7 @@ def _measure_cases(
     leader, client = network.namespace("leader"), network.namespace("client")
     network.cable(leader, f"{CABLE}/24", client, "10.78.0.2/24")
     link = EmulatedLink(network.link_end(leader, f"{WIRELESS}/24"), network.link_end(client, "10.77.0.2/24"))
-    serve = (*CAPTURE_APP, "link", "--serve", "--port", str(PORT))
+    serve = (*CAPTURE_APP, "link", "--serve", f"0.0.0.0:{PORT}")
 
     def measure(case: str, host: str, trials: int, *more: str) -> None:
         talk(f"measuring: {CASES[case]}, {trials} trials ...")

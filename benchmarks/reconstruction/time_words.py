@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.reconstruction.verdict_takes import Take, session_of, single_image_takes
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import SimulshotError
-from reconstruction.commands.time import change_lines
+from reconstruction.common.templates import render_lines
 from reconstruction.time_offsets.session_offsets import measure_times
 
 COLUMNS = {"kind": ("scene", ""), "truth": ("the right camera", ""), "said": ("said", "")}
@@ -40,9 +40,7 @@ def judge(take: Take, cache: Path) -> dict[str, Any]:
         result = measure_times(session_of(take, cache, None), "left")
     except SimulshotError as error:
         return row | {"said": str(error)}
-    right = result.cameras["right"]
-    offset = right.reason or f"{right.offset_ms:+.2f} ± {2 * (right.sd_ms or 0.0):.2f} ms"
-    return row | {"said": "; ".join([offset, *change_lines(result.reference, result.cameras)])}
+    return row | {"said": "; ".join(render_lines("times.txt", "reconstruction.commands", result=result))}
 
 
 def main() -> None:

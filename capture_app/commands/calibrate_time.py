@@ -1,19 +1,19 @@
 """`capture-app cameras calibrate-time`: how late the cameras of a rig are."""
 
 import asyncio
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.shared_options import F, leader_option, together
-from capture_app.commands.take import ready_options, require_whole, take
+from capture_app.commands.take import require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 from capture_app.common.text import duration
-from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
+from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 NAME = "calibrate-time"
 MOTION_S, LIGHT_S = 2.0, 8.0
+WAIT_READY_S = 20.0
 MEASURES = "simulshot.delay_measures"
 """Group of entry points: modules with `HELP`, `TODO` and `measure`; each becomes an option of its name."""
 MOVE = "move in front of all cameras"
@@ -53,29 +54,19 @@ def _by_plugins(command: F) -> F:
 )
 @_by_plugins
 @click.option(
-    "--seconds",
-    type=FiniteRange(0.5, 60.0),
-    metavar="S",
-    show_default=f"{MOTION_S:g}, with --light {LIGHT_S:g}",
-    help="Duration of the take.",
-)
-@click.option(
     "--session",
     "folder",
     type=click.Path(path_type=Path),
     metavar="SESSION",
     help="Use this session of the running cameras instead of a new take.",
 )
-@ready_options
 @json_option
 def calibrate_time(
     leader: Address,
     light: bool,
-    seconds: float | None,
     folder: Path | None,
     as_json: bool,
     by: str | None = None,
-    **ready: Any,
 ) -> None:
     """Measure the timestamp delay of each camera, and correct for it from now on.
 
@@ -89,9 +80,9 @@ def calibrate_time(
 
     plugin = None if by is None else load_plugin(MEASURES, by)
     if folder is None:
-        seconds = seconds or (LIGHT_S if light else MOTION_S)
+        seconds = LIGHT_S if light else MOTION_S
         todo = plugin.TODO if plugin is not None else BLINK if light else MOVE
-        folder = _take(leader, seconds, todo, ready)
+        folder = _take(leader, seconds, todo)
     session = Session.open(folder)
     talk("measuring")
     delays, orders, saved = asyncio.run(calibrate(leader, session, plugin and plugin.measure(session)))
@@ -117,13 +108,14 @@ def calibrate_time(
         )
 
 
-def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
+def _take(leader: Address, seconds: float, todo: str) -> Path:
     """Record pictures for some seconds once the rig is ready, and return their session's folder."""
     from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import TakePlan
 
     talk(f"taking pictures for {seconds:g} s: {todo}")
-    plan = TakePlan(seconds=seconds, name=NAME, note="taken to measure timestamp delays", **ready)
+    note = "taken to measure timestamp delays"
+    plan = TakePlan(seconds=seconds, name=NAME, note=note, wait_ready_s=WAIT_READY_S)
     taken: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, taken, silent=True))
     require_whole(taken[0], 100.0)

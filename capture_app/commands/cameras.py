@@ -94,27 +94,19 @@ def set_command(
 
 
 @click.command(
-    epilog=examples("capture-app cameras match cam1", "capture-app cameras match cam1 --only exposure")
+    epilog=examples("capture-app cameras match cam1"),
 )
 @click.argument("camera")
-@click.option(
-    "--only",
-    "only",
-    multiple=True,
-    type=click.Choice(NAMES),
-    show_default="all of them",
-    help="Match this control only. Repeatable.",
-)
 @leader_option
 @json_option
-def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) -> None:
+def match(camera: str, leader: Address, as_json: bool) -> None:
     """Set all cameras of a rig like CAMERA: freeze its values, and set them on all others.
 
     Values that a camera does not support are reported with the reason.
     """
     from capture_app.rig.rig_link import match_cameras
 
-    _answer(as_json, asyncio.run(match_cameras(leader, camera, list(map(Control, only or NAMES)))))
+    _answer(as_json, asyncio.run(match_cameras(leader, camera, list(Control))))
 
 
 def _read_profile(file: Path) -> Profile:

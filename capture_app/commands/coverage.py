@@ -22,18 +22,14 @@ if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
     from capture_app.board.detector import Board
 
+PREVIEW_PX = 1280
+"""Width of the previews in which the board is detected."""
+
 
 @click.command(
     epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20")
 )
 @board_options
-@click.option(
-    "--width",
-    type=click.IntRange(160, 1920),
-    metavar="PX",
-    default=1280,
-    help="Width of the previews in which the board is detected.",
-)
 @click.option(
     "--for-s",
     type=FiniteRange(1.0, 86_400.0),
@@ -43,7 +39,7 @@ if TYPE_CHECKING:
 )
 @leader_option
 @json_option
-def coverage(board: "Board", width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
+def coverage(board: "Board", for_s: float | None, leader: Address, as_json: bool) -> None:
     """Show live which views of a calibration board the cameras have, and which are missing.
 
     Detects the board in the cameras' previews and saves nothing. To calibrate, also take a burst of the
@@ -53,7 +49,7 @@ def coverage(board: "Board", width: int, for_s: float | None, leader: Address, a
     from rich.live import Live
 
     show = print_json_line if as_json else functools.partial(_draw, Live(auto_refresh=False))
-    found = run_until_stopped(_count(leader, board, width, for_s, show))
+    found = run_until_stopped(_count(leader, board, for_s, show))
     if found.missing:
         raise IncompleteError(
             f"the coverage is incomplete: {'; '.join(found.missing[:3])}",
@@ -66,7 +62,6 @@ def coverage(board: "Board", width: int, for_s: float | None, leader: Address, a
 async def _count(
     leader: Address,
     board: "Board",
-    width: int,
     for_s: float | None,
     show: "Callable[[BoardCoverage], None]",
 ) -> "BoardCoverage":
@@ -87,7 +82,7 @@ async def _count(
         )
     count = PreviewCount(board, cameras)
     link = RigLink(leader)
-    await link.want_previews(cameras=None, width=width, fps=3.0)
+    await link.want_previews(cameras=None, width=PREVIEW_PX, fps=3.0)
     shown = CoverageCount(board, cameras).coverage()
     show(shown)
     lost = False

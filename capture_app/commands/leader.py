@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from capture_app.commands.leader_choice import inviting_phones, joining_command
 from capture_app.commands.shared_options import (
@@ -74,13 +75,6 @@ if TYPE_CHECKING:
     show_default="the start of the first row",
     help="Align frames at mid-exposure of this row, a fraction of the image height from the top.",
 )
-@click.option(
-    "--max-delay-ms",
-    type=FiniteRange(0.0, 60_000.0),
-    metavar="MS",
-    default=0.0,
-    help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
-)
 @stagger_option
 @plugin_options(FOLLOWERS)
 @click.option(
@@ -92,7 +86,6 @@ if TYPE_CHECKING:
 )
 @spool_option
 @open_option
-@click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 @click.option("--until-unused", is_flag=True, hidden=True, help="Stop when it has no camera and no operator.")
 @click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
@@ -104,12 +97,10 @@ def leader(
     sessions: Path,
     fps: float | None,
     align_row: float | None,
-    max_delay_ms: float,
     stagger: Stagger | None,
     with_phones: bool,
     cameras: tuple[str, ...],
     spool: Path,
-    or_free_port: bool,
     until_eof: bool,
     until_unused: bool,
     log: Path | None,
@@ -125,6 +116,8 @@ def leader(
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
 
+    source = click.get_current_context().get_parameter_source("port")
+    or_free_port = log is not None and source is ParameterSource.DEFAULT
     news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
@@ -135,7 +128,6 @@ def leader(
             sessions=sessions,
             period_ns=None if fps is None else round(1e9 / fps),
             align_row=align_row,
-            max_delay_ns=round(max_delay_ms * 1e6),
             stagger=stagger,
             followers=make_followers(of_followers),
             log=news,

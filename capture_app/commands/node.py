@@ -58,13 +58,6 @@ from capture_app.console.usage import examples
 )
 @spool_option
 @click.option(
-    "--ring-s",
-    type=FiniteRange(0.1, 600.0),
-    show_default="3",
-    metavar="S",
-    help="Length of the ring buffer: how far in the past a burst may begin.",
-)
-@click.option(
     "--ring-mb",
     type=FiniteRange(1.0, 1_000_000.0),
     show_default="256",
@@ -89,7 +82,6 @@ def node(
     tolerance_us: float | None,
     clock_tolerance_us: float | None,
     spool: Path,
-    ring_s: float | None,
     ring_mb: float | None,
     at_boot: bool | None,
     yes: bool,
@@ -113,8 +105,7 @@ def node(
     leaders = leaders_to_join(leaders, pin, code)
     from capture_app.protocol.log import Log
 
-    ring = {} if ring_s is None else {"ring_ns": round(ring_s * 1e9)}
-    ring |= {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
+    ring = {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
     nodes = {
         label: camera_node(
             label,

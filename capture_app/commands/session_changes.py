@@ -76,19 +76,17 @@ def trash(paths: tuple[Path, ...], as_json: bool) -> None:
 @click.command(epilog=examples("capture-app sessions restore sessions/burst-001"))
 @click.argument("session", type=ANY_PATH, required=False)
 @click.option("--as", "name", default="", metavar="NAME", show_default="as before", help="A new name for it.")
-@click.option(
-    "--root",
-    type=ANY_PATH,
-    metavar="DIR",
-    show_default="the folder of SESSION, else ./sessions",
-    help="Sessions folder that contains the trash.",
-)
 @json_option
-def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -> None:
-    """Restore SESSION (its earlier path, or its id) from the trash; by default the latest one."""
-    session = session or Path()
-    default = session.parent if len(session.parts) > 1 else Path("sessions")
-    folder = restore_session(root or default, session.name, name=name)
+def restore(session: Path | None, name: str, as_json: bool) -> None:
+    """Restore SESSION from the trash of its folder: its earlier path, or DIR/ID with its id.
+
+    The folder is ./sessions by default; by default, or of a folder DIR/, the latest one is restored.
+    """
+    session = session or Path("sessions")
+    root, which = session, ""
+    if not trashed_sessions(session):
+        root, which = (session.parent if len(session.parts) > 1 else Path("sessions")), session.name
+    folder = restore_session(root, which, name=name)
     answer(as_json, {"session": str(folder)}, [str(folder)])
 
 
@@ -173,29 +171,25 @@ def _describe_result(one: "RepairResult") -> str:
     return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}{awaited}"
 
 
+SHEET_IMAGE_PX, WIGGLE_PX = 240, 480
+"""Width of each image on a sheet, and of a wiggle."""
+WIGGLE_STEP_MS = 125
 _replace_option = click.option("--replace", is_flag=True, help="Replace an earlier file.")
 
 
 @click.command(epilog=examples("capture-app sessions sheet sessions/burst-001 --out sheet.jpg"))
 @click.argument("session", type=ANY_PATH)
 @click.option("--out", type=ANY_PATH, metavar="FILE", required=True, help="Picture to write: .jpg or .png.")
-@click.option(
-    "--width",
-    type=click.IntRange(32, 4000),
-    metavar="PX",
-    default=240,
-    help="Width of each image on the sheet.",
-)
 @_replace_option
 @json_option
-def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
+def sheet(session: Path, out: Path, replace: bool, as_json: bool) -> None:
     """Write the contact sheet of SESSION: cameras across, instants down."""
     from capture_app.session.reading.decoding import encode_image
     from capture_app.session.reading.take_sheet import contact_sheet
 
     suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
     opened = TakeSheet.open(session)
-    picture = contact_sheet(opened, width, show_count("images"))
+    picture = contact_sheet(opened, SHEET_IMAGE_PX, show_count("images"))
     _write(out, encode_image(picture, suffix))
     answer(
         as_json,
@@ -224,23 +218,17 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
     show_default="the middle one",
     help="Instant to show, from 0 on.",
 )
-@click.option(
-    "--width", type=click.IntRange(32, 4000), metavar="PX", default=480, help="Width of the animation."
-)
-@click.option("--fps", type=FiniteRange(0.5, 50), metavar="FPS", default=8.0, help="Images per second.")
 @_replace_option
 @json_option
-def wiggle(
-    session: Path, out: Path, instant: int | None, width: int, fps: float, replace: bool, as_json: bool
-) -> None:
+def wiggle(session: Path, out: Path, instant: int | None, replace: bool, as_json: bool) -> None:
     """Write the wiggle of SESSION: all cameras at one instant, there and back along their arc."""
     from capture_app.session.reading.take_sheet import encode_animation, wiggle_frames
 
     suffix = _check_file(out, (".gif", ".webp"), replace=replace)
     opened = TakeSheet.open(session)
     shown = opened.instants // 2 if instant is None else instant
-    frames, step_ms = wiggle_frames(opened, shown, width), round(1000 / fps)
-    _write(out, encode_animation(frames, suffix, step_ms, step_ms))
+    frames = wiggle_frames(opened, shown, WIGGLE_PX)
+    _write(out, encode_animation(frames, suffix, WIGGLE_STEP_MS, WIGGLE_STEP_MS))
     answer(
         as_json,
         {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)},

@@ -143,7 +143,6 @@ class _ImportCommand(click.Command):
 )
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="the recording's folder name", help="Name of the session.")
-@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", default=Path("sessions"), help="Folder for the session.")
 @json_option
 def import_command(

@@ -54,13 +54,6 @@ ready_options = together(
     ),
 )
 """The options --wait-s and --min-nodes of a command that takes a burst."""
-_countdown_option = click.option(
-    "--countdown-s",
-    type=_limited("countdown_s"),
-    default=0.0,
-    metavar="S",
-    help="Count down this long before the first frame.",
-)
 
 
 async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEvent, None]":
@@ -213,14 +206,6 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     help="Replace up to N instants (common times of all cameras) whose frame a camera dropped by later ones.",
 )
 @click.option(
-    "--at-ns",
-    "at_leader_ns",
-    type=_limited("at_leader_ns"),
-    metavar="NS",
-    show_default="now",
-    help="Time of the first frame by the leader's clock; may be in the recent past.",
-)
-@click.option(
     "--before",
     type=_limited("before"),
     metavar="N",
@@ -228,7 +213,6 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     help="Number of frames from before this command, out of the ring buffer.",
 )
 @click.option("--name", default="", show_default="burst", help="Name of the take: its session is NAME-001.")
-@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option("--repeat", type=_limited("repeat"), metavar="N", default=1, help="Number of bursts to take.")
 @click.option(
     "--every",
@@ -244,23 +228,13 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     help="Take each burst when something moves in front of a camera, at most one every --every seconds.",
 )
 @click.option(
-    "--region",
-    type=(FiniteRange(0, 1),) * 4,
-    metavar="LEFT TOP RIGHT BOTTOM",
-    default=(0.0, 0.0, 1.0, 1.0),
-    show_default="the whole picture",
-    help="With --on-motion: watched region, as fractions of the picture.",
-)
-@click.option(
     "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
 )
-@_countdown_option
 @ready_options
 @json_option
 def burst(
     leader: Address,
     on_motion: bool,
-    region: tuple[float, float, float, float],
     cancel: int | None,
     as_json: bool,
     **chosen: Any,
@@ -279,7 +253,7 @@ def burst(
         said = f"burst {cancel} is cancelled; images received so far are saved"
         answer(as_json, {"cancelled": cancel}, said=said)
         return
-    plan = TakePlan(**chosen, on_motion=region if on_motion else None)
+    plan = TakePlan(**chosen, on_motion=(0.0, 0.0, 1.0, 1.0) if on_motion else None)
     ended: list[TakeEnd] = []
     try:
         asyncio.run(take(RigLink(leader), plan, ended, silent=as_json))
@@ -315,7 +289,6 @@ def burst(
     help="Frames per second: the rig's rate divided by a whole number; below 1 for a time-lapse.",
 )
 @click.option("--name", default="", show_default="recording", help="Its session is NAME-001.")
-@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option(
     "--max-missing",
     "max_missing_pct",
@@ -326,7 +299,6 @@ def burst(
 )
 @click.option("--detach", is_flag=True, help="Return as soon as the recording has begun.")
 @click.option("--stop", is_flag=True, help="Stop the newest recording or long burst instead.")
-@_countdown_option
 @ready_options
 @json_option
 def record(

@@ -104,11 +104,10 @@ def remove(machine: str, as_json: bool) -> None:
 
 @trust.command(epilog=examples("capture-app trust invite", "capture-app trust invite --as operator"))
 @role_option
-@click.option("--qr", is_flag=True, help="Also show the command as a QR code.")
 @leader_option
 @json_option
-def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
-    """Show a code that pairs one machine with a running leader."""
+def invite(role: Role, leader: Address, as_json: bool) -> None:
+    """Show a code that pairs one machine with a running leader, on a terminal also as a QR code."""
     from capture_app.protocol.pairing_messages import Invite, Invited
     from capture_app.rig.rig_link import ask_leader, ask_status
 
@@ -123,7 +122,7 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
         [show_code(invited.code)],
         said=f"pairs one machine within {invited.good_for_s // 60} minutes; type there: {line}",
     )
-    if qr and not as_json:
+    if sys.stdout.isatty() and not as_json:
         import segno
 
         segno.make(line, error="l", boost_error=False, micro=False).terminal(sys.stdout, compact=True)

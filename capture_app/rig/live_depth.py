@@ -13,16 +13,22 @@ from capture_app.common.tasks import end
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, instant_previews
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveCameras, pack
+from capture_app.session.format.live_depth import (
+    LENGTH,
+    WIDTH_PX,
+    DepthPreview,
+    InstantImages,
+    LiveCameras,
+    pack,
+)
 
-WIDTH_PX = 320
 MAX_FPS = 15.0
 """Instants of previews per second, of which the newest is matched."""
 NICENESS = 1
 """Of the process that matches until its first depth, which a person waits for; then it steps back."""
 MAX_LACKING = 20
 """Instants in a row without a picture of the chosen camera after which that is reported."""
-COMMAND = ("reconstruction.cli", "live", "--width", str(WIDTH_PX))
+COMMAND = ("reconstruction.cli", "live")
 
 
 async def live_depth(

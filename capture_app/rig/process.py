@@ -138,7 +138,7 @@ async def start_rig(
     log = _new_log()
     options = (
         *("--host", host),
-        *(["--or-free-port"] if port is None else ["--port", str(port)]),
+        *([] if port is None else ["--port", str(port)]),
         *(["--until-unused"] if until_unused else []),
         *(f"--camera={camera}" for camera in cameras),
         *([] if stagger is None else ["--stagger", str(stagger)]),

@@ -15,7 +15,6 @@ from reconstruction.commands.command_options import session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
-    from reconstruction.scene.calibration_run import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
 
@@ -129,6 +128,7 @@ def calibrate(
     Print a board first (reconstruct board), and show it to all cameras in a burst; `capture-app coverage`
     counts the views.
     """
+    from reconstruction.common.templates import render_lines
     from reconstruction.scene.calibration_run import CalibrateOptions, CalibrationSource, cover
     from reconstruction.scene.calibration_run import calibrate as run
 
@@ -153,33 +153,7 @@ def calibrate(
         answer(as_json, found, _coverage_lines(found))
     else:
         result = run(session, options)
-        answer(as_json, result, _summary(result))
-
-
-def _summary(result: "CalibrateResult") -> Iterator[str]:
-    quality = result.quality
-    yield f"{len(result.cameras)} cameras from {result.source or 'the session'}"
-    if result.missing:
-        yield f"without calibration: {', '.join(result.missing)}"
-    if quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
-        yield "the cameras share too few static points to check it here"
-    else:
-        yield (
-            f"reprojection error {quality.reprojection_error_px:.2f} px, triangulation angle "
-            f"{quality.triangulation_angle_deg:.1f} degrees, {100 * quality.inlier_share:.0f} % inliers "
-            f"of {quality.points} points"
-        )
-    for name, fraction in quality.coverage.items():
-        yield f"{name}: points in {100 * fraction:.0f} % of the picture"
-    if result.check is not None and result.check.error_px is not None:
-        yield f"{result.check}: points at rest fit within {result.check.error_px:.1f} px"
-    for line in result.board.missing if result.board else ():
-        yield f"to improve it: {line}"
-    if result.unit == "arbitrary":
-        yield "its scale is unknown; --mark with --distance-m, --scale-by-board or --ground sets it"
-    yield "saved in the session" if result.stored else "the session has this calibration already"
-    if result.kept:
-        yield "stored for later sessions of these cameras; imported ones take it by --from kept"
+        answer(as_json, result, render_lines("calibrated.txt", "reconstruction.commands", result=result))
 
 
 def _coverage_lines(found: "BoardCoverage") -> Iterator[str]:

@@ -1,6 +1,5 @@
 """`reconstruct compare` and `reconstruct tolerance`."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from reconstruction.method.interface import scored, study_names
 from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 if TYPE_CHECKING:
-    from reconstruction.method.comparison_results import OffsetTolerance
+    pass
 
 
 def _refuse_synced(
@@ -106,23 +105,8 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
+    from reconstruction.common.templates import render_lines
     from reconstruction.compare.tolerance_study import measure_tolerance
 
     result = measure_tolerance(session, out, **options)
-    report = [] if out is None else [f"report: {out / result.report}"]
-    answer(as_json, result, [*_lines(result), *report])
-
-
-def _lines(result: "OffsetTolerance") -> Iterator[str]:
-    from reconstruction.method.phrases import late_or_early
-
-    yield result.verdict
-    for instant in result.timing.instants if result.timing else ():
-        late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
-        yield f"instant {instant.instant:3d}: {result.cameras[1]} is {late}"
-    for point in result.points:
-        interval = point.interval(result.measure, "offset")
-        value = "n/a" if interval is None else f"{100 * interval.value:5.1f} %"
-        ends = () if interval is None or interval.low is None else interval.ends
-        around = f"  ({' to '.join(f'{100 * end:.1f}' for end in ends)})" if ends else ""
-        yield f"{point.late_ms or 0.0:6.1f} ms  {value}{around}"
+    answer(as_json, result, render_lines("tolerance.txt", "reconstruction.commands", result=result, out=out))

@@ -12,7 +12,14 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, NotApplicableError, SimulshotError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveCameras, pack
+from capture_app.session.format.live_depth import (
+    LENGTH,
+    WIDTH_PX,
+    DepthPreview,
+    InstantImages,
+    LiveCameras,
+    pack,
+)
 
 LOOK_S = 2.0
 """Interval between two searches for the rig's calibration."""
@@ -23,8 +30,7 @@ HINT = "simulated cameras: take once; others: reconstruct calibrate"
 
 
 @click.command(hidden=True)
-@click.option("--width", type=click.IntRange(80, 1920), default=320, help="Width of the depth, px.")
-def live(width: int) -> None:
+def live() -> None:
     """Read previews of one instant after the other from stdin, and write the depth of each to stdout."""
     import cv2
 
@@ -47,7 +53,7 @@ def live(width: int) -> None:
         if engine is None and monotonic() >= due_s:
             due_s = monotonic() + LOOK_S
             views = find_rig_views(modes, folder)
-            engine = LiveDepth(views, width) if views else None
+            engine = LiveDepth(views, WIDTH_PX) if views else None
         try:
             if engine is None:
                 raise NotApplicableError("the rig is not calibrated", hint=HINT)

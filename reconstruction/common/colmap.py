@@ -20,9 +20,16 @@ reads.
 import importlib
 import signal
 import threading
+from collections.abc import Iterable, Mapping
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from reconstruction.common.native_libraries import GuardedModule, load_guarded
+
+if TYPE_CHECKING:
+    from reconstruction.common.geometry import Array, View
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
@@ -41,3 +48,44 @@ def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
         signal.signal(signal.SIGTERM, on_end)
     module.logging.minloglevel = 3
     return GuardedModule(module, "COLMAP")
+
+
+Sightings = Mapping[int, int]
+"""The images that see a point, by number, each with the point's place among its keypoints."""
+
+
+def build_model(
+    colmap: Any,
+    views: "Mapping[str, View]",
+    keypoints: "Mapping[str, Array]",
+    points: "Iterable[tuple[Array, Sightings]]" = (),
+    corner: float = 0.0,
+) -> Any:
+    """Return COLMAP's model of views without distortion, whose cameras and images are numbered from 1.
+
+    `keypoints` (n, 2) are pixels of each view's image. `points` (3,) are in the rig's frame. COLMAP's first
+    pixel has its centre at 0.5, which is then `corner`. Its dense part uses a pixel's column and row as
+    coordinates, and would with that offset fuse points half a pixel off.
+    """
+    model = colmap.Reconstruction()
+    for number, (name, view) in enumerate(views.items(), 1):
+        matrix = view.matrix
+        camera = colmap.Camera(
+            model="PINHOLE",
+            width=view.width,
+            height=view.height,
+            params=[matrix[0, 0], matrix[1, 1], matrix[0, 2] + corner, matrix[1, 2] + corner],
+            camera_id=number,
+            has_prior_focal_length=True,
+        )
+        model.add_camera_with_trivial_rig(camera)
+        pixels = keypoints[name] + corner
+        image = colmap.Image(name=name, keypoints=pixels, camera_id=number, image_id=number)
+        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
+        model.add_image_with_trivial_frame(image, pose)
+    for point, seen in points:
+        track = colmap.Track()
+        for number, place in seen.items():
+            track.add_element(number, place)
+        model.add_point3D(point, track, np.full(3, 128, np.uint8))
+    return model

@@ -39,6 +39,11 @@ def percentage(value: float | None, *, decimals: int = 1) -> str:
     return f"{percent:.{decimals}f}{GAP}%"
 
 
+def percent(fraction: float) -> str:
+    """Return a fraction 0..1 as a whole percentage for a sentence."""
+    return f"{100 * fraction:.0f} %" if fraction >= 0.01 or fraction == 0 else "under 1 %"
+
+
 def quantity(value: float | None, unit: str = "") -> str:
     """Return a number in its unit with three digits."""
     if value is None or math.isnan(value):
@@ -84,6 +89,11 @@ def offset_text(offset_ms: float) -> str:
     size = abs(offset_ms)
     size = round(size) if size >= 9.5 else size
     return f"{milliseconds(size)} {'early' if offset_ms < 0 else 'late'}"
+
+
+def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
+    """Return `0.4 ± 0.6 ms late`, or early."""
+    return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
 
 
 def timeliness(late_ms: float) -> str:

@@ -1,8 +1,10 @@
 """Interface of a method: its command, Python, batches and comparisons are derived from it."""
 
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     from reconstruction.scene.scene import Scene
 
 SILENT = Progress(0, silent=True)
+LINES = "lines.txt"
+"""Template beside a method's code of the lines that its command prints, of `result`, `out` and `method`."""
 
 
 class Check(msgspec.Struct, frozen=True, kw_only=True, dict=True):
@@ -127,8 +131,13 @@ class Method(Check, frozen=True, kw_only=True, dict=True):
         yield from (f"{camera} is left out: {why}" for camera, why in left_out.items())
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the lines that the command prints of a result."""
-        yield f"result: {out}"
+        """Yield the lines that the command prints of a result, by `LINES` beside the method's code if any."""
+        from reconstruction.common.templates import render_lines
+
+        package = sys.modules[type(self).__module__].__package__
+        own = files(package) / LINES if package else None
+        template = own.read_text("utf-8") if own is not None and own.is_file() else "result: {{ out }}"
+        yield from render_lines(template, method=self, result=result, out=out)
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces an earlier result at `out`, and nothing else."""

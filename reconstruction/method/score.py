@@ -19,11 +19,13 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.common.options import Pair, checked, compare_keywords
+from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, scored
+from reconstruction.method.phrases import EACH_DELAYED, late_text
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
-from reconstruction.method.words import Claim, StudyText
+from reconstruction.method.words import StudyText
 from reconstruction.scene.conditions import ALL_APART, SYNCHRONIZED, Condition, FrameOffset
 from reconstruction.scene.instant_choice import (
     ShownInstant,
@@ -126,22 +128,28 @@ class Score:
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
         """Return the score's sentence of the verdict; empty if the conditions do not clearly differ."""
-        return ""
+        return cls._said(cls.text.verdict, result, found)
 
     @classmethod
-    def as_recorded(cls, found: StudyResult[Any]) -> str | None:
+    def as_recorded(cls, result: CompareResult, found: StudyResult[Any]) -> str | None:
         """Return the score's sentence on images that were not synchronized; None if it has none."""
-        return None
+        return cls._said(cls.text.as_recorded, result, found) if cls.text.as_recorded else None
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
         """Return a sentence on whether the control shows that timing alone made the difference, if known."""
-        return ""
+        return cls._said(cls.text.control_sentence, result, found)
 
     @classmethod
-    def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the score's main result for the first screen."""
-        return None
+    def _said(cls, template: str, result: CompareResult, found: StudyResult[Any]) -> str:
+        return render_sentences(
+            template,
+            result=result,
+            found=found,
+            together=result.together(found.cameras),
+            late=late_text(result),
+            each_delayed=EACH_DELAYED,
+        )
 
     @classmethod
     def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:

@@ -10,8 +10,15 @@ import msgspec
 from reconstruction.common import wording
 from reconstruction.method.study_result import Picture
 
-WORDS, SECTION, WHY = "words.toml", "section.html", "why.html"
-"""Files of words beside a method's code."""
+WORDS = "words.toml"
+TEMPLATES = {
+    "section": "section.html",
+    "why": "why.html",
+    "verdict": "verdict.txt",
+    "as_recorded": "as_recorded.txt",
+    "control_sentence": "control.txt",
+}
+"""Files of words beside a method's code, by the field of `StudyText` that holds them."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +36,9 @@ class MeasureText:
 
 @dataclass(frozen=True)
 class Claim:
-    """A study's main result for the first screen: one value per condition, and what it measures."""
+    """A measure that may be a study's main result on the first screen, and what it says in words."""
 
-    values: tuple[float, float]
+    measure: str
     what: str
     unit: str = wording.PERCENT
     note: str = ""
@@ -55,6 +62,8 @@ class StudyText:
     caption: str = "{subject}, {cameras}"
     """Caption of the study's table."""
     measures: Sequence[MeasureText] = ()
+    claims: Sequence[Claim] = ()
+    """Candidates for the first screen; the first that both conditions have is shown."""
     pictures: Sequence[Picture] = ()
     """Its pictures, without their files; captions may contain words in braces that the score knows."""
     control: bool = True
@@ -86,6 +95,16 @@ class StudyText:
     """Position of the section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
     scripts: Sequence[str] = ()
     """Template files of the scripts that the section needs."""
+    verdict: str = ""
+    """Template of its sentence of the verdict, empty where the conditions do not clearly differ.
+
+    It reads `found`, the whole `result`, whether the images are `together` in time, and the delays in words:
+    `late` of a pair, `each_delayed` of all cameras.
+    """
+    as_recorded: str = ""
+    """The same of images that were not synchronized; if there is none, the verdict is said of them too."""
+    control_sentence: str = ""
+    """The same on whether the control shows that timing alone made the difference."""
     replaces: str = ""
     """Name of a study that this one replaces in the verdict: if made, it adds no sentence."""
 
@@ -95,10 +114,10 @@ class StudyText:
 
 
 def read_words(package: str) -> StudyText:
-    """Read the words of a method from the files in its package: `WORDS`, and `SECTION` and `WHY` if there."""
+    """Read the words of a method from `WORDS` in its package, and those of `TEMPLATES` that are there."""
     folder = files(package)
     words = tomllib.loads((folder / WORDS).read_text("utf-8"))
-    for name, file in (("section", SECTION), ("why", WHY)):
+    for name, file in TEMPLATES.items():
         if (template := folder / file).is_file():
             words[name] = template.read_text("utf-8")
     return msgspec.convert(words, StudyText)

@@ -1,23 +1,19 @@
-"""Rendering of pages from templates: one small HTML file with its styles, scripts and images."""
+"""Rendering of pages: one HTML file with its styles, scripts and images, from templates of sections."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template
+from jinja2 import Template
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import count
 from capture_app.session.files.durable import write_atomic
 from reconstruction.common import wording
 from reconstruction.common.outputs import METRICS, REPORT
+from reconstruction.common.templates import environment_of
 
-PACKAGE, TEMPLATES = "reconstruction.pages", "template"
-FILTERS = (
-    count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
-    wording.seconds, wording.percentage, wording.keep_units, wording.timeliness, wording.walking_distance,
-)  # fmt: skip
+PACKAGE = "reconstruction.pages"
 
 
 @dataclass(frozen=True)
@@ -33,9 +29,10 @@ class Section:
     view: Mapping[str, object] | None = None
 
 
+@cache
 def as_template(source: str, package: str = PACKAGE) -> Template:
     """Compile a template given as text; it may include and import the report's templates."""
-    return _environment(package).from_string(source)
+    return environment_of(package, PACKAGE).from_string(source)
 
 
 def render_page(view: Mapping[str, object], sections: Sequence[Section], package: str = PACKAGE) -> str:
@@ -50,7 +47,7 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
     headline, lead = wording.headline(str(view["verdict"]))
     frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": (), "running": ()}
     shown = {**frame, **view, "headline": headline, "lead": lead, "sections": sections}
-    return _environment(package).get_template("page.html").render(shown)
+    return environment_of(package, PACKAGE).get_template("page.html").render(shown)
 
 
 def write_page(page: str, out: Path) -> Path:
@@ -69,16 +66,3 @@ def write_page(page: str, out: Path) -> Path:
             hint="choose another folder with --out",
         ) from error
     return target
-
-
-@cache
-def _environment(package: str) -> Environment:
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(name, TEMPLATES) for name in dict.fromkeys((package, PACKAGE))]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update({function.__name__: function for function in FILTERS})
-    return environment

@@ -15,8 +15,7 @@ from reconstruction.pages.page import Section, as_template, render_page, write_p
 from reconstruction.report.findings import (
     claims,
     describe_delays,
-    describe_exactness,
-    describe_synchronization,
+    exactness_view,
     name_conditions,
 )
 from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
@@ -133,7 +132,7 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "claims_note": claims_note,
         "result": result,
         "origin": f"{size}; {meaning}" if kind else "",
-        "exactness": describe_exactness(result),
+        **exactness_view(result),
         "hero": hero,
         "why": as_template(reason.why if reason else ""),
         "diagram": reason.diagram if reason else "",
@@ -146,7 +145,6 @@ def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
         "control": next(
             filter(None, (study.control_sentence(result, result_of) for study, result_of in made)), ""
         ),
-        "synchronization": describe_synchronization(result),
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
         "conditions_table": conditions_table(result),
     }

@@ -12,7 +12,7 @@ from reconstruction.method.score import study_reports
 from reconstruction.method.study_result import Interval, StudyResult
 from reconstruction.method.tally import CONDITIONS
 from reconstruction.method.timing import SessionTiming
-from reconstruction.report.findings import ConditionNames, name_conditions, offset_text, rig_judgement
+from reconstruction.report.findings import ConditionNames, name_conditions, offset_text, sentences
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
 """Prefixes of a measure's name, each with the column group that shows it."""
@@ -201,7 +201,13 @@ def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames)
 def timing_table(rig: SessionTiming) -> Table:
     """Return every camera's time offset against the reference, measured by motion, and the judgement."""
     rows = [
-        Row(camera.other, [Cell(offset_text(camera) or wording.NOT_AVAILABLE), Cell(rig_judgement(camera))])
+        Row(
+            camera.other,
+            [
+                Cell(offset_text(camera) or wording.NOT_AVAILABLE),
+                Cell(sentences("judgement.txt", timing=camera)),
+            ],
+        )
         for camera in rig.cameras
     ]
     return Table(

@@ -5,12 +5,10 @@ from pathlib import Path
 from reconstruction.common import wording
 from reconstruction.method.comparison_results import OffsetTolerance
 from reconstruction.method.score import study_reports
-from reconstruction.method.study_result import StudyResult
 from reconstruction.method.words import StudyText
 from reconstruction.pages.page import Section, render_page, write_page
-from reconstruction.report.findings import motion_sentence, timing_sentences
+from reconstruction.report.findings import sentences
 from reconstruction.report.report_tables import Cell, Column, Row, Table, interval_cell
-from reconstruction.report.tolerance_chart import tolerance_chart
 
 COLUMNS = {
     "mover_within_2pct": "Measured correctly",
@@ -21,11 +19,10 @@ COLUMNS = {
 
 
 def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
-    """Return what a page shows of a tolerance curve: the chart, a sentence, and the numbers."""
+    """Return what a page shows of a tolerance curve: the curve, a sentence, and the numbers."""
     return {
         "found": tolerance,
         "sentence": tolerance_sentence(tolerance),
-        "chart": tolerance_chart(tolerance),
         "table": _table(tolerance),
         "instants": _instants(tolerance),
     }
@@ -33,53 +30,14 @@ def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
 
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """Return the curve's result in a few sentences; images are called synchronized only if found so."""
-    timing, both_ways = tolerance.timing, _found_in_both_directions(tolerance)
-    if timing is None:
-        return f"As recorded, {both_ways}"
-    texts = [f"As recorded, {both_ways}", timing_sentences(timing)]
-    if timing.synchronized:
-        texts[0] = f"Synchronized, {both_ways} {_tolerated(tolerance)}"
-    elif timing.offset:
-        texts = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
-    return " ".join(filter(None, (motion_sentence(timing), *texts)))
+    best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
+    return sentences("tolerance.txt", curve=tolerance, best=best)
 
 
 def tolerance_heading(tolerance: OffsetTolerance) -> str:
     """Return the heading; a tolerated delay is claimed only if the images without delay show one instant."""
     known = tolerance.timing is not None and tolerance.timing.synchronized
     return "Delay that this motion tolerates" if known else "Depth against delay"
-
-
-def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
-    sentences = [
-        f"{wording.offset_text(ms)}, for {_found(tolerance, point)}"
-        for point in (tolerance.points[0], tolerance.points[-1])
-        if (ms := point.late_ms)
-    ]
-    directions = f"; with the second picture {'; '.join(dict.fromkeys(sentences))}" if sentences else ""
-    return f"{_found_as_recorded(tolerance)}{directions}."
-
-
-def _found_at_best(tolerance: OffsetTolerance) -> str:
-    best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
-    when = f"; best with the second picture {wording.offset_text(best.late_ms or 0.0)}, for "
-    return f"{_found_as_recorded(tolerance)}{when + _found(tolerance, best) if best.late_ms else ''}."
-
-
-def _found_as_recorded(tolerance: OffsetTolerance) -> str:
-    what = "the right distance is found" if tolerance.right else "a distance is found"
-    return f"{what} for {_found(tolerance, tolerance.as_recorded)} of what moves"
-
-
-def _found(tolerance: OffsetTolerance, point: StudyResult[dict[str, int]]) -> str:
-    return wording.percentage(point.value(tolerance.measure, "offset"), decimals=0)
-
-
-def _tolerated(tolerance: OffsetTolerance) -> str:
-    if (tolerated_ms := tolerance.tolerable_offset_ms) is None:
-        return "Up to that delay, less than a tenth of it is lost."
-    rounded, exact = wording.milliseconds(round(tolerated_ms, 1)), wording.microseconds(1000 * tolerated_ms)
-    return f"This motion tolerates a delay of about {rounded if tolerated_ms >= 1 else exact}."
 
 
 def _text(tolerance: OffsetTolerance) -> StudyText:

@@ -13,6 +13,7 @@ import numpy as np
 from msgspec import Struct, structs
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_sentences
 
 BIN_MS = 0.5
 MATCH_PX = 0.5
@@ -130,27 +131,7 @@ class Change(Struct, frozen=True, omit_defaults=True):
 
     def describe(self, camera: str, than: str) -> str:
         """Return the change in words: `R is one frame later than L from instant 20 on`; empty if none."""
-        if self.drift:
-            # The delay counts in true time: at a sixth of it, five frames take as long as six.
-            fraction, sd = self.drift / (1 - self.drift), self.drift_sd / (1 - self.drift) ** 2
-            longer = "longer" if fraction > 0 else "shorter"
-            error = f"{100 * abs(fraction):.2g} ± {200 * sd:.1g} %"
-            return f"{camera}'s frames last {error} {longer} than {than}'s"
-        total, texts = 0, list[str]()
-        for step in self.steps:
-            total += step.frames
-            vague = step.latest - step.earliest > 2
-            doubt = f" (between {step.earliest} and {step.latest})" if vague else ""
-            whom = "" if texts or not total else f" than {than}"
-            texts.append(f"{_frames_later(total)}{whom} from instant {step.instant} on{doubt}")
-        return f"{camera} is {', '.join(texts)}" if texts else ""
-
-
-def _frames_later(frames: int) -> str:
-    if not frames:
-        return "as before"
-    size = "one frame" if abs(frames) == 1 else f"{abs(frames)} frames"
-    return f"{size} {'later' if frames > 0 else 'earlier'}"
+        return render_sentences("change.txt", __package__, change=self, camera=camera, than=than)
 
 
 UNCHANGED = Change()

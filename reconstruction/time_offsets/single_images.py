@@ -9,15 +9,12 @@ from msgspec import Struct
 
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_sentences
 from reconstruction.scene.conditions import evenly_spaced
 from reconstruction.scene.dataset import Dataset
 
 WHOLE_FRAMES = 0.25
 """Maximum distance from a whole number of frames at which an image is called so many frames later."""
-MAX_UNVOTED = 0.2
-"""Maximum fraction of instants without an offset of their own that is not worth a sentence."""
-MAX_NAMED = 8
-"""Maximum number of instants named in a sentence."""
 PARTS, BESIDE = 6, 4
 """Number of parts of a take searched for stalled images, and instants to either side of each middle."""
 STALLED, MOVING = 0.25, 0.5
@@ -44,26 +41,13 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     def describe(self, camera: str, than: str) -> Iterator[str]:
         """Yield a sentence about each kind, without a full stop."""
-        if self.glitches_ms:
-            late: dict[str, list[int]] = {}
-            for instant, ms in sorted(self.glitches_ms.items()):
-                late.setdefault(_later(ms, self.period_ms), []).append(instant)
-            places = "; ".join(f"{size} at {_named(instants)}" for size, instants in late.items())
-            some = f"{len(self.glitches_ms)} of {self.examined} instants"
-            yield f"{camera} differs from {than} at {some}: {places}"
-        if self.repeated:
-            images = count(len(self.repeated), "image")
-            yield f"{camera} repeats {images}, at {_named(self.repeated)}: the same bytes as the image before"
-        if self.stalled:
-            yield (
-                f"{camera}'s images at {_named(self.stalled)} show the moment of the image before: "
-                "frames were repeated, or one of each two is a frame off"
-            )
-        if len(self.unvoted) > MAX_UNVOTED * self.examined:
-            yield (
-                f"{len(self.unvoted)} of {self.examined} instants do not show {camera}'s offset: "
-                f"too little moves across the epipolar lines at {_named(self.unvoted)}"
-            )
+        by_size: dict[str, list[int]] = {}
+        for instant, ms in sorted(self.glitches_ms.items()):
+            by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
+        view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
+        for kind in ("glitches", "repeated", "stalled", "unvoted"):
+            if text := render_sentences("single_images.txt", __package__, kind=kind, **view):
+                yield text
 
 
 def _later(ms: float, period_ms: float) -> str:
@@ -72,12 +56,6 @@ def _later(ms: float, period_ms: float) -> str:
     if frames and abs(ms / period_ms - frames) < WHOLE_FRAMES:
         return f"{count(abs(frames), 'frame')} {side}"
     return f"{abs(ms):.0f} ms {side}"
-
-
-def _named(instants: Collection[int]) -> str:
-    more = len(instants) - MAX_NAMED
-    named = ", ".join(str(k) for k, _ in zip(sorted(instants), range(MAX_NAMED), strict=False))
-    return f"{named} and {more} more" if more > 0 else named
 
 
 def repeated_images(dataset: Dataset, camera: str) -> tuple[int, ...]:

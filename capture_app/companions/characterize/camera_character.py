@@ -295,7 +295,7 @@ async def characterize(
     *,
     seconds: float,
     starts: int,
-    moves: int,
+    moves: int = MOVES,
     keep: bool,
     talk: Talk,
     clock: NodeClock | None = None,

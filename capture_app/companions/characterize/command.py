@@ -30,17 +30,10 @@ if TYPE_CHECKING:
     help="Number of stream restarts. A camera that nodes cannot restart is closed and opened.",
 )
 @click.option(
-    "--moves",
-    type=click.IntRange(0, 20),
-    default=20,
-    metavar="N",
-    help="Number of phase moves by longer frames, if the camera supports them. Rows need at least 6.",
-)
-@click.option(
     "--save/--no-save", default=True, help="Save the results in this user's profiles, for nodes to use."
 )
 @json_option
-def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool, as_json: bool) -> None:
+def characterize(spec: str, seconds: float, starts: int, save: bool, as_json: bool) -> None:
     """Measure the camera SPEC in about a minute; no node may use it meanwhile.
 
     Reports the camera's modes, the resolution and jitter of its timestamps, and its start latency. If frames
@@ -50,7 +43,7 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     """
     from capture_app.companions.characterize.camera_character import characterize as measure
 
-    character = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
+    character = asyncio.run(measure(spec, seconds=seconds, starts=starts, keep=save, talk=talk))
     saved = ["saved in this user's profiles; nodes use them from now on"]
     answer(as_json, character, [table((spec, ""), _rows(character)), *saved[: character.saved]])
 

@@ -12,13 +12,17 @@ from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import count
-from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
+from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from capture_app.companions.link.link_measurement import LinkTrial
+
+EVERYWHERE = Address("0.0.0.0", DEFAULT_PORT)  # noqa: S104 - nodes are other machines
+MESSAGES, SEED = 300, 1
+"""Messages of a trial: the clock counts as synchronized from 300 on; seed of the intervals between them."""
 
 
 @click.command(
@@ -29,35 +33,21 @@ if TYPE_CHECKING:
         "capture-app link --connect 192.168.1.20 --plot figures",
     ),
 )
-@click.option("--serve", is_flag=True, help="Run the leader's end, until Ctrl-C.")
 @click.option(
-    "--host",
-    default="0.0.0.0",  # noqa: S104
-    help="With --serve: address to listen on.",
+    "--serve",
+    type=ADDRESS,
+    is_flag=False,
+    flag_value=EVERYWHERE,
+    metavar="[HOST:PORT]",
+    help=f"Run the leader's end, until Ctrl-C; by default at {EVERYWHERE}.",
 )
-@click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, help="With --serve: UDP port.")
 @click.option("--connect", type=ADDRESS, metavar="HOST:PORT", help="Run the client's end, and measure.")
-@click.option(
-    "--messages",
-    type=click.IntRange(300, 1_000_000),
-    default=300,
-    help="Messages per trial; the clock counts as synchronized from 300 on.",
-)
-@click.option(
-    "--interval-ms",
-    type=FiniteRange(0.2, 10_000.0),
-    metavar="MS",
-    show_default="the engine's schedule: 3, 6, 12, then 25 ms",
-    help="With --connect: time between messages.",
-)
 @click.option(
     "--true-offset-ns",
     type=int,
     default=0,
     help="True difference of the clocks, leader minus this host; 0 on one machine.",
 )
-@click.option("--clock", default="host", help="Clock of this end, as for `capture-app node`.")
-@click.option("--emulated", is_flag=True, help="Record in the result that the link is emulated.")
 @click.option(
     "--trials",
     type=click.IntRange(1, 1_000_000),
@@ -65,27 +55,13 @@ if TYPE_CHECKING:
     default=10,
     help="Number of trials.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**63 - 1),
-    metavar="N",
-    default=1,
-    help="Seed of the random numbers.",
-)
 @click.option("--plot", type=FOLDER, metavar="DIR", help="Draw figures into this folder (needs matplotlib).")
 @json_option
 def link(
-    serve: bool,
-    host: str,
-    port: int,
+    serve: Address | None,
     connect: Address | None,
-    messages: int,
-    interval_ms: float | None,
     true_offset_ns: int,
-    clock: str,
-    emulated: bool,
     trials: int,
-    seed: int,
     plot: Path | None,
     as_json: bool,
 ) -> None:
@@ -95,31 +71,28 @@ def link(
 
     The errors are true only if --true-offset-ns is right, as between network namespaces of one machine.
     """
-    from capture_app.common.clock import parse_clock
+    from capture_app.common.clock import HostClock
     from capture_app.companions.link import link_measurement as measuring
 
-    if serve is (connect is not None):
+    if (serve is None) is (connect is None):
         raise click.UsageError("give either --serve or --connect HOST:PORT")
-    if connect is None:
-        talk(f"listening on {Address(host, port)}")
-        run_until_stopped(measuring.serve(host, port))
+    if serve is not None:
+        talk(f"listening on {serve}")
+        run_until_stopped(measuring.serve(serve.host, serve.port))
         return
+    assert connect is not None
     if plot is not None:
         require_plots(plot)
-    own_clock, done = parse_clock(clock, node="link"), list[measuring.LinkTrial]()
+    clock, done = HostClock(), list[measuring.LinkTrial]()
 
     async def measure(leader: Address) -> None:
-        poll_interval_ns = None if interval_ms is None else round(interval_ms * 1e6)
-        async for reached in measuring.measure(
-            leader, own_clock, messages=messages, poll_interval_ns=poll_interval_ns, trials=trials, seed=seed
-        ):
-            done.append(measuring.judge(reached, own_clock, true_offset_ns))
-            if len(done) % 10 == 0 or messages > 1000:
+        async for reached in measuring.measure(leader, clock, messages=MESSAGES, trials=trials, seed=SEED):
+            done.append(measuring.judge(reached, clock, true_offset_ns))
+            if len(done) % 10 == 0:
                 talk(f"{len(done)} of {trials}: {done[-1].error_us:+.1f} us")
 
     asyncio.run(measure(connect))
-    kind: measuring.Kind = "emulated link" if emulated else "real"
-    figures = measuring.sum_up(done, kind=kind, messages=messages, seed=seed)
+    figures = measuring.sum_up(done, kind="real", messages=MESSAGES, seed=SEED)
     answer(as_json, figures, _lines(figures))
     if plot is not None:
         talk(f"drew {_draw(done, plot / 'link.png')}")

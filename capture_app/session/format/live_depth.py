@@ -11,6 +11,8 @@ from msgspec import Struct
 
 from capture_app.common.camera_facts import CameraFacts
 
+WIDTH_PX = 320
+"""Width of the previews and of their depth."""
 LENGTH = struct.Struct(">I")
 
 

@@ -1,8 +1,5 @@
-"""Camera poses of single instants: the check and its options."""
+"""Camera poses of single instants: the check."""
 
-from typing import Annotated
-
-from reconstruction.common.options import flag
 from reconstruction.method.interface import Check
 
 
@@ -11,12 +8,3 @@ class PoseEstimation(Check, frozen=True, kw_only=True):
 
     name = "poses"
     study = f"{__package__}.pose_study:PoseStudy"
-
-    poses: Annotated[
-        bool | None,
-        flag(
-            "--poses/--no-poses",
-            show_default="if much of the picture moves",
-            help="Also estimate the camera poses from single instants.",
-        ),
-    ] = None

@@ -16,13 +16,10 @@ from reconstruction.common import wording
 from reconstruction.common.colmap import load_pycolmap
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import EACH_DELAYED, percent
-from reconstruction.method.score import UNASKED, Score
+from reconstruction.method.score import Score
 from reconstruction.method.study_result import StudyResult
 from reconstruction.method.tally import Measurements, Tally
 from reconstruction.method.words import read_words
-from reconstruction.pages.charts import Axes
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.dataset import Dataset
 from reconstruction.scene.instant_choice import complete_instants, relative_offsets_ms
@@ -34,7 +31,6 @@ LARGE_MOVING_FRACTION = 0.2
 MAX_INSTANTS = 5
 IMAGES = "images"
 DATABASE = "database.db"
-POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 Pose = tuple[Array, Array]
 """Rotation 3x3 and translation (3,), camera from world."""
 ImageKey = tuple[str, int]
@@ -162,29 +158,6 @@ class PoseFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Source of the reference poses."""
 
 
-def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[str, object]:
-    """Draw two bars per instant: the fraction of correctly placed camera pairs in each condition.
-
-    Each of the `bars` has its condition, x, y and height.
-    """
-    axes = POSE_AXES
-    step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
-    width = round(min(28.0, step * 0.36), 1)
-    ticks, bars, labels = [], [], []
-    for place, row in enumerate(poses.per_instant):
-        middle = axes.left + step * (place + 0.5)
-        shares = {tone: row.get(f"{tone}_correct_pairs") or 0.0 for tone in heads}
-        words = (f"{heads[tone].lower()} {wording.percentage(n, decimals=0)}" for tone, n in shares.items())
-        for (tone, share), left in zip(shares.items(), (-1.0, 0.0), strict=True):
-            # A fraction of 0 still gets a visible bar.
-            top = min(axes.y(share), axes.y(0) - 2)
-            bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
-        ticks.append((round(middle, 1), f"{row['instant']}"))
-        labels.append(f"instant {row['instant']}: {', '.join(words)}")
-    label = f"Share of camera pairs placed correctly; {'; '.join(labels)}"
-    return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}
-
-
 class PoseStudy(Score):
     """Camera poses of single instants, compared with the calibration."""
 
@@ -200,47 +173,20 @@ class PoseStudy(Score):
         tolerance = wording.measured(found.facts.tolerance_deg, wording.DEGREES)
         return super().placeholders(found) | {"tolerance": tolerance}
 
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[PoseFacts]) -> str:
-        """Return how delays degrade the poses; empty if the still scene fixes them in both conditions."""
-        before, after = found.value("rotation_deg"), found.value("rotation_deg", "offset")
-        if before is None or not found.facts.degraded:
-            return ""
-        wrong = "no camera can be placed"
-        if after is not None and before > 0.5 * after:
-            right = percent(found.value("correct_pairs", "offset") or 0.0)
-            wrong = f"only {right} of the pairs are placed correctly"
-        elif after is not None:
-            wrong = f"these angles are wrong by {after:.0f} degrees"
-        together = result.together(found.cameras)
-        pictures = "pictures of one instant" if together else "the pictures as recorded"
-        return (
-            f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
-            f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
-        )
-
-    @classmethod
-    def view(cls, found: StudyResult[PoseFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return the chart of every instant's pairs; see `Score.view`."""
-        return {"chart": pose_chart(found, heads)}
-
     reason = ""
     """Why poses are estimated."""
 
-    @property
-    def steps(self) -> int:
-        """Number of progress lines: one for the whole study."""
-        return 0 if self.options.poses is False else 1
+    steps = 1
 
     def unasked(self) -> str:
         """Return why poses are not estimated; empty if requested or if much of the image moves."""
-        asked = self.options.poses
+        asked = self.text.name in self.context.studies
         moves = f"{wording.percentage(self.known.moving_share, decimals=0)} of the picture moves"
         self.reason = "asked for" if asked else moves
-        if asked is None and self.known.moving_share < LARGE_MOVING_FRACTION:
+        if not asked and self.known.moving_share < LARGE_MOVING_FRACTION:
             rejected = "which pose estimation rejects as outliers, in late pictures too"
-            return f"{moves}, {rejected} (--poses measures it anyway)"
-        return UNASKED if asked is False else ""
+            return f"{moves}, {rejected} (--study poses measures it anyway)"
+        return ""
 
     def prepare(self) -> None:
         """Reject cameras whose poses cannot be compared.

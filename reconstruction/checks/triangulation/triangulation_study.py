@@ -10,7 +10,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from reconstruction.common.colmap import load_pycolmap
+from reconstruction.common.colmap import build_model, load_pycolmap
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls
@@ -91,30 +91,15 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
 
     Feature positions are undistorted one by one: COLMAP rejects some strong distortions that OpenCV allows.
     """
-    model = colmap.Reconstruction()
+    places = {name: views[name].undistort(features.positions) for name, features in found.items()}
+    model = build_model(colmap, {name: views[name] for name in found}, places, corner=0.5)
     database = colmap.Database.open(path)
     for number, (name, features) in enumerate(found.items(), 1):
-        view = views[name]
-        m = view.matrix
-        # COLMAP's first pixel has its centre at (0.5, 0.5).
-        camera = colmap.Camera(
-            model="PINHOLE",
-            width=view.width,
-            height=view.height,
-            params=[m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5],
-            camera_id=number,
-            has_prior_focal_length=True,
-        )
-        database.write_camera(camera, use_camera_id=True)
-        model.add_camera_with_trivial_rig(camera)
+        database.write_camera(model.camera(number), use_camera_id=True)
         database.write_rig(model.rig(number), use_rig_id=True)
-        places = view.undistort(features.positions) + 0.5
-        image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
-        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
-        model.add_image_with_trivial_frame(image, pose)
         database.write_frame(model.frame(number), use_frame_id=True)
         database.write_image(model.image(number), use_image_id=True)
-        database.write_keypoints(number, places.astype(np.float32))
+        database.write_keypoints(number, (places[name] + 0.5).astype(np.float32))
         # As in COLMAP's SIFT: 512 times the root of the L1-normalized values.
         shares = features.descriptors / np.maximum(features.descriptors.sum(1, keepdims=True), 1e-7)
         roots = np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8)

@@ -18,7 +18,7 @@ import numpy as np
 
 from capture_app.common.errors import NotAvailableError, SimulshotError
 from capture_app.session.exporting.point_cloud import read_ply
-from reconstruction.common.colmap import load_pycolmap
+from reconstruction.common.colmap import build_model, load_pycolmap
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import foreign_calls
@@ -124,36 +124,18 @@ def _scatter_points(views: Mapping[str, View], depth_range: tuple[float, float])
 
 def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> Any:
     """Build the sparse model; every view whose image contains a point sees it."""
-    model = pycolmap.Reconstruction()
-    seen: list[list[tuple[int, int]]] = [[] for _ in points]
+    seen: list[dict[int, int]] = [{} for _ in points]
+    pixels = {}
     for number, (name, view) in enumerate(views.items(), 1):
-        matrix = view.matrix
-        camera = pycolmap.Camera(
-            model="PINHOLE",
-            width=view.width,
-            height=view.height,
-            # Elsewhere COLMAP's first pixel has its centre at (0.5, 0.5). Its dense part uses a pixel's
-            # column and row as coordinates, and would with that offset fuse points half a pixel off.
-            params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
-            camera_id=number,
-        )
-        model.add_camera_with_trivial_rig(camera)
         in_view = points @ view.rotation.T + view.translation
         pixel = view.undistorted.project(in_view)
         inside = (in_view[:, 2] > 0) & ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
         for place, index in enumerate(np.flatnonzero(inside)):
-            seen[index].append((number, place))
-        image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number, keypoints=pixel[inside])
-        model.add_image_with_trivial_frame(
-            image, pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
-        )
-    for point, elements in zip(points, seen, strict=True):
-        if len(elements) >= 2:
-            track = pycolmap.Track()
-            for image_id, place in elements:
-                track.add_element(image_id, place)
-            model.add_point3D(point, track, np.full(3, 128, np.uint8))
-    return model
+            seen[index][number] = place
+        pixels[f"{name}.png"] = pixel[inside]
+    files = {f"{name}.png": view for name, view in views.items()}
+    shared = (pair for pair in zip(points, seen, strict=True) if len(pair[1]) >= 2)
+    return build_model(pycolmap, files, pixels, shared)
 
 
 def read_maps(workspace: Path, cameras: Iterable[str]) -> dict[str, ViewDepth]:

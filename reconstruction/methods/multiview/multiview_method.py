@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
-from capture_app.common.text import count
 from reconstruction.methods.multiview.multiview_options import MultiviewOptions
 from reconstruction.scene.conditions import Condition
 
@@ -16,9 +15,6 @@ if TYPE_CHECKING:
     from reconstruction.methods.multiview.instant_maps import InstantMaps
     from reconstruction.methods.multiview.result import MultiviewResult
     from reconstruction.scene.scene import Scene
-
-FEW_PIXELS = 0.1
-"""Fraction of the pixels below which the result is doubtful."""
 
 
 class Multiview(MultiviewOptions, frozen=True, kw_only=True):
@@ -119,29 +115,3 @@ class Multiview(MultiviewOptions, frozen=True, kw_only=True):
         for moment in result.instants:
             if moment.reason:
                 yield f"instant {moment.instant} has no cloud: {moment.reason}"
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the number of maps or clouds, and their accuracy; see `Method.lines`."""
-        yield from self._instant_lines(result) if self.instants is None else _sequence_lines(result)
-        yield from super().lines(result, out)
-
-    def _instant_lines(self, result: Any) -> Iterator[str]:
-        measured = result.moving_measured
-        moving = "" if measured is None else f"; {100 * measured:.0f} % of moving pixels have depth"
-        maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
-        yield f"{maps} in {result.seconds:.1f} s{moving}"
-        yield result.basis
-        if result.coverage < FEW_PIXELS:
-            yield (
-                f"warning: only {100 * result.coverage:.0f} % of {result.reference}'s pixels have a depth: "
-                "the cameras hardly see the same, or this is another rig's calibration"
-            )
-        if (right := result.within_2pct) is not None:
-            yield f"{result.reference}: {100 * right:.1f} % of its pixels within 2 % of the true depth"
-
-
-def _sequence_lines(result: Any) -> Iterator[str]:
-    reused = f", {result.kept} of them reused" if result.kept else ""
-    yield f"{count(result.clouds, 'cloud')}{reused} in {result.seconds:.1f} s"
-    if result.mover_f_score_1cm is not None:
-        yield f"moving objects: F-score {result.mover_f_score_1cm:.2f} at 1 cm, median of the instants"

@@ -20,8 +20,6 @@ from reconstruction.common.matchers import Matcher
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import EACH_DELAYED, depth_sentence
 from reconstruction.method.score import UNASKED, Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Tally
@@ -120,17 +118,6 @@ class MultiviewStudy(Score):
             else "our own plane sweep, not by COLMAP",
             "width": f"{facts.width_px}",
         }
-
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
-        """Return the sentence on depth; see `Score.verdict`."""
-        cameras = f"all {len(found.cameras)} cameras"
-        when = (
-            f"{cameras} show the same instant"
-            if result.together(found.cameras)
-            else f"the pictures of {cameras} are paired as recorded"
-        )
-        return depth_sentence(found, when, EACH_DELAYED, "several cameras agree on")
 
     @classmethod
     def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import structs
 
 from capture_app.common.errors import NotApplicableError
-from reconstruction.common.colmap import load_pycolmap
+from reconstruction.common.colmap import build_model, load_pycolmap
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls
 from reconstruction.scene.calibration.consistency import (
@@ -71,9 +71,9 @@ def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) ->
             hint="leave out --refine, or calibrate with a board",
         )
     with foreign_calls("pycolmap", "refining a calibration"):
-        model, numbers = _model(pycolmap, views, tracks)
+        model, numbers = _model(pycolmap, views, tracks), range(1, 1 + len(views))
         config = pycolmap.BundleAdjustmentConfig()
-        for number in numbers.values():
+        for number in numbers:
             config.add_image(number)
             config.set_constant_cam_intrinsics(number)
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
@@ -81,7 +81,7 @@ def refine_views(views: Mapping[str, View], features: Mapping[str, Features]) ->
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
         options.ceres.loss_function_scale = LOSS_PX
         pycolmap.create_default_ceres_bundle_adjuster(options, config, model).solve()
-        poses = {name: model.images[number].cam_from_world().matrix() for name, number in numbers.items()}
+        poses = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
     refined = {
         name: replace(view, rotation=poses[name][:, :3], translation=poses[name][:, 3])
         for name, view in views.items()
@@ -101,40 +101,16 @@ def _point(views: Mapping[str, View], track: Track) -> Array:
     return np.asarray(points[0])
 
 
-def _model(pycolmap: Any, views: Mapping[str, View], tracks: list[Track]) -> tuple[Any, dict[str, int]]:
-    """Return COLMAP's model of undistorted cameras and points, and each camera's number in it."""
-    model, numbers = pycolmap.Reconstruction(), {name: number for number, name in enumerate(views, 1)}
-    seen: dict[str, list[Array]] = {name: [] for name in views}
+def _model(pycolmap: Any, views: Mapping[str, View], tracks: list[Track]) -> Any:
+    """Return COLMAP's model of undistorted cameras and points."""
+    pixels: dict[str, list[Array]] = {name: [] for name in views}
+    points = []
     for track in tracks:
+        points.append((_point(views, track), {1 + [*views].index(n): len(pixels[n]) for n in track}))
         for name, at in track.items():
-            seen[name].append(at)
-    for name, view in views.items():
-        middle = np.array([view.width, view.height]) / 2
-        camera = pycolmap.Camera(
-            camera_id=numbers[name],
-            model="SIMPLE_PINHOLE",
-            width=view.width,
-            height=view.height,
-            params=[view.focal, *middle],
-        )
-        rays = view.rays(np.array(seen[name]))
-        image = pycolmap.Image(
-            name=name,
-            keypoints=rays[:, :2] / rays[:, 2:] * view.focal + middle,
-            camera_id=numbers[name],
-            image_id=numbers[name],
-        )
-        model.add_camera_with_trivial_rig(camera)
-        pose = pycolmap.Rigid3d(np.column_stack([view.rotation, view.translation]))
-        model.add_image_with_trivial_frame(image, pose)
-    places = dict.fromkeys(views, 0)
-    for track in tracks:
-        elements = pycolmap.Track()
-        for name in track:
-            elements.add_element(numbers[name], places[name])
-            places[name] += 1
-        model.add_point3D(_point(views, track), elements, np.zeros(3, np.uint8))
-    return model, numbers
+            pixels[name].append(at)
+    keypoints = {name: view.undistort(np.array(pixels[name])) for name, view in views.items()}
+    return build_model(pycolmap, views, keypoints, points)
 
 
 def _in_place(views: Mapping[str, View], before: Mapping[str, View]) -> dict[str, View]:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import count
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.options import Pair, command_flag, flag
 from reconstruction.method.interface import Method
@@ -13,7 +12,6 @@ from reconstruction.scene.conditions import SYNCHRONIZED, Condition
 
 if TYPE_CHECKING:
     from capture_app.session.files.output_folder import OutputFolder
-    from reconstruction.methods.panorama.overlap import Misalignment
     from reconstruction.methods.panorama.panorama_run import PanoramaResult, RegisteredInstant
     from reconstruction.scene.scene import Scene
 
@@ -93,28 +91,3 @@ class Panorama(Method, frozen=True, kw_only=True):
     def notes(self, result: Any) -> Iterator[str]:
         """Yield nothing: the lines name what was left out."""
         yield from ()
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the size, the images left out, and the residuals; see `Method.lines`."""
-        made = result.synced
-        conditions = [("", made)]
-        if result.offset is not None:
-            late = f", {result.actual_offset_ms:.0f} ms late"
-            conditions = [(", synchronized", made), (late, result.offset)]
-        yield f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels"
-        yield from (f"left out: {name}: {why}" for name, why in result.left_out.items())
-        for which, one in conditions:
-            if one.misfit.median_px is not None:
-                text = _misalignment_text(one.misfit, one.mover_misfit)
-                yield f"residual where images overlap{which}: {text}"
-        yield f"picture: {out / made.panorama}"
-
-
-def _misalignment_text(misfit: "Misalignment", moving: "Misalignment | None") -> str:
-    text = f"{misfit.median_px:.1f} px at {misfit.points} points (95 % within {misfit.p95_px:.1f})"
-    if moving is None or not moving.points + moving.lost:
-        return text
-    if moving.median_px is None:
-        return f"{text}; moving objects lost at all {moving.lost} points"
-    text += f"; moving objects {moving.median_px:.1f} px at {moving.points} points"
-    return text + (f", lost at {moving.lost}" if moving.lost else "")

@@ -1,20 +1,16 @@
 """Panorama of two cameras: registered once, then measured in both conditions."""
 
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
-from reconstruction.common import wording
 from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
 from reconstruction.common.geometry import Array
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import CLEAR_FRACTION, late_text, percent
 from reconstruction.method.score import Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import Measurements, Tally
-from reconstruction.method.words import Claim, read_words
+from reconstruction.method.words import read_words
 from reconstruction.methods.panorama.composition import Layer, average_layers
 from reconstruction.methods.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.methods.panorama.panorama_method import Panorama
@@ -28,9 +24,6 @@ STILL_MARGIN_PX = 12
 """Margin within which a point's window overlaps a moving object."""
 MIN_POINTS, MIN_PIXELS = 5, 50
 """Minimum number of points and of pixels for a measure."""
-MEASURES = ("mover_misfit_px", "mover_found")
-"""Measures in order of preference: residual of moving objects, else the fraction found again."""
-CLEAR_RATIO = 1.5
 
 
 class PanoramaStudy(Score):
@@ -41,38 +34,6 @@ class PanoramaStudy(Score):
 
     text = read_words(__package__)
     Options = Panorama
-
-    @classmethod
-    def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the panorama's main result; see `Score.claim`."""
-        if (known := found.first_known(*MEASURES)) is None:
-            return None
-        if known[0] == "mover_found":
-            return Claim(known[1:], "of moving things in both pictures where these overlap in the panorama")
-        return Claim(
-            known[1:],
-            "of misfit of moving things where the pictures of the panorama overlap",
-            wording.PIXELS,
-        )
-
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the panorama; see `Score.verdict`."""
-        when = "at the same instant" if result.together(found.cameras) else "as recorded"
-        late = late_text(result)
-        error = found.first_known(MEASURES[0])
-        if error is not None and error[2] >= max(CLEAR_RATIO * error[1], error[1] + 1.0):
-            return (
-                f"In the panorama, what moves fits together to within {error[1]:.1f} pixels {when}, "
-                f"and is off by {error[2]:.0f} with one picture {late}."
-            )
-        again = found.first_known(MEASURES[1])
-        if again is None or again[1] - again[2] < CLEAR_FRACTION:
-            return ""
-        return (
-            f"Where the pictures of the panorama overlap, {percent(again[1])} of what moves is in both "
-            f"{when}, and {percent(again[2])} with one picture {late}."
-        )
 
     def prepare(self) -> None:
         """Choose the pair, and register its images of the same instant.

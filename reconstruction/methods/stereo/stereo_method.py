@@ -1,7 +1,6 @@
 """Depth from one pair of cameras: the method, its options and its words."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from capture_app.common.errors import BadInputError
@@ -68,17 +67,3 @@ class Stereo(Method, frozen=True, kw_only=True):
         yield from super().notes(result)
         if result.pairs_left_out:
             yield f"left out: {describe_left_out(result.pairs_left_out)}"
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the range of the depth, and its accuracy as far as that is known; see `Method.lines`."""
-        from reconstruction.scene.calibration.consistency import describe_turn
-
-        yield (
-            f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
-            f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
-        )
-        if result.turn_error is not None:
-            yield describe_turn(result.turn_error)
-        if result.within_2pct is not None:
-            yield f"within 2 % of the truth: {100 * result.within_2pct:.1f} %"
-        yield f"depth: {out / result.depth}, picture: {out / result.picture}"

@@ -23,7 +23,7 @@ from reconstruction.methods.stereo.stereo_pair import (
     StereoPair,
     find_disparity_range,
 )
-from reconstruction.scene.calibration.consistency import turn_error
+from reconstruction.scene.calibration.consistency import describe_turn, turn_error
 from reconstruction.scene.conditions import Condition, evenly_spaced
 from reconstruction.scene.instant_choice import instants_shown
 from reconstruction.scene.pairs import PairChoice
@@ -79,6 +79,11 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     """Relative error of the median depth by a turn that two cameras do not show."""
     pairs_left_out: dict[str, str] = msgspec.field(default_factory=dict)
     """Reasons why pairs cannot make depth, by the two names separated by a comma."""
+
+    @property
+    def turn(self) -> str:
+        """What `turn_error` means, in words; empty if it is unknown."""
+        return "" if self.turn_error is None else describe_turn(self.turn_error)
 
 
 class MadeStereo(Made[StereoDepth]):

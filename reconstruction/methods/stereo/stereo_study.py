@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
-from reconstruction.common import wording
 from reconstruction.common.drawing import (
     EMPTY,
     box_around,
@@ -22,12 +20,9 @@ from reconstruction.common.drawing import (
 )
 from reconstruction.common.geometry import Array
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.method.comparison_results import CompareResult
-from reconstruction.method.phrases import CLEAR_FRACTION, DEPTH_MEASURES, depth_sentence, late_text, percent
 from reconstruction.method.score import Context, Score
 from reconstruction.method.study_result import Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally, measure_depth
-from reconstruction.method.timing import found_shares
 from reconstruction.method.truth import (
     TOLERANCE_TEXT,
     median_still_depth,
@@ -36,7 +31,7 @@ from reconstruction.method.truth import (
     still_pixels,
     true_depth_in_unit,
 )
-from reconstruction.method.words import Claim, read_words
+from reconstruction.method.words import read_words
 from reconstruction.methods.stereo.stereo_method import Stereo
 from reconstruction.methods.stereo.stereo_pair import (
     DepthMap,
@@ -45,9 +40,6 @@ from reconstruction.methods.stereo.stereo_pair import (
 )
 from reconstruction.methods.stereo.stereo_run import prepare_pair
 from reconstruction.scene.conditions import SYNCHRONIZED, Condition
-
-FALLEN_CONTROL = 0.1
-"""Lost fraction of still pixels from which timing is not the only cause."""
 
 
 @dataclass(frozen=True)
@@ -105,76 +97,6 @@ class StereoStudy(Score):
     text = read_words(__package__)
     Options = Stereo
     measures_delay = True
-
-    @classmethod
-    def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return the main result on moving objects; see `Score.claim`."""
-        if (known := found.first_known(*DEPTH_MEASURES)) is None:
-            return None
-        if known[0] == DEPTH_MEASURES[0]:
-            return Claim(known[1:], "of the moving surface measured correctly")
-        return Claim(
-            known[1:],
-            "of the moving surface given a distance",
-            note="The true distances are not known here, so this counts pixels where both pictures agree.",
-        )
-
-    @classmethod
-    def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """Return the sentence on the images as recorded; see `Score.as_recorded`."""
-        moving, still = found_shares(found)
-        if moving is None or still is None:
-            return ""
-        what = "a distance is" if found.value("mover_within_2pct") is None else "the right distance is"
-        return (
-            f"In the pictures as they were recorded, {what} found for {percent(moving)} of what moves and "
-            f"for {percent(still)} of what stands still."
-        )
-
-    @classmethod
-    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on depth, with the still control unless the cameras moved."""
-        recorded = (
-            "both pictures show the same instant"
-            if result.together(found.cameras)
-            else "the pictures are paired as recorded"
-        )
-        first = depth_sentence(found, recorded, f"one picture {late_text(result)}", "both pictures agree on")
-        still = found.first_known("static_coverage")
-        if not first or still is None:
-            return first
-        lost, more = still[1] - still[2], ""
-        if lost > FALLEN_CONTROL:
-            more = (
-                f" What stands still is found less often too ({percent(still[1])} and {percent(still[2])}): "
-                "timing is not all that differs."
-            )
-            more += "" if result.cameras_moved else " Did the cameras move, or the light change?"
-        elif not result.cameras_moved and abs(lost) <= 0.02:
-            more = (
-                " What stands still is found equally well both times, so timing alone makes the difference."
-            )
-        return first + more
-
-    @classmethod
-    def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return the sentence on the still control; see `Score.control_sentence`."""
-        if result.cameras_moved:
-            return "The cameras moved while they recorded, so nothing in the pictures is a control."
-        if (still := found.first_known("static_within_2pct", "static_coverage")) is None:
-            return ""
-        values = f"({wording.percentage(still[1])} and {wording.percentage(still[2])})"
-        if abs(still[1] - still[2]) >= 0.02:
-            return (
-                f"Things at rest are the control, and here they differ too {values}: not all of the "
-                "difference comes from timing."
-            )
-        equal = f"Things at rest are the control: they are measured equally well in both {values}"
-        moving = found.first_known(*DEPTH_MEASURES)
-        clear = moving is not None and moving[1] - moving[2] >= CLEAR_FRACTION
-        return (
-            f"{equal}, so the difference on moving things comes from timing alone." if clear else f"{equal}."
-        )
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)

@@ -1,10 +1,8 @@
 """The path of a moving object: the method, its options and its words."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from capture_app.common.text import count
 from reconstruction.common.options import command_flag
 from reconstruction.method.interface import Method
 from reconstruction.scene.conditions import Condition
@@ -47,13 +45,3 @@ class TrajectoryMethod(Method, frozen=True, kw_only=True):
         from reconstruction.methods.trajectory.trajectory_run import follow
 
         return follow(scene, self.instants, output.folder, self.progress)
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield how often and how well the object was seen; see `Method.lines`."""
-        rate = (len(result.points) - 1) / result.seconds_followed
-        yield (
-            f"{count(result.frames, 'frame')} of {count(len(result.cameras), 'camera')},"
-            f" {count(len(result.points), 'moment')} in {result.seconds_followed:.2f} s ({rate:.0f} a second)"
-        )
-        yield f"reprojection error {result.rms_px:.2f} px (RMS); {result.outliers} outliers left out"
-        yield from super().lines(result, out)

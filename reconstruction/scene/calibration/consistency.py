@@ -16,6 +16,7 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.lens import triangulate_rays
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
+from reconstruction.common.templates import render_sentences
 from reconstruction.scene.pairs import (
     CELLS,
     MIN_MATCHES,
@@ -68,9 +69,6 @@ INACCURATE_PX, UNMEASURED_PX = 0.5, 2.0
 """Misfit of points at rest from which depth is inaccurate, and from which it is not called measured."""
 TURN_PX = 0.5
 """Turn for which the error of two cameras' depth is said, px."""
-RIGHT_SHARES = {0.3: "81 to 84 %", 0.6: "63 to 80 %", 1.2: "38 to 66 %", 2.0: "16 to 34 %"}
-"""Pixels within 2 % of the true depth by misfit (px, up to): the sample session jumper with poses turned and
-moved at random, matched 320 px wide."""
 TYPICAL_WIDTH = 640
 """Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
 MAX_SUSPECTS = 12
@@ -117,19 +115,16 @@ def describe_misfit(
 
     `expected`: fraction of the pixels that are probably right; None = unknown, then of a simulated rig.
     """
-    if error_px is None:
-        return "the calibration could not be checked: the cameras share too few points at rest"
-    share = next((text for limit, text in RIGHT_SHARES.items() if error_px < limit), "hardly any")
-    fits = f"points at rest fit within {error_px:.2f} px ({points:,} matches)"
-    right = f"at such a misfit, {share} of a simulated rig's pixels were within 2 % of the true depth"
-    if expected is not None:
-        right = f"{100 * expected:.0f} % of the pixels are expected within 2 % of the true depth"
-    if error_px < INACCURATE_PX:
-        return f"{fits}; {right}"
-    if expected is not None:
-        right += ", in the mean of rigs with such a misfit: points do not show all that depth suffers from"
-    verdict = "this depth is inaccurate" if error_px < UNMEASURED_PX else "this depth is not a measurement"
-    return f"warning: {verdict}: {fits}; {right}; {remedy}"
+    return render_sentences(
+        "misfit.txt",
+        "reconstruction.scene",
+        error_px=error_px,
+        points=points,
+        remedy=remedy,
+        expected=expected,
+        inaccurate_px=INACCURATE_PX,
+        unmeasured_px=UNMEASURED_PX,
+    )
 
 
 def turn_error(first: View, second: View, depth: Array) -> float | None:

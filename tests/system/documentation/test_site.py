@@ -15,7 +15,7 @@ def test_the_site_is_built_strictly() -> None:
     for page in (ROOT / "docs").glob("*.md"):
         assert (site / "docs" / page.stem / "index.html").is_file()
     commands = (site / "docs/commands/index.html").read_text()
-    assert "--or-free-port" not in commands, "it is hidden"
+    assert "--until-unused" not in commands, "it is hidden"
     for name in ("capture-app burst", "sessions import", "--tolerance-us", "reconstruct tolerance"):
         assert name in commands
     reference = (site / "docs/python-reference/index.html").read_text()

@@ -73,7 +73,7 @@ def test_from_the_printed_board_to_a_comparison(
     sessions = [
         take(tmp_path, f"jump-{k}", "studio", frames=4, spacing=2, at_s=12.0 + 3 * k) for k in range(3)
     ]
-    options = "--max-multiview-instants", 0, "--no-poses", "--max-instants", 2, "--out", tmp_path / "out"
+    options = "--max-multiview-instants", 0, "--max-instants", 2, "--out", tmp_path / "out"
     compared, said = reconstruct("compare", sessions[-1], *options)
     assert "kept from board of 2026-11-20" in str(compared["calibration"])
     assert "no camera has moved" in said

@@ -85,7 +85,7 @@ async def test_a_count_of_the_board_goes_on_when_the_leader_is_back(start: Start
     while (await watching.next_json()).get("text") != "cam00 joined":
         pass
 
-    counting = await start("coverage", "--leader", address, "--width", "640", "--json")
+    counting = await start("coverage", "--leader", address, "--json")
     assert (await counting.next_json())["cameras"]["cam00"]["views"] == 0
     await leader.kill()
     await counting.says("the count so far is kept")

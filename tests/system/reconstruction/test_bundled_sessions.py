@@ -70,7 +70,7 @@ def test_tolerance(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    small = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160, "--no-poses")
+    small = ("--max-instants", 1, "--max-multiview-instants", 1, "--multiview-width", 160)
     result = found(capsys, "compare", "crossing", *small, "--out", tmp_path / "compare")
     stereo = study(result, "stereo")
     assert values(stereo)["mover_coverage"] > 0.9

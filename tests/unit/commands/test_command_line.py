@@ -102,7 +102,7 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
     [
         (("statsu",), "status"),
         (("sessions", "verfy"), "verify"),
-        (("link", "--mesages"), "--messages"),
+        (("link", "--trails"), "--trials"),
         (("burst", "--cancle"), "--cancel"),
     ],
 )

@@ -11,7 +11,7 @@ from reconstruction.method.timing import (
     with_planned_delay,
     without_common_times,
 )
-from reconstruction.report.findings import motion_sentence, rig_judgement, timing_sentences
+from reconstruction.report.findings import sentences, timing_sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3
@@ -45,7 +45,7 @@ def test_staggered_cameras_are_as_planned_and_never_of_one_instant() -> None:
     assert timing_sentences(found).startswith(
         "R is staggered by +25.00 ms on purpose, and is 25.1 ± 0.6 ms late"
     )
-    assert rig_judgement(found) == "staggered on purpose, by +25.00 ms"
+    assert sentences("judgement.txt", timing=found) == "staggered on purpose, by +25.00 ms"
     small = with_planned_delay(judged(0.4, 0.3), 0.3)
     assert not small.synchronized
     assert "staggered by 0.30 ms on purpose" in timing_sentences(small)
@@ -247,7 +247,7 @@ def test_the_frame_is_told_where_its_neighbours_are_far(found: Timing, text: str
 
 def test_cameras_that_moved_are_named() -> None:
     fit = OffsetFit(0.0, 0.3, "", ())
-    assert motion_sentence(judge_timing(PAIR, fit, 0.0, FRAME_MS)) == ""
-    one = motion_sentence(judge_timing(PAIR, fit, 0.0, FRAME_MS, {"R": 3.21}))
+    assert sentences("motion.txt", timing=judge_timing(PAIR, fit, 0.0, FRAME_MS)) == ""
+    one = sentences("motion.txt", timing=judge_timing(PAIR, fit, 0.0, FRAME_MS, {"R": 3.21}))
     assert one.startswith("R moved while recording")
     assert "3.2 pixels" in one

@@ -136,7 +136,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await settle(pilot)
         await pilot.press("A", "enter")
         await settle(pilot)
-        await type_text(pilot, "--max-multiview-instants 0 --max-instants 1 --no-poses")
+        await type_text(pilot, "--max-multiview-instants 0 --max-instants 1")
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over, seconds=300)
         (job,) = jobs(pilot)

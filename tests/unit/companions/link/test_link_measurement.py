@@ -121,11 +121,11 @@ async def test_the_command_measures_a_leader_of_this_machine(
     leader_port: int, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     pytest.importorskip("matplotlib")
-    connect = ["--connect", f"127.0.0.1:{leader_port}", "--trials", "1", "--emulated", "--json"]
+    connect = ["--connect", f"127.0.0.1:{leader_port}", "--trials", "1", "--json"]
     connect += ["--plot", str(tmp_path / "figures")]
     assert await asyncio.to_thread(run, ["link", *connect]) == ExitCode.OK
     result = json.loads(capsys.readouterr().out)
-    assert (result["kind"], result["trials"]) == ("emulated link", 1)
+    assert (result["kind"], result["trials"]) == ("real", 1)
     assert result["coverage_hard_bound"] == 1.0
     assert (tmp_path / "figures" / "link.png").stat().st_size > 10_000
 

@@ -54,7 +54,7 @@ def test_a_mesh_is_made_of_one_instant_unless_it_is_to_be_quick() -> None:
 
 
 def test_options_of_all_methods_have_keywords_of_their_own_in_a_comparison() -> None:
-    options = CompareOptions.of(stereo=("a", "b"), panorama=("a", "c"), max_multiview_instants=0, poses=True)
+    options = CompareOptions.of(stereo=("a", "b"), panorama=("a", "c"), max_multiview_instants=0, splats=True)
     assert options.of_studies["panorama"] == ("a", "c")
     with pytest.raises(BadInputError, match="instant is not an option of a comparison"):
         CompareOptions.of(instant=1)

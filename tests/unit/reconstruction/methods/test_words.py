@@ -8,7 +8,7 @@ import pytest
 
 import reconstruction
 from reconstruction.method.score import study_reports
-from reconstruction.method.words import SECTION, WORDS, read_words
+from reconstruction.method.words import TEMPLATES, WORDS, read_words
 
 ROOMS = [Path(reconstruction.__file__).parent / room for room in ("methods", "checks")]
 TAG = re.compile(r"</[a-z]+>|<(p|div|section|table|dl|figure)\b")
@@ -33,7 +33,8 @@ def test_no_string_of_a_method_is_html() -> None:
 def test_the_words_of_a_method_are_of_its_score(file: Path) -> None:
     words = read_words(f"reconstruction.{file.parents[1].name}.{file.parent.name}")
     assert study_reports()[words.name].text == words
-    assert bool(words.section) == file.with_name(SECTION).exists()
+    for field, name in TEMPLATES.items():
+        assert bool(getattr(words, field)) == file.with_name(name).exists(), name
     keys = [one.key for one in words.measures]
     for measure, _ in (*words.condition_columns, *words.instant_columns):
         assert any(measure.endswith(key) for key in keys), measure

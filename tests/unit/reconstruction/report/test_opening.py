@@ -1,5 +1,7 @@
 """The first screen: what it is of, its time error beside the tolerated delay, one large picture."""
 
+import html
+import re
 from pathlib import Path
 
 import msgspec
@@ -7,9 +9,11 @@ import pytest
 
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from reconstruction.common import wording
+from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.study_result import Interval
 from reconstruction.method.timing import SessionTiming
-from reconstruction.report.findings import claims, describe_exactness, verdict
+from reconstruction.pages.page import as_template
+from reconstruction.report.findings import claims, exactness_view, verdict
 from reconstruction.time_offsets.crossings import InstantOffset
 from reconstruction.time_offsets.instant_votes import Change, Step
 from tests.unit.reconstruction.report.conftest import ReadReport
@@ -37,8 +41,25 @@ def test_where_the_pictures_come_from_is_said_first(read_report: ReadReport, ori
     assert "5 cameras, 1 instant;" in page.text
 
 
+def exactness(result: CompareResult) -> dict[str, str]:
+    """The tile as the page shows it: both times with their sources, and the conclusion."""
+    template = as_template('{% include "exactness.html" %}')
+    tile = html.unescape(template.render(result=result, running=(), **exactness_view(result)))
+    (error, error_source), (tolerated, tolerated_source) = re.findall(
+        r"<b>(.*)</b> <small>(.*)</small>", tile
+    )
+    conclusion = "".join(re.findall('<p class="conclusion">(.*)</p>', tile))
+    return {
+        "error": error,
+        "error_source": shown(error_source),
+        "tolerated": tolerated,
+        "tolerated_source": shown(tolerated_source),
+        "conclusion": conclusion,
+    }
+
+
 def test_the_error_stands_beside_the_tolerated_delay(tmp_path: Path) -> None:
-    found = describe_exactness(whole_result(tmp_path))
+    found = exactness(whole_result(tmp_path))
     assert (shown(found["error"]), shown(found["tolerated"])) == ("≤ 50 µs", "3.5 ms")
     assert found["error_source"] == "by the session's own record; 0.1 ± 0.4 ms late by what moves"
     assert shown(found["conclusion"]) == "70 times more accurate than this motion needs."
@@ -46,12 +67,12 @@ def test_the_error_stands_beside_the_tolerated_delay(tmp_path: Path) -> None:
 
 def test_a_take_that_is_too_coarse_is_called_so(tmp_path: Path) -> None:
     result = msgspec.structs.replace(whole_result(tmp_path), sync_residual_us=9_000.0)
-    assert describe_exactness(result)["conclusion"] == "This take is not accurate enough for this motion."
+    assert exactness(result)["conclusion"] == "This take is not accurate enough for this motion."
 
 
 def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.3, uncertainty_ms=0.5)
-    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=late))
+    found = exactness(msgspec.structs.replace(whole_result(tmp_path), timing=late))
     assert found["error"] == "33.3 ± 0.5 ms late"
     assert found["tolerated"] == wording.NOT_AVAILABLE
     assert found["conclusion"] == ""
@@ -60,14 +81,14 @@ def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
 def test_an_offset_of_any_camera_counts(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, other="cam_far", synchronized=False, offset=True, late_ms=-17.1)
     rig = SessionTiming(reference="cam2", cameras=(TIMING, late))
-    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), rig_timing=rig))
+    found = exactness(msgspec.structs.replace(whole_result(tmp_path), rig_timing=rig))
     assert found["error"] == "17.1 ± 0.4 ms early"
     assert found["error_source"].startswith("cam_far against cam2")
     assert found["conclusion"] == ""
 
 
 def test_what_was_not_measured_is_not_made_up() -> None:
-    found = describe_exactness(msgspec.structs.replace(RESULT, timing=None, sync_residual_us=None))
+    found = exactness(msgspec.structs.replace(RESULT, timing=None, sync_residual_us=None))
     assert (found["error"], found["tolerated"]) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
     assert "not measured" in found["error_source"] + found["tolerated_source"]
     assert found["conclusion"] == ""
@@ -75,7 +96,7 @@ def test_what_was_not_measured_is_not_made_up() -> None:
 
 def test_unknown_offsets_stand_where_the_error_would(tmp_path: Path, read_report: ReadReport) -> None:
     unknown = {"timing": None, "sync_residual_us": None, "unsynchronized": NOT_SYNCHRONIZED}
-    found = describe_exactness(msgspec.structs.replace(RESULT, **unknown))
+    found = exactness(msgspec.structs.replace(RESULT, **unknown))
     assert (found["error"], found["error_source"]) == (wording.NOT_AVAILABLE, NOT_SYNCHRONIZED)
     assert NOT_SYNCHRONIZED in read_report(unsynchronized=NOT_SYNCHRONIZED).text
 
@@ -83,7 +104,7 @@ def test_unknown_offsets_stand_where_the_error_would(tmp_path: Path, read_report
 def test_a_motion_that_tolerates_all_tried_delays_has_a_lower_bound_only(tmp_path: Path) -> None:
     whole = whole_result(tmp_path)
     tolerance = msgspec.structs.replace(whole.tolerance, tolerable_offset_ms=None)
-    found = describe_exactness(msgspec.structs.replace(whole, tolerance=tolerance))
+    found = exactness(msgspec.structs.replace(whole, tolerance=tolerance))
     assert shown(found["tolerated"]) == "> 67 ms"
     assert found["conclusion"] == ""
 
@@ -111,7 +132,7 @@ def test_a_ratio_is_told_to_two_digits(ratio: float, words: str) -> None:
 
 def test_the_tile_says_that_nothing_is_certain_where_nothing_is(tmp_path: Path) -> None:
     unsure = msgspec.structs.replace(TIMING, synchronized=False, same_frame_ms=9.0, reason="it is blurred")
-    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=unsure))
+    found = exactness(msgspec.structs.replace(whole_result(tmp_path), timing=unsure))
     assert found["tolerated"] == wording.NOT_AVAILABLE
     assert found["tolerated_source"] == "whether the pictures show one instant is not certain"
 
@@ -128,7 +149,7 @@ def test_dropped_frames_are_the_time_error(tmp_path: Path) -> None:
         reason=change.describe("cam3", "cam2"),
     )
     result = msgspec.structs.replace(whole_result(tmp_path), timing=dropped, rig_timing=None)
-    found = describe_exactness(result)
+    found = exactness(result)
     assert shown(found["error"]) == "up to 33 ms"
     assert found["error_source"] == "cam3 is one frame later than cam2 from instant 3 on, by what moves"
     assert found["tolerated_source"] == "the pictures do not show one instant"

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.commands.time import change_lines
+from reconstruction.common.templates import render_lines
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 from reconstruction.time_offsets.instant_votes import Change, Step
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes, with_own_changes
+from reconstruction.time_offsets.session_offsets import TimeResult
 from tests.unit.reconstruction.conftest import Reconstruct
 
 NOTHING = OffsetFit(reason="too little moves")
@@ -63,7 +64,10 @@ def test_changes_and_wandering_images_are_told_of_the_camera_that_has_them() -> 
     told = with_own_changes(with_changes(adjust_offsets("abc", "a", measured), measured, 33.3))
     assert told["a"].change == late
     assert told["b"].change is None
-    lines = [*change_lines("a", told | {"d": found["d"]})]
+    result = TimeResult(
+        session="s", reference="a", cameras=told | {"d": found["d"]}, calibration="", seconds=1
+    )
+    lines = render_lines("times.txt", "reconstruction.commands", result=result)[4:]
     assert lines[0] == "a is one frame later than the others from instant 20 on"
     assert lines[1].startswith("d's frames wander by ± 2")
 

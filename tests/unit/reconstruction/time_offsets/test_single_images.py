@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from capture_app.session.format.common_times import REFERENCE
-from reconstruction.commands.time import time_lines
 from reconstruction.common.geometry import Array
+from reconstruction.common.templates import render_lines
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak, with_repeats
 from reconstruction.report.findings import timing_sentences
 from reconstruction.scene.dataset import Dataset
@@ -146,7 +146,7 @@ def test_a_planned_delay_is_said_beside_what_is_beyond_it() -> None:
         "R": CameraTime(offset_ms=0.12, sd_ms=0.3, source="motion", planned_ms=25.0),
     }
     result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1.0)
-    assert [*time_lines(result)] == [
+    assert render_lines("times.txt", "reconstruction.commands", result=result) == [
         "L: the reference",
         "R: +0.12 ± 0.60 ms (95 %), beyond the +25.00 ms by which it is staggered on purpose",
     ]

@@ -33,9 +33,7 @@ def test_from_name_to_trash_and_back(session: Session, tmp_path: Path, capsys: C
     assert entry["name"] == "new"
     assert answer(capsys, "restore", new) == {"session": new}
     assert answer(capsys, "trash", new)["trashed"]
-    assert answer(capsys, "restore", "--root", str(tmp_path), "--as", "other")["session"] == str(
-        tmp_path / "other"
-    )
+    assert answer(capsys, "restore", str(tmp_path), "--as", "other")["session"] == str(tmp_path / "other")
     assert answer(capsys, "list", str(tmp_path))["sessions"][0]["name"] == "other"
 
 
@@ -46,7 +44,7 @@ def test_mistakes_are_one_line(session: Session, tmp_path: Path, capsys: Capture
         (("note", str(session.folder), "a\nb"), "one line"),
         (("trash", str(tmp_path)), "no session at"),
         (("restore", str(session.folder)), "is empty"),
-        (("restore", "--root", str(tmp_path), "--as", ".."), "is empty"),
+        (("restore", str(tmp_path), "--as", ".."), "is empty"),
     ):
         code = run(["sessions", *arguments])
         error = capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Poses that are pixels off are refined by points at rest, and depth says what it rests on."""
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -166,7 +167,7 @@ def test_depth_of_few_pixels_is_no_success() -> None:
         coverage=0.02,
         reference="cam1",
     )
-    lines = [*Multiview()._instant_lines(result)]
-    assert lines[-1].startswith("warning: only 2 % of cam1's pixels have a depth")
+    lines = [*Multiview().lines(result, Path())]
+    assert lines[-2].startswith("warning: only 2 % of cam1's pixels have a depth")
     result.coverage = 0.8
-    assert len([*Multiview()._instant_lines(result)]) == len(lines) - 1
+    assert len([*Multiview().lines(result, Path())]) == len(lines) - 1

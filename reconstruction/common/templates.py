@@ -44,6 +44,7 @@ def environment_of(*packages: str, escapes: bool = True) -> "Environment":
         loader=ChoiceLoader([PackageLoader(name, FOLDER) for name in dict.fromkeys(packages)]),
         autoescape=select_autoescape((), ("txt",), default_for_string=escapes, default=True),
         undefined=StrictUndefined,
+        extensions=["jinja2.ext.do"],
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -28,6 +28,8 @@ _KINDS: dict[type[Any], dict[str, Any]] = {
     Path: {"type": ANY_PATH},
 }
 """How an exporter's option is typed, by the type of its value."""
+_OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
+"""What people ask for that `splats` writes: COLMAP models for trainers, D-NeRF's layout, `cameras.gltf`."""
 
 
 class _ImportCommand(click.Command):
@@ -105,7 +107,11 @@ class _ImportCommand(click.Command):
 )
 @click.option("--start", type=click.IntRange(min=0), metavar="N", default=0, help="First instant to import.")
 @click.option(
-    "--count", type=click.IntRange(min=1), metavar="N", show_default="all", help="Number of instants to import."
+    "--count",
+    type=click.IntRange(min=1),
+    metavar="N",
+    show_default="all",
+    help="Number of instants to import.",
 )
 @click.option("--every", type=click.IntRange(min=1), metavar="N", default=1, help="Import every Nth instant.")
 @click.option(
@@ -243,13 +249,23 @@ def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
     return values
 
 
+class _Format(click.Choice[str]):
+    """Choice of a format, which names the one that holds what another word asks for."""
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the format. Raises BadParameter, with the format that is meant."""
+        if value.casefold() in _OF_SPLATS:
+            self.fail(f"{value!r} is not a format: --to splats writes it", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class _ExportCommand(click.Command):
     """Command with the options of all formats."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the parameters: general ones first, then the options of the formats."""
         to = click.Option(
-            ["--to", "name"], type=click.Choice(plugin_names(GROUP)), required=True, help="Format: see below."
+            ["--to", "name"], type=_Format(plugin_names(GROUP)), required=True, help="Format: see below."
         )
         stated: dict[str, tuple[type[Any], Option]] = {}
         formats: dict[str, list[str]] = {}

@@ -83,6 +83,14 @@ def test_an_unknown_format(make: Make, tmp_path: Path, capsys: Capture) -> None:
     assert "betamax" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("asked", ["3dgs", "Blender", "gltf"])
+def test_another_word_for_a_format_is_answered_with_its_name(
+    asked: str, make: Make, tmp_path: Path, capsys: Capture
+) -> None:
+    assert run(["sessions", "export", str(make().folder), "--to", asked, "--out", str(tmp_path / "x")]) == 2
+    assert f"'{asked}' is not a format: --to splats writes it" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["nerfstudio", "n3dv", "pose2sim"])
 def test_without_a_calibration(make: Make, refuses: Callable[..., None], name: str) -> None:
     refuses(make(calibrate=()).folder, ExitCode.BAD_INPUT, "has no calibration, which", name)

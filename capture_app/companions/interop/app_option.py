@@ -11,21 +11,11 @@ if TYPE_CHECKING:
     from capture_app.node.followers import Follower
 
 
-def _warn(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
-    if given:
-        talk(
-            "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose"
-            " hotspot is this machine. There is no pairing: anyone in that WiFi can control those phones"
-        )
-    return given
-
-
 AT = ("leader",)
 OPTIONS = (
     click.option(
         "--android-app",
         is_flag=True,
-        callback=_warn,
         help="Also lead phones with the app libsoftwaresync or RecSync, whose protocol has no security."
         " Without --fps all cameras use the app's rate and phase.",
     ),
@@ -33,9 +23,13 @@ OPTIONS = (
 
 
 def make_followers(host: str, values: Mapping[str, Any], *, leads: bool) -> "Sequence[Follower]":
-    """Make the follower of this option."""
+    """Make the follower of this option, and warn of what it opens."""
     if not values["android_app"]:
         return ()
+    talk(
+        "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose"
+        " hotspot is this machine. There is no pairing: anyone in that WiFi can control those phones"
+    )
     from capture_app.companions.interop.app_phones import AppPhones
 
     return (AppPhones(host, aligns=leads),)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
-from capture_app.companions.panel.pattern import Panel, panel_named
+from capture_app.companions.panel.pattern import PANELS, Panel
 
 WIDTH, HEIGHT = 960, 720
 EXPOSURES_NS = (100e3, 20e6)
@@ -48,7 +48,7 @@ class Case:
 def draw_case(seed: int, *, screen: bool) -> Case:
     """Return the case of that seed, with an LED panel or a screen."""
     rng = np.random.default_rng([seed, int(screen)])
-    panel = panel_named(str(rng.choice(SCREENS if screen else LED_PANELS)))
+    panel = PANELS[str(rng.choice(SCREENS if screen else LED_PANELS))]
     exposure_ns = float(np.exp(rng.uniform(*np.log(EXPOSURES_NS))))
     if rng.random() < 0.5:
         exposure_ns = float(rng.choice(COMMON_EXPOSURES_NS))

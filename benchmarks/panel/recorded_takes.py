@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.panel.photographs import SCREENS, draw_corners
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.companions.panel.panel_photograph import Image
-from capture_app.companions.panel.pattern import Panel, panel_named
+from capture_app.companions.panel.pattern import PANELS, Panel
 from capture_app.companions.panel.turn_code import Turn
 
 WIDTH, HEIGHT = 480, 360
@@ -115,7 +115,7 @@ def draw_take(seed: int) -> Take:
     from camera to camera.
     """
     rng = np.random.default_rng([seed, 7])
-    panel = panel_named(str(rng.choice(SCREENS)))
+    panel = PANELS[str(rng.choice(SCREENS))]
     response_ns, scan_share = float(rng.uniform(0, 4e6)), float(rng.uniform(0.85, 0.98))
     rate_error = float(rng.choice([0.0, -1e-3])) + float(rng.normal(0, 50e-6))
     visits_s: tuple[float, ...] = (float(rng.uniform(100, 2000)),)

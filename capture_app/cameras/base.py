@@ -109,15 +109,12 @@ class Camera(ABC):
         """Return the current exposure, gain, white balance and focus, as far as this camera has them."""
         return ()
 
-    async def set_control(self, control: Control, value: float | None) -> None:
+    async def set_control(self, control: Control, value: float | None) -> None:  # noqa: B027 - none to set
         """Set a control, in its unit, to a fixed value; None lets the camera choose it.
 
-        The exposure in `facts` may change. Raises CameraError if the control cannot be set.
+        It is one of `controls`; the value is within its limits, or None where it can be automatic. The
+        exposure in `facts` may change. Raises CameraError or OSError if the camera does not take it.
         """
-        raise CameraError(
-            f"a {self.facts.kind} camera has no control of its {control}",
-            hint="capture-app cameras controls shows what each camera can set",
-        )
 
     @abstractmethod
     async def stop(self) -> None:

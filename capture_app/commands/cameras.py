@@ -12,12 +12,13 @@ from capture_app.commands.calibrate_time import calibrate_time
 from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
-from capture_app.common.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
 from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.untrusted_files import read_input, rejecting
 
 if TYPE_CHECKING:
     from capture_app.protocol.status import NodeDetail
@@ -110,13 +111,9 @@ def match(camera: str, leader: Address, as_json: bool) -> None:
 
 
 def _read_profile(file: Path) -> Profile:
-    try:
-        with reading(file):
-            return msgspec.json.decode(file.read_bytes(), type=Profile)
-    except UNREADABLE as error:
-        raise BadInputError(
-            f"{file} is not a profile: {error}", hint=f"make one: capture-app cameras controls --save {file}"
-        ) from error
+    remedy = f"make one: capture-app cameras controls --save {file}"
+    with rejecting(f"{file} is not a profile", *UNREADABLE, hint=remedy):
+        return msgspec.json.decode(read_input(file), type=Profile)
 
 
 def _parse_setting(text: str) -> tuple[Control, ControlValue]:

@@ -71,7 +71,8 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
 
     from capture_app.web.own_page import only_own_page, served
 
-    command = shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments))
+    screen = ("capture_app.cli", "--leader", str(rig.leader), "--sessions", str(rig.sessions))
+    command = shlex.join((sys.executable, "-m", *screen))
     with listen_tcp(host, port) as listening:
         bound, port = listening.getsockname()[:2]
         url = f"http://{Address(reachable_host(bound, listening.family), port)}"

@@ -14,8 +14,8 @@ _MAX_LENGTH = 64
 _PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_LENGTH - 1}}}"
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_.-]+")
 
-Name = Annotated[str, Meta(pattern=f"^{_PATTERN}$")]
-"""Type of a name in messages and records."""
+Name = Annotated[str, Meta(pattern=rf"^{_PATTERN}$(?!\n)")]
+"""Type of a name in messages and records. Python's `$` alone would accept a line end after it."""
 
 
 def is_name(text: str) -> bool:

@@ -1,7 +1,7 @@
 """Text formats of times, sizes, counts, JSON and progress lines, for both packages."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -68,6 +68,11 @@ def megabytes(size: int) -> str:
 def count(number: int, thing: str) -> str:
     """Format a number of things: 1 frame, 2 frames."""
     return f"{number} {thing}" if abs(number) == 1 else f"{number} {thing}s"
+
+
+def fill_in(template: str, values: Mapping[str, object]) -> str:
+    """Return a template with each @NAME@ replaced by the value of that name."""
+    return re.sub(r"@(\w+)@", lambda found: str(values[found[1]]), template)
 
 
 def first_line(error: object) -> str:

@@ -56,11 +56,6 @@ class AttachedRig:
     started: bool = False
     """Whether it was started for this screen."""
 
-    @property
-    def screen_arguments(self) -> tuple[str, ...]:
-        """Command-line arguments that show the same rig."""
-        return ("--leader", str(self.leader), "--sessions", str(self.sessions))
-
 
 def rigs_folder() -> Path:
     """Return the folder of the records and logs."""

@@ -26,7 +26,7 @@ from capture_app.common.address import Address, listen_tcp, reachable_host
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.host_clock import host_ns
 from capture_app.common.tasks import end
-from capture_app.common.text import UNREADABLE
+from capture_app.common.text import UNREADABLE, fill_in
 from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
 from capture_app.protocol.orders import PhoneInvited
 from capture_app.web.admission import Admission, Admitted
@@ -244,9 +244,7 @@ class PairedPage(ABC):
     async def _send_file(self, request: web.Request) -> web.Response:
         path = self._files[request.path.lstrip("/")]
         text = await asyncio.to_thread(path.read_text, "utf-8")
-        for name, value in self._values.items():
-            text = text.replace(f"@{name}@", value)
-        return web.Response(text=text, content_type=_TYPES[path.suffix])
+        return web.Response(text=fill_in(text, self._values), content_type=_TYPES[path.suffix])
 
     async def _join(self, request: web.Request) -> web.Response:
         try:

@@ -234,13 +234,11 @@ def _refined(offs_ns: Offsets, step_ns: float) -> float:
     return float(np.polyfit(counts, offs_ns, 1)[0]) if counts.any() else step_ns
 
 
-async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:
-    """Apply up to `moves` commands and measure their effect; return None if the camera has no such command.
+async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves:
+    """Apply up to `moves` commands to a camera that has them, and measure their effect.
 
     Raises CameraError where the camera refuses one, or stops delivering frames.
     """
-    if facts.phase_control not in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION):
-        return None
     by_injection = facts.phase_control is PhaseControl.INJECTION
     if by_injection and (problem := InjectionActuator(facts).problem):
         return Moves(commands=0, effective=0, reason=problem)
@@ -258,7 +256,7 @@ async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> M
     profile = history.fit() if by_injection and history.moved else None
     gain = 1.0 if profile is None else profile.gain
     return Moves(
-        commands=min(moves, MOVES),
+        commands=moves,
         effective=len(shifts_ns),
         latency_frames=(min(latencies), max(latencies)) if latencies else None,
         step_ns=step_ns,

@@ -317,6 +317,7 @@ async def _serve(listening: socket.socket, page: bytes, as_json: bool) -> None:
 @click.option(
     "--panel",
     "name",
+    type=click.Choice(["led-200us", "led-10ms", "led-pair"]),
     default="led-200us",
     metavar="NAME",
     help="led-200us (repeats after 20 ms), led-10ms (1 s), or led-pair: both side by side.",
@@ -341,13 +342,10 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     They are a sketch for an Arduino Uno or Nano, its wiring, and the frame with markers to print at true
     size. The sketch was tested on a simulated board only; no such panel has been built yet.
     """
-    from capture_app.common.errors import BadInputError
     from capture_app.companions.panel.led_build import write_sketch
-    from capture_app.companions.panel.pattern import panel_named
+    from capture_app.companions.panel.pattern import PANELS
 
-    panel = panel_named(name)
-    if panel.is_screen:
-        raise BadInputError(f"{name} is a screen, not an LED panel", hint="capture-app panel show draws it")
+    panel = PANELS[name]
     paths = [str(file) for file in write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)]
     answer(
         as_json,

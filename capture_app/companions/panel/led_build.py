@@ -5,7 +5,7 @@ from itertools import pairwise, product
 from pathlib import Path
 
 from capture_app.board.printing import Page, to_pdf, to_svg
-from capture_app.common.text import duration
+from capture_app.common.text import duration, fill_in
 from capture_app.companions.panel.pattern import COUNT, MARKER_SIZE, Panel, marker_squares
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 
@@ -99,11 +99,7 @@ def wiring_text(panel: Panel, pitch_mm: float) -> str:
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:
-    """Return a template's text with its placeholders filled in."""
-    text = (TEMPLATES / template).read_text("utf-8")
-    for name, value in values.items():
-        text = text.replace(f"@{name}@", str(value))
-    return text
+    return fill_in((TEMPLATES / template).read_text("utf-8"), values)
 
 
 def write_sketch(panel: Panel, out: Path, *, paper: str, pitch_mm: float) -> tuple[Path, ...]:

@@ -8,7 +8,7 @@ time minus the first's.
 import math
 from collections.abc import Iterable, Sequence
 from itertools import combinations, pairwise
-from statistics import median
+from statistics import fmean, median, pstdev
 
 from msgspec import Struct
 
@@ -153,12 +153,11 @@ def _table(cameras: Sequence[str], errors: Sequence[PairError]) -> PairTable:
 
 
 def _summary(values: Sequence[float]) -> ErrorSummary:
-    mean = sum(values) / len(values)
     return ErrorSummary(
-        mean_abs_ns=sum(map(abs, values)) / len(values),
-        std_ns=math.sqrt(sum((value - mean) ** 2 for value in values) / len(values)),
+        mean_abs_ns=fmean(map(abs, values)),
+        std_ns=pstdev(values),
         max_ns=max(map(abs, values)),
-        bias_ns=mean,
+        bias_ns=fmean(values),
     )
 
 

@@ -19,14 +19,11 @@ from capture_app.companions.panel.panel_video import read_panel_video
 from capture_app.companions.panel.pattern import RATE_TOLERANCE
 from capture_app.companions.panel.time_reading import SIGMAS_95
 from capture_app.session.alignment.alignment_method import AlignmentMethod
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM, fit_robustly
 from capture_app.session.format.common_times import CameraTimes
 
-STEPS = 20
 COMMON_TICKS = 0.04
 """Standard deviation of a visit's common error, in refreshes, whatever the places in the refresh."""
-_CAUCHY = 2.5
-"""Residual in standard deviations at which a reading has half its weight: missed refreshes."""
 
 
 def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
@@ -51,15 +48,8 @@ def match_panels(reference: PanelTrack, camera: PanelTrack) -> CameraTimes:
     )
     prior_sd = np.concatenate([[np.inf, RATE_TOLERANCE, np.inf, CRYSTAL_PPM * 1e-6], visit_sd])
     target = late - np.where(is_camera > 0, base[1], base[0])
-    weights, scale = np.ones(len(own)), 1.0
-    for _ in range(STEPS):
-        total = weights / (scale * sd) ** 2
-        normal = rows.T @ (total[:, None] * rows) + np.diag(prior_sd**-2.0)
-        values = np.linalg.solve(normal, rows.T @ (total * target))
-        miss = (target - rows @ values) / sd
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(miss))))
-        weights = 1 / (1 + (miss / (_CAUCHY * scale)) ** 2)
-    covariance = np.linalg.inv(normal)
+    # Missed refreshes weigh little.
+    values, covariance = fit_robustly(rows, target, sd, prior_sd)
     offset_s, rate = base[0] - base[1] + float(values[2]), float(values[3])
     variance, shared, rate_variance = (float(covariance[place]) for place in ((2, 2), (2, 3), (3, 3)))
     # The epoch at which the rate's error does not count.

@@ -20,9 +20,9 @@ from capture_app.companions.panel.finder import Floats
 from capture_app.companions.panel.pattern import (
     MARKER_MODULES,
     MARKER_SIZE,
+    PANELS,
     Panel,
     marker_squares,
-    panel_named,
 )
 from capture_app.companions.panel.turn_code import Turn, cell_places, encode_turn
 
@@ -39,7 +39,7 @@ MOMENTS = 200
 _LED_LIGHT, _SCREEN_LIGHT = (0.25, 0.5, 1.0), (1.0, 1.0, 1.0)
 """Blue, green and red of lamps: orange LEDs, white cells."""
 WIDTH, HEIGHT = 640, 480
-PANEL = panel_named("led-pair")
+PANEL = PANELS["led-pair"]
 CYCLE_NS = round(PANEL.cycle_ns)
 """Period within which an image's time is unambiguous: 1 s."""
 _CORNERS = ((27.0, 108.0), (611.0, 92.0), (620.0, 379.0), (19.0, 366.0))

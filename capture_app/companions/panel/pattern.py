@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
-from capture_app.common.errors import BadInputError
-
 COUNT = 10
 """Columns and rows of an array; also the number of values of a digit of the time."""
 DICTIONARY = "4X4_250"
@@ -214,12 +212,3 @@ PANELS = {panel.name: panel for panel in _panels()}
 
 PANEL_OF_MARKER = {number: panel for panel in PANELS.values() for number, _, _ in panel.markers}
 """The panel that each marker belongs to, by the marker's number."""
-
-
-def panel_named(name: str) -> Panel:
-    """Return the panel of a name. Raises BadInputError if it is unknown."""
-    if name not in PANELS:
-        raise BadInputError(
-            f"there is no panel {name!r}", hint=f"use one such as {', '.join(list(PANELS)[:3])}"
-        )
-    return PANELS[name]

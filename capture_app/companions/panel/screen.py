@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from capture_app.common.text import fill_in
 from capture_app.companions.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
@@ -37,10 +38,7 @@ def page_html() -> bytes:
         # A closing script tag must not appear in the script's text.
         "panels": msgspec.json.encode(_panels()).decode().replace("<", "\\u003c"),
     }
-    page = (HERE / "page.html").read_text("utf-8")
-    for name, text in parts.items():
-        page = page.replace(f"@{name}@", text)
-    return page.encode()
+    return fill_in((HERE / "page.html").read_text("utf-8"), parts).encode()
 
 
 def _policy(script: str, style: str) -> str:

@@ -11,20 +11,10 @@ if TYPE_CHECKING:
     from capture_app.node.followers import Follower
 
 
-def _warn(ctx: click.Context, param: click.Parameter, given: bool) -> bool:
-    if given:
-        talk(
-            "LSL: this machine streams frame times in the network. The Lab Streaming Layer has no pairing:"
-            " anyone there can read them, and nobody can change anything by it"
-        )
-    return given
-
-
 OPTIONS = (
     click.option(
         "--lsl",
         is_flag=True,
-        callback=_warn,
         help="Stream the time of each saved frame and its error to the Lab Streaming Layer (LabRecorder), as"
         " the stream 'simulshot frames'.",
     ),
@@ -32,9 +22,13 @@ OPTIONS = (
 
 
 def make_followers(values: Mapping[str, Any]) -> "Sequence[Follower]":
-    """Make the follower of this option. Raises NotAvailableError without pylsl."""
+    """Make the follower of this option, and warn of what it opens. Raises NotAvailableError without pylsl."""
     if not values["lsl"]:
         return ()
+    talk(
+        "LSL: this machine streams frame times in the network. The Lab Streaming Layer has no pairing:"
+        " anyone there can read them, and nobody can change anything by it"
+    )
     from capture_app.companions.sensors.lsl_frames import LslFrames
 
     return (LslFrames(),)

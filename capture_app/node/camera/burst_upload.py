@@ -92,9 +92,7 @@ class SpoolFolder:
 
         Raises BadInputError if it is missing or damaged.
         """
-        report = read_struct(self.folder / REPORT, CameraReport)
-        check_name(report.plan.camera.name, "camera")
-        return report
+        return read_struct(self.folder / REPORT, CameraReport)
 
     def remove(self) -> bool:
         """Delete the burst, once the leader has all of it; return whether the disk has done so."""

@@ -25,8 +25,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None) -> None:
     EasyVolcap undistorts with the first pixel at (0, 0), but casts its rays from (0.5, 0.5). With either
     principal point a distorted camera is wrong by half a pixel, so its images are undistorted here.
     """
-    calibration, together = burst.calibration, burst.complete_instants()
-    assert calibration is not None
+    calibration, together = burst.required_calibration, burst.complete_instants()
     names = yaml_names(burst.cameras)
     straight = {name: _straight(calibration.cameras[name]) for name in burst.cameras}
     redraws = {name: redrawing(calibration.cameras[name], straight[name]) for name in burst.cameras}

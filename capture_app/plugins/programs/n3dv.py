@@ -43,8 +43,7 @@ def write(
     The format's loaders assume one focal length, no distortion, a centred principal point, and videos of
     2704x2028 px. The images are redrawn to that, cropped to what all cameras can fill, or uncropped.
     """
-    calibration, together = burst.calibration, burst.complete_instants()
-    assert calibration is not None
+    calibration, together = burst.required_calibration, burst.complete_instants()
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
     focal = (
         min(map(_whole_focal, cameras.values()))

@@ -13,13 +13,12 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
     Pose2Sim pairs videos and cameras by the order of their names.
     """
-    assert burst.calibration is not None
     names = paired_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     write_paired_videos(burst, folder, files)
     table = folder / "calibration" / "Calib.toml"
     table.parent.mkdir()
-    table.write_text(camera_tables(burst.calibration, names, "m"), encoding="utf-8")
+    table.write_text(camera_tables(burst.required_calibration, names, "m"), encoding="utf-8")
 
 
 EXPORTER = Exporter(

@@ -14,7 +14,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import rejecting
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
@@ -62,15 +62,7 @@ def _view(where: str, camera: ET.Element) -> View:
 def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
     if (element := camera.find(tag)) is None:
         raise BadInputError(f"{where} has no <{tag}>", hint=EXPORT_AGAIN)
-    try:
-        values = np.array([float(element.attrib[key]) for key in keys])
-        if not np.isfinite(values).all():
-            raise ValueError("a number is not finite")
-        return values
-    except KeyError as error:
-        raise BadInputError(f"{where}: <{tag}> has no {error.args[0]}", hint=EXPORT_AGAIN) from None
-    except ValueError as error:
-        raise BadInputError(f"{where}: <{tag}>: {error}", hint=EXPORT_AGAIN) from None
+    return np.concatenate([numbers(f"{where}: <{tag}>", element.attrib, key, 1) for key in keys])
 
 
 def _is_qualisys(path: Path) -> bool:

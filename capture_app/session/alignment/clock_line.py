@@ -2,18 +2,25 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
+from typing import TypeVar
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.format.lens import Array
 
+Track = TypeVar("Track")
+"""What is read from a camera's recording."""
 Against = Callable[[str, str], CameraTimes]
 """Measures the second of two cameras, by name, against the first."""
 
 CRYSTAL_PPM = 50.0
 """Prior on the rate error of camera clocks, ppm; one standard deviation."""
 STEPS = 30
+CAUCHY = 2.5
+"""Residual in standard deviations at which a moment has half its weight."""
 SIGMAS = 1.96
 
 
@@ -31,17 +38,7 @@ def fit_clock_line(
     late = reference_s - camera_s
     epoch = float(np.average(camera_s, weights=1 / sd_s**2))
     rows = np.column_stack([np.ones(len(late)), camera_s - epoch])
-    prior = np.diag([0, 1 / (CRYSTAL_PPM * 1e-6) ** 2])
-    weights, scale = np.ones(len(late)), 1.0
-    for _ in range(STEPS):
-        total = weights / (scale * sd_s) ** 2
-        normal = rows.T @ (total[:, None] * rows) + prior
-        offset, rate = np.linalg.solve(normal, rows.T @ (total * late))
-        miss = (late - rows @ np.array([offset, rate])) / sd_s
-        residual_scale = 1.4826 * np.median(np.abs(miss)) if len(miss) > 4 else np.sqrt(np.mean(miss**2))
-        scale = max(1.0, float(residual_scale))
-        weights = 1 / (1 + (miss / (2.5 * scale)) ** 2)
-    covariance = np.linalg.inv(normal)
+    (offset, rate), covariance = fit_robustly(rows, late, sd_s, np.array([np.inf, CRYSTAL_PPM * 1e-6]))
     sigmas = SIGMAS + 2.5 / max(1, len(late) - 1)
     return CameraTimes(
         offset_ns=round(float(offset) * 1e9),
@@ -51,6 +48,47 @@ def fit_clock_line(
         epoch_local_ns=round(epoch * 1e9),
         source=source,
     )
+
+
+def fit_robustly(rows: Array, target: Array, sd: Array, prior_sd: Array) -> tuple[Array, Array]:
+    """Fit `rows` (n, k) times the returned values (k,) to `target` (n,), whose deviations are `sd` (n,).
+
+    Least squares with Cauchy weights, and a prior around 0 of deviation `prior_sd` (k,) for each value, inf
+    for none. Also return the values' covariance (k, k).
+    """
+    weights, scale = np.ones(len(target)), 1.0
+    for _ in range(STEPS):
+        total = weights / (scale * sd) ** 2
+        normal = rows.T @ (total[:, None] * rows) + np.diag(prior_sd**-2.0)
+        values = np.asarray(np.linalg.solve(normal, rows.T @ (total * target)), float)
+        miss = (target - rows @ values) / sd
+        residual_scale = 1.4826 * np.median(np.abs(miss)) if len(miss) > 4 else np.sqrt(np.mean(miss**2))
+        scale = max(1.0, float(residual_scale))
+        weights = 1 / (1 + (miss / (CAUCHY * scale)) ** 2)
+    return values, np.asarray(np.linalg.inv(normal), float)
+
+
+def measure_pairs(read: Callable[[str], Track], match: Callable[[Track, Track], CameraTimes]) -> Against:
+    """Return how two cameras compare by what `read` finds in each; its BadInputError is the reason if not.
+
+    Each camera is read once, and each pair matched once.
+    """
+
+    @cache
+    def found(name: str) -> tuple[Track | None, str]:
+        try:
+            return read(name), ""
+        except BadInputError as error:
+            return None, error.what
+
+    @cache
+    def against(first: str, second: str) -> CameraTimes:
+        (one, lacks), (other, other_lacks) = found(first), found(second)
+        if one is None or other is None:
+            return CameraTimes(reason=f"{first}: {lacks}" if one is None else other_lacks)
+        return match(one, other)
+
+    return against
 
 
 def chain_cameras(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:

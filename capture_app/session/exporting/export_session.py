@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.text import Progress
 from capture_app.session.exporting.csv_tables import write_frames
@@ -45,11 +45,9 @@ def export_session(
     images losslessly; further `options` are the format's. `on_warning` gets notes on what the program
     cannot use well before they are written. Raises BadInputError for an unknown format
     or option, a folder with content, or a session that the format cannot hold; IncompleteError for a missing
-    image; NotAvailableError for a missing package.
+    image; NotAvailableError for a missing package; DiskFullError, OSError.
     """
     exporter = load_exporter(name)
-    if out.is_symlink() or (out.exists() and not out.is_dir()):
-        raise BadInputError(f"{out} is not a folder", hint="name a folder that does not exist yet")
     if out.resolve().is_relative_to(session.folder.resolve()):
         raise BadInputError(f"{out} is inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
@@ -59,23 +57,17 @@ def export_session(
     if session.manifest.is_staggered:
         burst.warn(f"the session is staggered: {session.manifest.steps} between frames of one instant")
     _check_needs(exporter, burst, options)
-    try:
-        with output:
-            chosen = {option: value for option, value in options.items() if option != "instant"}
-            exporter.write(burst, output.folder, **chosen)
-            write_frames(burst, output.folder)
-            calibration = session.calibration()
-            record = ExportRecord(
-                format=name,
-                manifest=with_images_listed(session.manifest),
-                calibration=calibration and replace(calibration, cameras=calibration.cameras | burst.drawn),
-            )
-            (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
-    except OSError as error:
-        raise SimulshotError(
-            f"cannot write {error.filename or out}: {error.strerror or error}",
-            hint="make room or choose another --out; nothing was exported",
-        ) from error
+    with output:
+        chosen = {option: value for option, value in options.items() if option != "instant"}
+        exporter.write(burst, output.folder, **chosen)
+        write_frames(burst, output.folder)
+        calibration = session.calibration()
+        record = ExportRecord(
+            format=name,
+            manifest=with_images_listed(session.manifest),
+            calibration=calibration and replace(calibration, cameras=calibration.cameras | burst.drawn),
+        )
+        (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
     return burst
 
 
@@ -86,10 +78,6 @@ def _check_options(name: str, exporter: Exporter, given: dict[str, Any]) -> None
             other for other, one in load_exporters().items() if unknown[0] in own_options(one)
         )
         raise BadInputError(f"{name} takes no --{unknown[0]}", hint=formats and f"it is for {formats}")
-    for option, (_, stated) in own.items():
-        if stated.choices and given.get(option) not in (None, *stated.choices):
-            named = ", ".join(stated.choices)
-            raise BadInputError(f"{given[option]!r} is not a {option} of {name}", hint=f"choose of {named}")
 
 
 def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:

@@ -28,7 +28,7 @@ class ExportedBurst:
     """
 
     calibration: Calibration | None = None
-    """Calibration of all cameras, if the exporter reads it; never None if it requires one."""
+    """Calibration of all cameras, if the exporter reads it."""
 
     def __init__(
         self,
@@ -77,6 +77,12 @@ class ExportedBurst:
         """Leader time of the earliest image, which is zero in exports with relative times."""
         self._progress, self._done = progress, 0
         self._mask_folders: dict[str, str] = {}
+
+    @property
+    def required_calibration(self) -> Calibration:
+        """Calibration of all cameras, for an exporter that requires it."""
+        assert self.calibration is not None, "it is checked before anything is written"
+        return self.calibration
 
     def mask_folder(self, masks: Path, camera: str) -> Path:
         """Return the folder of a camera's masks, paired by its label; what was paired is said once."""

@@ -118,10 +118,15 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
         ) from error
 
 
-def encode_checked(value: msgspec.Struct) -> bytes:
-    """Encode a struct. Raises BadInputError if its values violate its schema: constructors check nothing."""
+def encode_checked(value: msgspec.Struct, what: str = "") -> bytes:
+    """Encode a struct. Raises BadInputError if its values violate its schema: constructors check nothing.
+
+    `what` names it in the error.
+    """
     data = msgspec.json.encode(value)
-    with rejecting(f"a {type(value).__name__} breaks its schema", msgspec.ValidationError):
+    what = what or f"a {type(value).__name__}"
+    remedy = "correct what its camera or recording states"
+    with rejecting(f"{what} breaks its schema", msgspec.ValidationError, hint=remedy):
         msgspec.json.decode(data, type=type(value))
     return data
 

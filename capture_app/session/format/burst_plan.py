@@ -9,10 +9,10 @@ from msgspec import Struct, ValidationError, convert, structs
 from capture_app.common.bounds import Count, Positive, Sentence, TimeNs
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import Name, check_name
+from capture_app.common.names import Name
 from capture_app.session.files.untrusted_files import RESTORE, read_struct, rejecting
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage, check_written
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 
 PLAN = "burst.json"
 PLAN_VERSION = 2
@@ -108,17 +108,14 @@ def read_plan(folder: Path) -> BurstPlan:
     valid, notes = [], []
     for number, part in enumerate(parts if isinstance(parts, list) else ()):
         try:
-            camera = convert(part, CameraPlan).camera
-            check_name(camera.name, "camera")
-            check_written(camera)
+            convert(part, CameraPlan)
             valid.append(part)
-        except (BadInputError, ValidationError) as error:
+        except ValidationError as error:
             record = part.get("camera") if isinstance(part, dict) else None
             name = record.get("name") if isinstance(record, dict) else f"camera {number}"
             notes.append(f"{name} is left out: {error}")
     with rejecting(f"{folder / PLAN} does not fit its schema", ValidationError, hint=RESTORE):
         plan = convert(fields | {"cameras": valid}, BurstPlan)
-    check_name(plan.name, "session")
     unused = "the burst cannot be repaired; its images stay in the folder"
     if not valid:
         raise BadInputError(f"{folder / PLAN} has no valid camera: {'; '.join(notes)}", hint=unused)

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from capture_app.common.bounds import Count
+from capture_app.common.bounds import Count, Real, TimeNs
 from capture_app.common.names import Name
 
 NOT_SYNCHRONIZED = "not synchronized, offsets unknown"
@@ -35,11 +35,11 @@ class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     at the epoch, where the rate's error does not count. Unknown values are None, with the `reason`.
     """
 
-    offset_ns: int | None = None
+    offset_ns: TimeNs | None = None
     uncertainty_ns: Count | None = None
-    rate_ppm: float = 0.0
-    rate_uncertainty_ppm: Annotated[float, Meta(ge=0)] | None = None
-    epoch_local_ns: int = 0
+    rate_ppm: Real = 0.0
+    rate_uncertainty_ppm: Annotated[float, Meta(ge=0, lt=1e15)] | None = None
+    epoch_local_ns: TimeNs = 0
     source: str = ""
     """Method of the measurement: sound, flash, gopro (GPS), timecode or motion; `reference` for none."""
     reason: str = ""

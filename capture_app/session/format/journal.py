@@ -8,6 +8,7 @@ from msgspec import Struct, structs
 
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.text import UNREADABLE
+from capture_app.session.files.untrusted_files import encode_checked
 from capture_app.session.format.manifest import (
     GROUND_TRUTH,
     RIG,
@@ -50,9 +51,13 @@ def is_frames_path(path: str) -> bool:
 
 
 def frame_line(record: ImageRecord, offset: int, true_ns: int | None = None) -> bytes:
-    """Encode the line of a frame that begins at byte `offset` of its video."""
+    """Encode the line of a frame that begins at byte `offset` of its video.
+
+    Raises BadInputError if no session can contain it.
+    """
     fields = structs.asdict(record) | {"camera": "", "path": "", "residual_ns": 0}
-    return msgspec.json.encode(FrameRecord(offset=offset, true_ns=true_ns, **fields))
+    what = f"image {record.instant} of camera {record.camera}"
+    return encode_checked(FrameRecord(offset=offset, true_ns=true_ns, **fields), what)
 
 
 def frame_of_line(video: VideoRecord, line: FrameRecord, due_ns: int | None = None) -> FrameRecord:

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import inspect
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -19,7 +19,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sentence, TimeNs
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import Name, check_name
+from capture_app.common.names import Name
 from capture_app.common.stagger import describe_steps
 from capture_app.common.text import pretty_json
 from capture_app.session.files.untrusted_files import RESTORE
@@ -41,10 +41,6 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 T = TypeVar("T", bound="ImageRecord")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
-MAX_INTEGER, MAX_REAL = 2**63, 1e15
-"""Limits of all numbers in a manifest, so that their sums and products stay finite."""
-MAX_WRITTEN, MAX_LASTING_NS = 4 * 10**18, 10**15
-"""Limits of written numbers, and of exposure and readout durations: their sums stay below MAX_INTEGER."""
 
 
 class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -440,7 +436,6 @@ def check_references(path: Path, manifest: Manifest) -> None:
 
     Raises BadInputError, with `path`, for the first violation.
     """
-    check_numbers(path, manifest)
     names = [camera.name for camera in manifest.cameras]
     defects = (
         (not manifest.burst.instants_ns, "has no instants"),
@@ -449,8 +444,6 @@ def check_references(path: Path, manifest: Manifest) -> None:
     )
     for what in (what for applies, what in defects if applies):
         raise BadInputError(f"{path} {what}", hint=RESTORE)
-    for name in (*names, manifest.name, manifest.rig):
-        check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
     named += [
         (f"missing[{i}]", absence.camera, absence.instant) for i, absence in enumerate(manifest.missing)
@@ -460,46 +453,6 @@ def check_references(path: Path, manifest: Manifest) -> None:
             raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}", hint=RESTORE)
         if instant >= len(manifest.burst.instants_ns):
             raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}", hint=RESTORE)
-
-
-def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
-    """Raise BadInputError if the manifest at `path`, or this part of it, has an impossible number.
-
-    A number is impossible if it is not finite or needs more than 64 bits.
-    """
-    if not all(
-        abs(number) < (MAX_INTEGER if isinstance(number, int) else MAX_REAL)
-        for number in _numbers(msgspec.to_builtins(record))
-    ):
-        raise BadInputError(
-            f"{path} has a number that no session has, such as one of over 64 bits", hint=RESTORE
-        )
-
-
-def check_written(record: CameraRecord | ImageRecord) -> None:
-    """Raise BadInputError, naming the camera or the image, if a number or duration in it is too large."""
-    if isinstance(record, CameraRecord):
-        what, facts = f"camera {record.name}", record.facts
-        lasting_ns = max(facts.exposure_ns or 0, (facts.row_time_ns or 0) * facts.height)
-    else:
-        what, lasting_ns = f"image {record.instant} of camera {record.camera}", record.exposure_ns or 0
-    if (
-        max(map(abs, _numbers(msgspec.to_builtins(record))), default=0) > MAX_WRITTEN
-        or lasting_ns > MAX_LASTING_NS
-    ):
-        raise BadInputError(
-            f"{what} has a time or a number out of range",
-            hint="correct the times, exposure and size that its camera or recording states",
-        )
-
-
-def _numbers(value: Any) -> Iterator[int | float]:
-    """Yield all numbers in plain data."""
-    if isinstance(value, int | float):
-        yield value
-    elif isinstance(value, dict | list | tuple):
-        for part in value.values() if isinstance(value, dict) else value:
-            yield from _numbers(part)
 
 
 def session_schema_text() -> str:

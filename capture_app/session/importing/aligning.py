@@ -2,16 +2,14 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.text import Talk
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
-from capture_app.session.alignment.clock_line import Against, chain_cameras
+from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importing.recording_sources import Source, Video
@@ -92,22 +90,13 @@ def _measurements(
         name: min(frame.leader_ns for frame in frames) / 1e9 for name, frames in timeline.cameras().items()
     }
 
-    @cache
-    def found(method: str, name: str) -> Any:
-        """Return what a method reads from a camera's video, or the reason why it reads nothing."""
-        try:
-            return methods[method].read(by_name[name].path, starts_s[name])
-        except BadInputError as error:
-            return error.what
+    def measurement(method: AlignmentMethod[object]) -> Against:
+        return measure_pairs(
+            lambda name: method.read(by_name[name].path, starts_s[name]),
+            lambda one, other: method.match(one, other, sound_error_s),
+        )
 
-    @cache
-    def against(method: str, first: str, second: str) -> CameraTimes:
-        for name, where in ((first, f"{first}: "), (second, "")):
-            if isinstance(found(method, name), str):
-                return CameraTimes(reason=where + found(method, name))
-        return methods[method].match(found(method, first), found(method, second), sound_error_s)
-
-    return {method: partial(against, method) for method in methods}
+    return {name: measurement(method) for name, method in methods.items()}
 
 
 def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
+from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
-from capture_app.session.format.manifest import MAX_WRITTEN
 
 LONE_PERIOD_NS = 33_333_333
 """Period that is assumed if every camera has only one frame."""
@@ -94,7 +94,7 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
 
 def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
     """Raise BadInputError if a time is out of range, or a frame was not taken after the previous one."""
-    if wild := [frame.index for frame in frames if abs(frame.leader_ns) > MAX_WRITTEN]:
+    if wild := [frame.index for frame in frames if abs(frame.leader_ns) > CENTURY_NS]:
         raise BadInputError(f"{where}: the time of frame {wild[0]} is out of range", hint=_CORRECT)
     for before, after in pairwise(frames):
         if after.leader_ns <= before.leader_ns:

@@ -9,10 +9,10 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
+from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text, rejecting
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
-from capture_app.session.format.manifest import MAX_WRITTEN
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,
@@ -162,7 +162,7 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
         return None
     with suppress(ArithmeticError, ValueError):
         number = Decimal(int(cell)) if ns is None else Decimal(cell) * ns
-        if abs(number) <= MAX_WRITTEN:
+        if abs(number) <= CENTURY_NS:
             return round(number)
     raise BadInputError(
         f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",

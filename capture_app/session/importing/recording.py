@@ -406,11 +406,6 @@ def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) 
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
-    if options.start < 0 or options.every < 1 or (options.count is not None and options.count < 1):
-        raise BadInputError(
-            "--start counts from 0, --count and --every from 1",
-            hint="such as --start 0 --count 100 --every 2",
-        )
     chosen = timeline.instants[options.start :: options.every][: options.count]
     if not chosen:
         raise BadInputError(

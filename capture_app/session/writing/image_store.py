@@ -25,7 +25,7 @@ from capture_app.session.format.journal import (
     TrueTimes,
     ground_truth_path,
 )
-from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path, check_written
+from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path
 from capture_app.session.writing.recovery import Key, recover_images, recover_true_times, set_aside
 
 
@@ -50,8 +50,7 @@ class StoredImage:
         """Encode the record as a journal line. Raises BadInputError if no session can contain it."""
         check_name(self.record.camera, "camera")
         check_image_path(self.record)
-        check_written(self.record)
-        return encode_checked(self.record)
+        return encode_checked(self.record, f"image {self.record.instant} of camera {self.record.camera}")
 
 
 class ImageStore:

@@ -39,7 +39,6 @@ from capture_app.session.format.manifest import (
     Manifest,
     MissingImage,
     check_references,
-    check_written,
     image_path,
     sync_record,
 )
@@ -88,7 +87,6 @@ def _valid_cameras(cameras: Iterable[CameraRecord]) -> tuple[tuple[CameraRecord,
     for camera in cameras:
         try:
             encode_checked(camera)
-            check_written(camera)
             valid.append(camera)
         except BadInputError as error:
             reasons[camera.name] = f"{camera.name} is left out: {error.what}"

@@ -36,7 +36,6 @@ from capture_app.session.format.manifest import (
     VIDEOS,
     FrameRecord,
     VideoRecord,
-    check_written,
     video_path,
 )
 from capture_app.session.writing.image_store import StoredImage
@@ -203,7 +202,6 @@ class VideoStore:
         waiting = {instant for instant, _, _ in video.unsynced if instant != NO_INSTANT}
         for frame in given:
             if video.find(frame.record.instant) is None and frame.record.instant not in waiting:
-                check_written(frame.record)
                 line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.data)
                 frames.append((frame, line, end))
         try:

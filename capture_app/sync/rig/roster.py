@@ -9,7 +9,6 @@ from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
-from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import (
     CLIENT_SILENT_NS,
@@ -174,8 +173,6 @@ class Roster:
             )[:MAX_TEXT]
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here: give this one another --name"
-        if not is_name(hello.name):
-            return "its name is not a valid name"
         if hello.via is not None and hello.pin in self.direct_pins:
             return (
                 "its machine is paired with the leader, and no relay may speak for it: join the leader,"

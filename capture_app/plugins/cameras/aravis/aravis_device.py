@@ -307,8 +307,8 @@ class AravisDevice:
 
     def _state(self, control: Control) -> ControlState | None:
         """Return a control in the form that all cameras share; None if this one does not have it."""
-        name, has_switch = _CONTROLS.get(control, ("", ""))
-        if not name or not self._call(f"is_{name}_available"):
+        name, has_switch = _CONTROLS[control]
+        if not self._call(f"is_{name}_available"):
             return None
         can_be_automatic = bool(self._call(has_switch))
         lowest, highest = self._call(f"get_{name}_bounds")
@@ -324,19 +324,8 @@ class AravisDevice:
         )
 
     def _set(self, control: Control, value: float | None) -> None:
-        state = self._state(control)
-        if state is None:
-            raise CameraError(
-                f"this camera has no control of its {control}",
-                hint="capture-app cameras controls shows what each camera can set",
-            )
-        if value is None and not state.can_be_automatic:
-            raise CameraError(
-                f"this camera does not choose its {control} itself",
-                hint=f"give a value: capture-app cameras set {control}=VALUE",
-            )
-        name, auto = _CONTROLS[control][0], self._aravis.Auto
-        if state.can_be_automatic:
+        (name, has_switch), auto = _CONTROLS[control], self._aravis.Auto
+        if self._call(has_switch):
             self._call(f"set_{name}_auto", auto.CONTINUOUS if value is None else auto.OFF)
         if value is not None:
             self._call(f"set_{name}", value)

@@ -93,18 +93,10 @@ def read_states(
 
 
 def new_settings(
-    known: KnownControls, control: Control, value: float | None, metadata: Mapping[str, Any]
+    control: Control, value: float | None, metadata: Mapping[str, Any]
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return settings for a control in its unit, None for automatic; and names of settings to drop.
-
-    Raises CameraError if the camera has no such control.
-    """
+    """Return settings for a control in its unit, None for automatic; and names of settings to drop."""
     of = _CONTROLS[control]
-    if of.value not in known or (value is None and of.switch not in known):
-        raise CameraError(
-            f"this camera has no {'automatic' if value is None else 'control of its'} {control}",
-            hint="capture-app cameras controls shows what each camera can set",
-        )
     if value is None:
         return {of.switch: of.automatic[0]}, (of.value, *of.together)
     number = round(value) if control in (Control.EXPOSURE, Control.WHITE_BALANCE) else float(value)

@@ -236,7 +236,7 @@ class LibcameraCamera(ThreadedCamera):
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
-        settings, forget = new_settings(self._controls, control, value, self._metadata)
+        settings, forget = new_settings(control, value, self._metadata)
         self._stream.keep(settings, forget=forget)
         self._facts = with_exposure(self.facts, self._stream.settings.get("ExposureTime"), self._origin)
 

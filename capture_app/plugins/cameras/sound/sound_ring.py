@@ -43,7 +43,7 @@ class SoundRing:
 
     def __init__(self, rate_hz: int = RATE_HZ) -> None:
         """Create it empty, for a microphone of that rate."""
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._rate_hz = rate_hz
         self._samples = np.zeros(RING_S * rate_hz, np.int16)
         self.begin_stream()
@@ -51,38 +51,32 @@ class SoundRing:
     def begin_stream(self) -> None:
         """Begin a new stream: the microphone was started."""
         with self._lock:
-            self._begin()
-
-    def _begin(self) -> None:
-        self._stream = secrets.randbits(32)
-        self._clock = ArrivalClock()
-        self._end = 0
-        """Number of samples in this stream, with those that were lost."""
-        self._late: list[_Late] = []
-        self._carried: list[tuple[int, int]] = []
-        """Time of each image that was encoded, and the number of the sample after those that it carries."""
+            self._stream = secrets.randbits(32)
+            self._clock = ArrivalClock()
+            self._end = 0
+            """Number of samples in this stream, with those that were lost."""
+            self._late: list[_Late] = []
+            self._carried: list[tuple[int, int]] = []
+            """Time of each encoded image, and the number of the sample after those that it carries."""
 
     def add(self, pcm: bytes, arrival_ns: int) -> None:
         """Add samples, the last of which was taken just before `arrival_ns` in the node's clock."""
         with self._lock:
-            self._add(pcm, arrival_ns)
-
-    def _add(self, pcm: bytes, arrival_ns: int) -> None:
-        waiting = sum(len(chunk.pcm) for chunk in self._late) // 2
-        due_ns = self._local_ns(self._end + waiting + len(pcm) // 2)
-        late_ns = 0 if due_ns is None else arrival_ns - due_ns
-        if late_ns < -LATE_NS:
-            self._begin()
-        elif late_ns > LATE_NS:
-            self._late.append(_Late(pcm, arrival_ns, late_ns))
-            if arrival_ns - self._late[0].arrival_ns > LOST_AFTER_NS or len(self._late) > MAX_LATE:
-                self._insert_gap()
-            return
-        for one in self._late:
-            self._write(one.pcm)
-        self._late.clear()
-        self._write(pcm)
-        self._clock.add_arrival(self._counter_ns(self._end), arrival_ns)
+            waiting = sum(len(chunk.pcm) for chunk in self._late) // 2
+            due_ns = self._local_ns(self._end + waiting + len(pcm) // 2)
+            late_ns = 0 if due_ns is None else arrival_ns - due_ns
+            if late_ns < -LATE_NS:
+                self.begin_stream()
+            elif late_ns > LATE_NS:
+                self._late.append(_Late(pcm, arrival_ns, late_ns))
+                if arrival_ns - self._late[0].arrival_ns > LOST_AFTER_NS or len(self._late) > MAX_LATE:
+                    self._insert_gap()
+                return
+            for one in self._late:
+                self._write(one.pcm)
+            self._late.clear()
+            self._write(pcm)
+            self._clock.add_arrival(self._counter_ns(self._end), arrival_ns)
 
     def _insert_gap(self) -> None:
         """Place the late samples after a gap of silence that is as long as the least late ones are late.
@@ -95,7 +89,7 @@ class SoundRing:
         before = max((n for n, ns in enumerate(late_ns[:-1]) if ns < usual_ns - SAME_NS), default=-1)
         gap_ns = min(late_ns[before + 1 :])
         if gap_ns > MAX_GAP_NS:
-            self._begin()
+            self.begin_stream()
             return
         first = next(n for n, ns in enumerate(late_ns) if n > before and ns <= gap_ns + SAME_NS)
         for n, one in enumerate(late):

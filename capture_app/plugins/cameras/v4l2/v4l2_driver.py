@@ -117,22 +117,9 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
 
 
 def set_control(device: VideoDevice, control: Control, value: float | None) -> None:
-    """Set a control in its unit to a fixed value; None lets the camera choose.
-
-    Raises CameraError if the device has no such control, OSError from the driver.
-    """
+    """Set a control in its unit to a fixed value; None lets the camera choose. Raises OSError."""
     settings = _CONTROLS[control]
     switch = device.control(settings.switch)
-    if value is None and switch is None:
-        raise CameraError(
-            f"{device.path} does not choose its {control} itself",
-            hint=f"give a value: capture-app cameras set {control}=VALUE",
-        )
-    if value is not None and device.control_range(settings.value) is None:
-        raise CameraError(
-            f"{device.path} has no control of its {control}",
-            hint="capture-app cameras controls shows what each camera can set",
-        )
     *preferred, last = settings.automatic if value is None else (settings.manual,)
     if switch not in (None, *preferred, last):
         for choice in preferred:

@@ -10,12 +10,11 @@ from capture_app.session.exporting.videos import write_paired_videos
 
 def write(burst: ExportedBurst, folder: Path) -> None:
     """Write videos with equal numbers of frames, and the cameras in metres; pixels are as in OpenCV."""
-    assert burst.calibration is not None
     names = yaml_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}
     burst.notes += renaming_notes(names)
     write_paired_videos(burst, folder, files)
-    write_cameras(folder, burst.calibration, names, centre=0.0)
+    write_cameras(folder, burst.required_calibration, names, centre=0.0)
 
 
 EXPORTER = Exporter(

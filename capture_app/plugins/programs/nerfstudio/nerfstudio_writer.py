@@ -23,8 +23,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
     `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
     it is exact. Without a second instant every `time` is 0. nerfstudio itself ignores it.
     """
-    calibration = burst.calibration
-    assert calibration is not None
+    calibration = burst.required_calibration
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     if masks:
         # Substitutes for dropped frames have no masks, and nerfstudio requires all or none.

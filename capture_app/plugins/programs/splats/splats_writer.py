@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -38,8 +37,6 @@ _NEAR, _FAR = 0.5, 2.0
 LAYOUTS = ("colmap", "per-instant", "multipleview", "4c4d", "blender")
 
 Cameras = Mapping[str, CameraCalibration]
-Written = tuple[Cameras, PointCloud]
-"""The pinhole of each camera, and the points of the first instant."""
 
 
 class _Layout:
@@ -49,19 +46,18 @@ class _Layout:
         self,
         burst: ExportedBurst,
         folder: Path,
-        lenses: Mapping[str, CameraCalibration],
-        suffix: str = "",
+        lenses: Cameras,
+        suffix: str,
         *,
         masks: Path | None,
         points: Path | None,
         max_points: int | None,
     ) -> None:
-        """Take the pinhole of each camera; `suffix` is the images' type, where the format fixes it."""
-        assert burst.calibration is not None
+        """Take the pinhole of each camera; `suffix` is the images' type, if the layout fixes it, or empty."""
         self.burst, self.folder, self.lenses = burst, folder, lenses
         self._masks, self._points = masks, points
         self._max_points = MAX_POINTS if max_points is None else max_points
-        cameras = burst.calibration.cameras
+        cameras = burst.required_calibration.cameras
         self.redraws: dict[str, Redraw | None] = {
             name: redrawing(cameras[name], lens) for name, lens in lenses.items()
         }
@@ -110,8 +106,8 @@ class _Layout:
             )
         return matched
 
-    def written(self, cloud: PointCloud) -> Written:
-        """Return what was written; add a note on where its points come from."""
+    def note_matches(self) -> None:
+        """Add a note on where the points come from, unless they were given."""
         if self.matched:
             low, high = min(self.matched), max(self.matched)
             number = f"{low:,}" if low == high else f"{low:,} to {high:,}"
@@ -120,9 +116,8 @@ class _Layout:
                 f"{number} points are matched between cameras{filled}; "
                 "`--points` takes the cloud of reconstruct multiview"
             )
-        return self.lenses, cloud
 
-    def _say_what_is_drawn(self, cameras: Mapping[str, CameraCalibration]) -> None:
+    def _say_what_is_drawn(self, cameras: Cameras) -> None:
         same = {name for name, redraw in self.redraws.items() if redraw is None}
         cropped = {
             name
@@ -154,8 +149,8 @@ def write(
     ] = None,
 ) -> None:
     """Write instants that every camera has, in the chosen layout, and the cameras as cameras.gltf."""
-    assert burst.calibration is not None
-    cameras = {name: burst.calibration.cameras[name] for name in burst.cameras}
+    calibration = burst.required_calibration
+    cameras = {name: calibration.cameras[name] for name in burst.cameras}
     layout = layout or "colmap"
     if len(cameras) < 2:
         raise BadInputError(
@@ -174,26 +169,23 @@ def write(
             else f"left out: {count(left_out, 'instant')} that not every camera has"
         )
     burst.images = {place: image for place, image in burst.images.items() if place[1] in instants}
-    lay_out = partial(_Layout, burst, folder, masks=masks, points=points, max_points=max_points)
-    lenses, cloud = _WRITERS[layout](lay_out, burst, cameras, instants)
-    write_gltf(folder / "cameras.gltf", lenses, cloud, burst.calibration.unit)
+    pinholes, suffix, write_images = _LAYOUTS[layout]
+    lenses = pinholes(burst, cameras)
+    export = _Layout(burst, folder, lenses, suffix, masks=masks, points=points, max_points=max_points)
+    cloud = write_images(export, instants)
+    export.note_matches()
+    write_gltf(folder / "cameras.gltf", lenses, cloud, calibration.unit)
 
 
-_LayOut = Callable[..., _Layout]
-"""Makes a `_Layout` of lenses and, if it is fixed, the type of the images."""
-
-
-def _colmap(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
+def _colmap(layout: _Layout, instants: list[int]) -> PointCloud:
     """Write images/<camera>_<instant> and sparse/0 of one instant."""
-    layout = lay_out(_own_pinholes(burst, cameras))
-    return layout.written(_write_instant(layout, Path(), instants[0]))
+    return _write_instant(layout, Path(), instants[0])
 
 
-def _per_instant(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
+def _per_instant(layout: _Layout, instants: list[int]) -> PointCloud:
     """Write a folder of each instant, as in the layout colmap."""
-    layout = lay_out(_own_pinholes(burst, cameras))
     clouds = [_write_instant(layout, Path(f"{instant:06d}"), instant) for instant in instants]
-    return layout.written(clouds[0])
+    return clouds[0]
 
 
 def _write_instant(layout: _Layout, part: Path, instant: int) -> PointCloud:
@@ -206,37 +198,35 @@ def _write_instant(layout: _Layout, part: Path, instant: int) -> PointCloud:
     return cloud
 
 
-def _four_cameras(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
+def _four_cameras(layout: _Layout, instants: list[int]) -> PointCloud:
     """Write images/cam<N>_<frame>.png, and sparse/0 of the first frames."""
-    layout = lay_out(_own_pinholes(burst, cameras), ".png")
-    for number, camera in enumerate(cameras):
+    for number, camera in enumerate(layout.lenses):
         for frame, instant in enumerate(instants):
             layout.put(camera, instant, f"images/cam{number:02d}_{frame:04d}")
     cloud = layout.cloud(instants[0])
-    images = [(camera, f"cam{number:02d}_0000.png") for number, camera in enumerate(cameras)]
+    images = [(camera, f"cam{number:02d}_0000.png") for number, camera in enumerate(layout.lenses)]
     write_model(layout.folder / _MODEL, layout.lenses, images, cloud)
-    return layout.written(cloud)
+    return cloud
 
 
-def _multiple_view(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
-    """Write cam<N>/frame_<N>.jpg, counted from 1, with one lens for all cameras."""
-    layout = lay_out(common_pinhole(cameras), ".jpg")
-    for number, camera in enumerate(cameras, 1):
+def _multiple_view(layout: _Layout, instants: list[int]) -> PointCloud:
+    """Write cam<N>/frame_<N>.jpg, counted from 1."""
+    for number, camera in enumerate(layout.lenses, 1):
         for frame, instant in enumerate(instants, 1):
             layout.put(camera, instant, f"cam{number:02d}/frame_{frame:05d}")
     cloud = layout.cloud(instants[0])
-    images = [(camera, f"image{number:02d}.jpg") for number, camera in enumerate(cameras, 1)]
+    images = [(camera, f"image{number:02d}.jpg") for number, camera in enumerate(layout.lenses, 1)]
     write_model(layout.folder / "sparse_", layout.lenses, images, cloud)
     write_ply(layout.folder / "points3D_multipleview.ply", cloud, np.zeros_like(cloud.points))
     depths = focus_depths(layout.lenses)
     rows = [llff_row(lens, _NEAR * depths[name], _FAR * depths[name]) for name, lens in layout.lenses.items()]
     np.save(layout.folder / "poses_bounds_multipleview.npy", np.array(rows))
-    return layout.written(cloud)
+    return cloud
 
 
-def _blender(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants: list[int]) -> Written:
-    """Write D-NeRF's square images, transforms_train.json and, of the first camera, transforms_test.json."""
-    layout = lay_out(common_pinhole(cameras, (_DNERF_PX, _DNERF_PX)), ".png")
+def _blender(layout: _Layout, instants: list[int]) -> PointCloud:
+    """Write D-NeRF's images, transforms_train.json and, of the first camera, transforms_test.json."""
+    first = next(iter(layout.lenses))
     frames: dict[str, list[dict[str, object]]] = {}
     last = max(len(instants) - 1, 1)
     for camera, lens in layout.lenses.items():
@@ -246,19 +236,16 @@ def _blender(lay_out: _LayOut, burst: ExportedBurst, cameras: Cameras, instants:
             matrix = opengl_pose(lens).tolist()
             entry = {"file_path": f"./{file}", "time": frame / last, "transform_matrix": matrix}
             frames.setdefault(camera, []).append(entry)
-    angle = {"camera_angle_x": 2 * math.atan(_DNERF_PX / (2 * next(iter(layout.lenses.values())).fx))}
-    parts = {"train": [one for of in frames.values() for one in of], "test": frames[burst.cameras[0]]}
+    angle = {"camera_angle_x": 2 * math.atan(_DNERF_PX / (2 * layout.lenses[first].fx))}
+    parts = {"train": [one for of in frames.values() for one in of], "test": frames[first]}
     for part, entries in (parts | {"val": parts["test"]}).items():
         text = json.dumps({**angle, "frames": entries}, indent=1)
         (layout.folder / f"transforms_{part}.json").write_text(f"{text}\n", encoding="utf-8")
     cloud = layout.cloud(instants[0])
     for name in ("points3d.ply", "fused.ply"):  # 3DGS's name and 4DGaussians'
         write_ply(layout.folder / name, cloud, np.zeros_like(cloud.points))
-    burst.notes.append(f"the test images are those of {burst.cameras[0]}, which are also trained on")
-    return layout.written(cloud)
-
-
-_WRITERS = dict(zip(LAYOUTS, (_colmap, _per_instant, _multiple_view, _four_cameras, _blender), strict=True))
+    layout.burst.notes.append(f"the test images are those of {first}, which are also trained on")
+    return cloud
 
 
 def _own_pinholes(burst: ExportedBurst, cameras: Cameras) -> dict[str, CameraCalibration]:
@@ -271,6 +258,21 @@ def _own_pinholes(burst: ExportedBurst, cameras: Cameras) -> dict[str, CameraCal
         )
     return lenses
 
+
+_LAYOUTS: dict[
+    str,
+    tuple[Callable[[ExportedBurst, Cameras], Cameras], str, Callable[[_Layout, list[int]], PointCloud]],
+] = {
+    "colmap": (_own_pinholes, "", _colmap),
+    "per-instant": (_own_pinholes, "", _per_instant),
+    "multipleview": (lambda burst, cameras: common_pinhole(cameras), ".jpg", _multiple_view),
+    "4c4d": (_own_pinholes, ".png", _four_cameras),
+    "blender": (lambda burst, cameras: common_pinhole(cameras, (_DNERF_PX, _DNERF_PX)), ".png", _blender),
+}
+"""Of each layout: the cameras' lenses, the images' type if it is fixed, and what writes the files.
+
+The writer returns the points of the first instant.
+"""
 
 EXPORTER = Exporter(
     write=write,

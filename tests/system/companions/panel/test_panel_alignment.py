@@ -14,7 +14,7 @@ from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.companions.panel.light_model import Shutter
-from capture_app.companions.panel.pattern import panel_named
+from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import read_panel
 from capture_app.companions.panel.turn_code import Turn
 from capture_app.companions.panel.visit_reading import read_visit
@@ -26,7 +26,7 @@ from tests.unit.companions.panel.test_panel_alignment import photograph
 
 def test_frames_of_a_visit_know_together_what_each_does_not() -> None:
     """A screen that draws to the right shows where it is only while it passes the lit column."""
-    panel = panel_named("screen-60hz-right")
+    panel = PANELS["screen-60hz-right"]
     corners = draw_corners(panel, np.random.default_rng(5), WIDTH, HEIGHT, oblique=False)
     one = HandheldPhotograph(
         panel, WIDTH, HEIGHT, corners, 3.3e6, 16e3, defocus=0.6, jpeg_quality=None, response_ns=1e6

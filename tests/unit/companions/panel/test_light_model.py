@@ -7,9 +7,9 @@ import pytest
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.companions.panel.finder import find_panel
 from capture_app.companions.panel.light_model import LightModel, Shutter
-from capture_app.companions.panel.pattern import panel_named
+from capture_app.companions.panel.pattern import PANELS
 
-SCREEN = panel_named("screen-60hz-down")
+SCREEN = PANELS["screen-60hz-down"]
 ASKEW = ((62.0, 90.0), (570.0, 140.0), (550.0, 390.0), (80.0, 345.0))
 
 

@@ -14,12 +14,12 @@ from capture_app.companions.panel.finder import panels_seen
 from capture_app.companions.panel.light_model import Shutter
 from capture_app.companions.panel.panel_alignment import match_panels
 from capture_app.companions.panel.panel_track import NO_TURN, PanelTrack, TrackReading, make_track
-from capture_app.companions.panel.pattern import panel_named
+from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import PanelTime
 from capture_app.companions.panel.turn_code import Turn
 from capture_app.session.format.common_times import CameraTimes
 
-SCREEN = panel_named("screen-60hz-down")
+SCREEN = PANELS["screen-60hz-down"]
 SD_S = 5e-4
 SLOW_SCREEN = 0.999
 """Rate of a screen of 59.94 Hz against its nominal one."""
@@ -75,7 +75,7 @@ def test_a_missed_refresh_does_no_harm() -> None:
 
 def test_different_pages_are_not_compared() -> None:
     one = track(0.0, 0.0, (100.0,), 1)
-    for other in (replace(one, page=8), replace(one, panel=panel_named("screen-120hz-down"))):
+    for other in (replace(one, page=8), replace(one, panel=PANELS["screen-120hz-down"])):
         times = match_panels(one, other)
         assert times.offset_ns is None
         assert "they saw different panels" in times.reason
@@ -113,7 +113,7 @@ def test_readings_across_a_turn_are_unwrapped_and_a_misread_code_is_outvoted() -
 def test_a_track_says_what_it_lacks() -> None:
     with pytest.raises(BadInputError, match=NO_TURN.split(":", maxsplit=1)[0]):
         make_track([reading(0, 5, turn=None)])
-    other = reading(1, 6, panel=panel_named("screen-75hz-up"))
+    other = reading(1, 6, panel=PANELS["screen-75hz-up"])
     with pytest.raises(BadInputError, match="several panels, screen-60hz-down and screen-75hz-up"):
         make_track([reading(0, 5), other])
     pages = [reading(k, 5 + k, turn=Turn(0, k % 2)) for k in range(10)]
@@ -131,7 +131,7 @@ def photograph(turn: Turn | None = None, **fields: Any) -> HandheldPhotograph:
 def test_two_panels_in_one_image_are_seen_as_two() -> None:
     rng = np.random.default_rng(2)
     one = photograph().take(1e9, rng)
-    other = replace(photograph(), panel=panel_named("screen-144hz-down")).take(1e9, rng)
+    other = replace(photograph(), panel=PANELS["screen-144hz-down"]).take(1e9, rng)
     assert panels_seen(one[..., 1]) == ["screen-60hz-down"]
     assert panels_seen(np.hstack([one, other])[..., 1]) == ["screen-144hz-down", "screen-60hz-down"]
     assert panels_seen(np.hstack([one, one])[..., 1]) == ["screen-60hz-down"] * 2

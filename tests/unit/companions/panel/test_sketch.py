@@ -12,7 +12,7 @@ import pytest
 
 from capture_app import cli
 from capture_app.companions.panel.led_build import FILES
-from capture_app.companions.panel.pattern import DICTIONARY, PANELS, Panel, corners_of_marker, panel_named
+from capture_app.companions.panel.pattern import DICTIONARY, PANELS, Panel, corners_of_marker
 from tests.unit.board.pages import PX_PER_MM, read_pdf, read_svg
 
 HERE = Path(__file__).parent
@@ -115,8 +115,8 @@ def test_the_folder_has_all_that_is_needed(tmp_path: Path, capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        (["--panel", "led-1us"], "no panel 'led-1us'"),
-        (["--panel", "screen-60hz-down"], "capture-app panel show draws it"),
+        (["--panel", "led-1us"], "'led-1us' is not one of 'led-200us', 'led-10ms', 'led-pair'"),
+        (["--panel", "screen-60hz-down"], "'screen-60hz-down' is not one of"),
         (["--panel", "led-pair"], "a frame of 305 x 130 mm does not fit A4"),
         (["--pitch-mm", "nan"], "--pitch-mm"),
     ],
@@ -133,4 +133,4 @@ def test_panels_that_cannot_be_built_are_refused(
 def test_pins_are_those_of_the_panel_named(tmp_path: Path) -> None:
     text = (make(tmp_path / "out") / "WIRING.md").read_text()
     assert len(wired_outputs(text)) == 20
-    assert f"{len(panel_named('led-200us').lamps)} red LEDs" in text
+    assert f"{len(PANELS['led-200us'].lamps)} red LEDs" in text

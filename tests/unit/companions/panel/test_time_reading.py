@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.simulated.panel_photographs import HandheldPhotograph
 from capture_app.companions.panel.finder import PanelNotFoundError
-from capture_app.companions.panel.pattern import panel_named
+from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import read_panel
 
-PAIR = panel_named("led-pair")
+PAIR = PANELS["led-pair"]
 ASKEW = ((62.0, 90.0), (570.0, 140.0), (550.0, 390.0), (80.0, 345.0))
 LEDS = HandheldPhotograph(PAIR, 640, 480, ASKEW, 1e6, 12e3, defocus=0.8, motion=(2, 1), uneven=0.05)
 
@@ -22,7 +22,7 @@ def take(
 
 
 def test_a_whole_cycle_of_exposure_tells_no_time() -> None:
-    single = replace(LEDS, panel=panel_named("led-200us"), exposure_ns=20e6)
+    single = replace(LEDS, panel=PANELS["led-200us"], exposure_ns=20e6)
     with pytest.raises(PanelNotFoundError):
         read_panel(take(single, 3e6), exposure_ns=20e6, row_time_ns=12e3)
 

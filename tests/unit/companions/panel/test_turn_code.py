@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from capture_app.companions.panel.pattern import MARKER_SIZE, PANELS, Panel, panel_named
+from capture_app.companions.panel.pattern import MARKER_SIZE, PANELS, Panel
 from capture_app.companions.panel.screen import HERE, page_html
 from capture_app.companions.panel.turn_code import (
     BITS,
@@ -20,7 +20,7 @@ from capture_app.companions.panel.turn_code import (
     encode_turn,
 )
 
-SCREEN = panel_named("screen-60hz-down")
+SCREEN = PANELS["screen-60hz-down"]
 
 
 def test_every_turn_is_read_as_it_was_drawn_and_no_wrong_cell_goes_unnoticed() -> None:

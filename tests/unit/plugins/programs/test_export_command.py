@@ -63,8 +63,8 @@ def test_bad_places(make: Make, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "link").symlink_to(full)
     for out, reason in (
         (full, "has something in it"),
-        (file, "is not a folder"),
-        (tmp_path / "link", "is not a folder"),
+        (file, "is a file"),
+        (tmp_path / "link", "has something in it"),
         (folder / "exports", "inside the session"),
         (file / "below", "cannot write"),
     ):

@@ -239,7 +239,6 @@ def test_what_a_trainer_stumbles_over_is_said_first(make: Make, tmp_path: Path) 
         assert not (tmp_path / "out").exists()
 
     refused(BadInputError, "no calibration", make(name="bare", calibrate=()))
-    refused(BadInputError, "'tiles' is not a layout", make(), layout="tiles")
     refused(IncompleteError, r"000003.ply is missing", make(name="clap2"), points=tmp_path)
     warnings: list[str] = []
     session = make(name="clap3", sizes={"left": (80, 64)})

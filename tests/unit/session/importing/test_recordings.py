@@ -86,7 +86,6 @@ def test_an_unreadable_end_of_a_video_is_missing(video: Path, tmp_path: Path) ->
         (ImportOptions(fps=30, timestamps=Path("x")), "--fps, or a table"),
         (ImportOptions(timestamps=Path("nowhere.csv")), "nowhere.csv"),
         (ImportOptions(fps=30, start=10), "10 instants, none from 10"),
-        (ImportOptions(fps=30, every=0), "from 1"),
         (ImportOptions(fps=30, calibration=("nowhere.npz",)), "no calibration at nowhere"),
     ],
 )

@@ -73,7 +73,7 @@ class Scene:
         """Render the static parts of a view in the background, once, so that its first image comes sooner."""
         if view not in self._preparing:
             self._preparing.add(view)
-            threading.Thread(target=self._prepare, args=(self._view(view),), daemon=True).start()
+            threading.Thread(target=self._prepare, args=(self.views[view],), daemon=True).start()
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
@@ -81,9 +81,8 @@ class Scene:
         """Render a BGR uint8 image (H, W, 3); the exposure of row r starts at start_ns + r * row_time_ns.
 
         The same arguments give the same bytes, in any process of the same machine.
-        Raises BadInputError for a view that the scene does not have.
         """
-        camera = self._view(view)
+        camera = self.views[view]
         layers, still_light = self._layers(camera)
         # The samples of a pixel are repeated for each 4 ms of exposure, up to 4 times.
         repeats = int(np.clip(-(-exposure_ns // 4_000_000), 1, 4)) if self._samples > 1 else 1
@@ -106,9 +105,8 @@ class Scene:
         """Return depth along the optical axis in m (0 = none), object numbers, moving pixels, each (H, W).
 
         They are exact at the pixels' centres and in the middle of each row's exposure.
-        Raises BadInputError for a view that the scene does not have.
         """
-        camera = self._view(view)
+        camera = self.views[view]
         directions = camera.directions()
         with self._lock:
             if view not in self._still_depth:
@@ -137,13 +135,6 @@ class Scene:
             name: look_at(name, place, target, scale=scale)
             for name, (place, target) in self._definition.cameras.items()
         }
-
-    def _view(self, name: str) -> View:
-        if name not in self.views:
-            raise BadInputError(
-                f"the scene {self.name} has no view named {name!r}", hint=f"one of {', '.join(self.views)}"
-            )
-        return self.views[name]
 
     def _prepare(self, view: View) -> None:
         lower_priority()

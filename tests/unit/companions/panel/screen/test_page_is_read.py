@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.companions.panel.pattern import panel_named
+from capture_app.companions.panel.pattern import PANELS
 from capture_app.companions.panel.time_reading import read_panel
 from capture_app.companions.panel.turn_code import Turn
 from tests.browser import CHROMIUM, Browser
@@ -75,7 +75,7 @@ def test_photographs_of_the_page_tell_its_time(
     exposure_ms: float,
     row_us: float,
 ) -> None:
-    panel = panel_named(name)
+    panel = PANELS[name]
     tick_ns, rng = panel.tick_ns, np.random.default_rng(4)
     browser.open(write_page(tmp_path), width=size[0], height=size[1], angle=angle)
     rate_hz = 1e9 / tick_ns

@@ -162,8 +162,6 @@ async def test_an_exposure_that_is_set_holds_for_frames_and_facts(begin: Begin) 
     streaming.device.put(20)
     await until(lambda: streaming.frames)
     assert streaming.frames[0].exposure_ns == 250_000
-    with pytest.raises(CameraError, match="no control of its focus"):
-        await streaming.camera.set_control(Control.FOCUS, 1.0)
 
 
 async def test_what_goes_wrong_is_told(begin: Begin) -> None:

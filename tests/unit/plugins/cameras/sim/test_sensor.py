@@ -2,7 +2,6 @@ import random
 from dataclasses import replace
 from itertools import pairwise
 from statistics import median, pstdev
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -211,20 +210,10 @@ def test_all_profiles_have_one_period_and_read_out_in_about_5_ms() -> None:
     assert PROFILES["phone-a"].injection_gain != PROFILES["phone-b"].injection_gain
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"injection_gain": 4},
-        {"drop_fraction": 1.5},
-        {"outlier_fraction": -0.1},
-        {"timestamp_noise_ns": -1},
-        {"exposure_ns": 40_000_000},
-        {"exposure_ns": 10},
-    ],
-)
-def test_impossible_profiles_are_refused(changes: dict[str, Any]) -> None:
+@pytest.mark.parametrize("exposure_ns", [40_000_000, 10])
+def test_impossible_exposures_are_refused(exposure_ns: int) -> None:
     with pytest.raises(BadInputError):
-        replace(PROFILES["phone-a"], **changes)
+        replace(PROFILES["phone-a"], exposure_ns=exposure_ns)
 
 
 def test_unknown_profile_lists_those_there_are() -> None:

@@ -72,13 +72,6 @@ def test_automatic_is_what_the_driver_takes_for_it(refuses: tuple[int, ...], the
     assert device.controls["EXPOSURE_AUTO"] == then
 
 
-def test_what_is_not_there_is_refused_in_words() -> None:
-    with pytest.raises(CameraError, match="no control of its focus"):
-        set_control(Webcam(), Control.FOCUS, 1.0)
-    with pytest.raises(CameraError, match="does not choose its gain"):
-        set_control(Webcam(), Control.GAIN, None)
-
-
 async def test_a_camera_tells_its_new_exposure() -> None:
     device = Webcam()
     camera = V4L2Camera(device, MJPG, PERIOD_NS)

@@ -180,7 +180,6 @@ def test_info() -> None:
         ("sim:pi,drops=2", "from 0 to 1"),
         ("sim:pi,ppm=nan", "number"),
         ("sim:pi,scale=2", "from 0.1 to 1"),
-        ("sim:pi,seed=x", "whole number"),
         ("sim:pi,exposure_ms=33.4", "does not fit"),
         ("sim:pi,view=left", "no view"),
     ],

@@ -208,14 +208,6 @@ def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.so
     )
 
 
-def bind_datagrams(host: str, port: int, *, hint: str) -> socket.socket:
-    """Return a UDP socket on a port. Raises NetworkError, with `hint` if the port is in use."""
-    try:
-        return _bound(host, port, socket.SOCK_DGRAM)
-    except OSError as error:
-        raise _cannot_listen(host, port, error, hint) from error
-
-
 def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     addresses = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
     family, _, protocol, _, where = min(addresses, key=lambda entry: entry[0] != socket.AF_INET)
@@ -234,16 +226,11 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     return sock
 
 
-def _cannot_listen(
-    host: str,
-    port: int,
-    error: OSError,
-    if_in_use: str = "another leader may use it: choose another port with --port",
-) -> NetworkError:
+def _cannot_listen(host: str, port: int, error: OSError) -> NetworkError:
     address = Address(host, port)
     if isinstance(error, socket.gaierror):
         return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
     return NetworkError(
         f"cannot listen on {address}: {error.strerror or error}",
-        hint=if_in_use if "in use" in str(error) else "",
+        hint="another leader may use it: choose another port with --port" if "in use" in str(error) else "",
     )

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
 from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotError
@@ -22,8 +22,6 @@ from reconstruction.batch.summary import (
 )
 from reconstruction.batch.units import UNITS, WORK, Outcome, Shard, Unit, is_done, remove_leftovers
 from reconstruction.batch.workers import Workers
-
-TIMINGS = "timings.csv"
 
 
 def batch(
@@ -160,10 +158,6 @@ def _run_units(
                 left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
                 left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
                 talk(str(ProgressStep(done + len(outcomes), done + len(units), f"{row.label}: {how}{left}")))
-                if outcome.computed:
-                    # Timings are optional: a full disk is reported by the units themselves.
-                    with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
-                        file.write(f"{outcome.key},{outcome.seconds:.3f},{row.label}\n")
     except KeyboardInterrupt:
         saved = sum(not outcome.error for outcome in outcomes.values())
         talk(f"stopping: {saved} of {len(units)} results are saved; repeat the command to compute the others")

@@ -104,7 +104,9 @@ class Lines(Widget):
         self._strips = [None] * len(self._lines)
         if not self.is_attached:
             return
-        if len(before) != len(self._lines) or (self.styles.is_auto_width and _width(old) != _width(self._lines)):
+        if len(before) != len(self._lines) or (
+            self.styles.is_auto_width and _width(old) != _width(self._lines)
+        ):
             self.refresh(layout=True)
             # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)

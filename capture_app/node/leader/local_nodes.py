@@ -1,7 +1,7 @@
 """Processes on the leader's machine that end with it: camera nodes, and the server for phones."""
 
 import asyncio
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -113,13 +113,13 @@ class LocalNodes:
         self._watching: dict[str, asyncio.Task[None]] = {}
         """A watch for each node that is not being ended; a name is free again once that is over."""
         self._specs: dict[str, str] = {}
-        """Name of the node last started for each spec."""
+        """Spec of the camera with which each node was started, without its password."""
         self._adding = asyncio.Lock()
 
     @property
-    def names(self) -> Collection[str]:
-        """Names of the running nodes."""
-        return self._children.keys()
+    def specs(self) -> Mapping[str, str]:
+        """Specs of the running nodes' cameras, without passwords, by name."""
+        return {name: self._specs[name] for name in self._children}
 
     async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
         """Start one camera and return its name once it is open; `taken` are names of other nodes.
@@ -130,8 +130,8 @@ class LocalNodes:
         spec = hide_password(spec)
         parsed = parse_spec(spec)
         async with self._adding:
-            known = None if parsed.kind == "sim" else self._specs.get(spec)
-            if known is not None and known in self._children and name in (None, known):
+            known = next((of for of, other in self.specs.items() if other == spec), None)
+            if known is not None and parsed.kind != "sim" and name in (None, known):
                 if known in self._watching:
                     return known
                 await self._children[known].process.wait()  # it has the device until then
@@ -139,7 +139,6 @@ class LocalNodes:
                 name = free_name(parsed.label, {*self._children, *taken})
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
-            self._specs[spec] = name
         await _opened(child)
         return name
 
@@ -206,6 +205,7 @@ class LocalNodes:
             *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
             *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
+        self._specs[name] = spec
         child = self._children[name] = await Child.start(name, arguments, variables=self._trust.variables)
         self._watching[name] = asyncio.create_task(self._watch(name, child, arguments))
         return child

@@ -219,7 +219,8 @@ class CameraSupervisor:
         """The open camera."""
         self._started_ns = self._options.clock.now_ns()
         """Time of the start command, in ns of the node's clock."""
-        failed = self._failed = asyncio.get_running_loop().create_future()
+        failed: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+        self._failed = failed
         """The error of the device once it has failed."""
 
         def on_failure(error: Exception) -> None:

@@ -336,7 +336,7 @@ class Uploader:
             self._waiting.extend(self._read(self.spool.open()))
 
     def _read(self, left: Iterable[SpoolFolder]) -> list[Upload]:
-        """Return the bursts in these folders of the spool that have images; delete the others."""
+        """Return the bursts in these folders of the spool with images; delete others. Blocks on the disk."""
         bursts = []
         for spooled in left:
             try:
@@ -397,10 +397,6 @@ class Uploader:
                 upload.end()
             self._log.say(f"burst {burst} was cancelled")
         self._changed.set()
-
-    def _adopt(self, spool: Spool) -> list[Upload]:
-        """Move the bursts of ended nodes of this name to `spool`, and return them. Blocks on the disk."""
-        return self._read(spool.adopt())
 
     async def run(self) -> None:
         """Encode frames and send images to the leader, until cancelled."""
@@ -571,7 +567,8 @@ class Uploader:
                         if self._space_is_due:
                             self._space_is_due = False
                             if self.spool is not None:
-                                self._waiting.extend(await asyncio.to_thread(self._adopt, self.spool))
+                                adopted = await asyncio.to_thread(self.spool.adopt)
+                                self._waiting.extend(await asyncio.to_thread(self._read, adopted))
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._conclude(*await sender.next_ended())

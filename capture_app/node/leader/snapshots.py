@@ -37,14 +37,14 @@ def node_statuses(
     `local` are the specs of the nodes that are processes of the leader's machine, by name.
     """
     by_name = {member.name: member for member in all_members or members}
-    known = spools or {}
+    known, local = spools or {}, local or {}
     return tuple(
         NodeStatus(
             **asdict(_with_disk(member.report, known.get(member.name))),
             **asdict((health or {}).get(member.name, CameraHealth())),
             disk_free_bytes=space.free_bytes if (space := known.get(member.name)) else None,
-            on_leader=member.name in (local or {}),
-            spec=(local or {}).get(member.name, ""),
+            on_leader=member.name in local,
+            spec=local.get(member.name, ""),
             name=member.name,
             address=str(Address(*member.address)),
             camera=member.camera,

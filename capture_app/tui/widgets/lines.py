@@ -111,8 +111,9 @@ class Lines(Widget):
             # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)
             return
-        self._strips = [strip_of_line(self, line) for line in self._lines]
-        spans = [changed_cells(one or Strip(()), new) for one, new in zip(before, self._strips, strict=True)]
+        now = [strip_of_line(self, line) for line in self._lines]
+        spans = [changed_cells(one or Strip(()), new) for one, new in zip(before, now, strict=True)]
+        self._strips = [*now]
         if regions := [Region(begin, y, end - begin, 1) for y, (begin, end) in enumerate(spans) if end]:
             self.refresh(*regions)
 

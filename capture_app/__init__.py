@@ -10,6 +10,8 @@ from typing import Any
 __version__ = "0.1.0"
 _PUBLIC = {
     "AsyncRig": "rig.rig",
+    "ExportedBurst": "session.exporting.exported_burst",
+    "Exporter": "session.exporting.exporter",
     "Rig": "rig.rig",
     "SimulshotError": "common.errors",
     "TakePlan": "rig.taking",

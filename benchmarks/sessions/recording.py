@@ -133,8 +133,7 @@ class Rig:
                     nodes = (await ask_status(self.address)).nodes
                 except SimulshotError:
                     nodes = ()
-                # Files that play at a phase of their own may stay aligning, and are recorded all the same.
-                if {node.name for node in nodes if node.state in ("ready", "aligning")} >= {*self.names}:
+                if {node.name for node in nodes if node.state == "ready"} >= {*self.names}:
                     return
                 await asyncio.sleep(0.1)
 

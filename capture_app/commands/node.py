@@ -95,6 +95,7 @@ def node(
     Without --leader the node searches the local network, and asks if there are several leaders. A relay's
     address works like a leader's. An unpaired machine is paired once, by --code or by the code asked for.
     """
+    from capture_app.node.camera.burst_upload import free_spool
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
 
     named = name_cameras(name, specs)
@@ -114,7 +115,7 @@ def node(
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
             clock_tolerance_ns=None if clock_tolerance_us is None else round(clock_tolerance_us * 1000),
-            spool=spool,
+            spool=free_spool(spool, label) if until_eof else spool,
             log=Log(functools.partial(_log_line_of, label), name=label),
             **ring,
         )

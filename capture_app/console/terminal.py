@@ -150,8 +150,8 @@ class Progress:
             show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
-        """Show the last step, even if others were skipped."""
-        self.done = max(self.done, self.total - 1)
+        """Show the last step; those that were skipped are not counted."""
+        self.total = self.done + 1
         self.step(text)
 
 

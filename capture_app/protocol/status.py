@@ -40,6 +40,8 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
     """Free space of the node's spool."""
     on_leader: bool = False
     """Whether it is a process of the leader, which an operator can remove."""
+    spec: str = ""
+    """Spec of such a camera, without its password, with which the next leader can start it again."""
 
     @property
     def time_error_ns(self) -> int | None:

@@ -2,8 +2,10 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -42,6 +44,8 @@ from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 LEAVE, STOP, STAY = "leave", "stop", "stay"
 FOREIGN_JOBS_S = 2.0
 """Interval at which the state of another screen's jobs is read, s."""
+SETTLED_S = 5.0
+"""Time from the start after which what is in memory stays there, in seconds."""
 NAMED_JOBS = 2
 """Maximum number of jobs named in the quit question; the rest are counted."""
 
@@ -351,6 +355,10 @@ def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = Tru
     settings = Settings.load()
     if frames is not None:
         settings.remember("shoot.frames", frames)
+    # Each fourth key waited 50 ms for the collector, which looked at all that was imported and built.
+    settling = threading.Timer(SETTLED_S, gc.freeze)
+    settling.daemon = True
+    settling.start()
     SimulshotApp(
         RigLink(rig.leader),
         settings=settings,

@@ -128,12 +128,13 @@ class TextQuestion(BoxDialog[str | None]):
         """`check` raises SimulshotError for a text that is not valid."""
         self._check = check
         self._wrong = Static("", classes="wrong")
-        self._line, self._value = Input(select_on_focus=False), value
+        self._line, self._value = Input(), value
         super().__init__(title, Static(Content(printable(text)), classes="question"), self._line, self._wrong)
 
     def on_mount(self) -> None:
-        """Show the initial text."""
+        """Show the initial text, selected, so that typing replaces it."""
         self._line.value = self._value
+        self._line.action_select_all()
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Show the error message of the present text."""

@@ -6,14 +6,14 @@ SPOOL/<camera>/<leader>-<burst>/
 """
 
 import hashlib
+import itertools
 import os
 import threading
 from bisect import bisect_left
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Self
 
@@ -22,7 +22,14 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.bounds import cut
-from capture_app.common.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
+from capture_app.common.errors import (
+    BadInputError,
+    CameraError,
+    DiskError,
+    DiskFullError,
+    SimulshotError,
+    TryAgainError,
+)
 from capture_app.common.names import check_name
 from capture_app.node.camera.film_spool import SpooledFilm
 from capture_app.protocol.messages import MAX_BATCH_IMAGES, CameraReport, ImageUpload, SpoolSpace
@@ -107,12 +114,33 @@ class SpoolFolder:
             return not self.folder.exists()
 
 
+def _spool_roots(spool: Path) -> Iterator[Path]:
+    """Yield SPOOL, SPOOL/.2, SPOOL/.3 ..., where rigs of one machine may have a camera of one name each.
+
+    `spool` is any of them.
+    """
+    first = spool.parent if spool.name[:1] == "." and spool.name[1:].isdecimal() else spool
+    yield first
+    yield from (first / f".{number}" for number in itertools.count(2))
+
+
+def free_spool(spool: Path, camera: str) -> Path:
+    """Return `spool`, or its `.2`, `.3` ... while nodes of that name run or end in those before."""
+    for root in _spool_roots(spool):
+        with suppress(TryAgainError):
+            if (root / camera).is_dir():
+                os.close(lock_folder(root / camera))
+            return root
+    raise AssertionError("there is always one more")
+
+
 class Spool:
     """One camera's folder of bursts, locked against other nodes of its name."""
 
     def __init__(self, root: Path, camera: str) -> None:
         self.camera = check_name(camera, "camera")
         self.folder = root / camera
+        self._root = root
         self._lock = -1
         self._left: list[SpoolFolder] = []
         """Bursts that a failing disk has not deleted."""
@@ -125,6 +153,7 @@ class Spool:
         try:
             make_folders(self.folder, Path(self.folder.anchor))
             self._lock = lock_folder(self.folder)
+            self.adopt()
             folders = list(self.folder.iterdir())
             bursts = [folder for folder in folders if (folder / REPORT).is_file()]
             for folder in (folder for folder in folders if folder not in bursts):
@@ -141,6 +170,27 @@ class Spool:
                 f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
             ) from error
         return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
+
+    def adopt(self) -> list[SpoolFolder]:
+        """Move bursts here that ended nodes of this name left in the other spools of this machine.
+
+        Return their folders. A burst of which there are images here stays for later. Blocks on the disk.
+        """
+        moved = []
+        for root in itertools.takewhile(lambda root: (root / self.camera).is_dir(), _spool_roots(self._root)):
+            if root == self._root:
+                continue
+            with suppress(SimulshotError, OSError):
+                lock = lock_folder(root / self.camera)
+                try:
+                    for report in (root / self.camera).glob(f"*/{REPORT}"):
+                        folder = self.folder / report.parent.name
+                        if not folder.exists():
+                            report.parent.rename(folder)
+                            moved.append(SpoolFolder(folder))
+                finally:
+                    os.close(lock)
+        return moved
 
     def create_burst(self, report: CameraReport) -> SpoolFolder:
         """Create a burst's folder with its report; `SpoolFolder.sync` secures both against a power cut.
@@ -473,7 +523,7 @@ class Upload:
         """Return the images to send after the first `sent` ones."""
         batch: list[ImageUpload] = []
         size = 0
-        for image in islice(self.images.values(), sent, sent + MAX_BATCH_IMAGES):
+        for image in itertools.islice(self.images.values(), sent, sent + MAX_BATCH_IMAGES):
             size += image.bytes
             if batch and size > BATCH_BYTES:
                 break

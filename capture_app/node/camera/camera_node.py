@@ -61,7 +61,10 @@ class CameraNode:
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
         self._uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
-        with contextlib.nullcontext() if spool is None else contextlib.closing(spool):
+        async with contextlib.AsyncExitStack() as ending:
+            if spool is not None:
+                ending.callback(spool.close)
+            ending.push_async_callback(self._uploader.aclose)
             await asyncio.to_thread(self._uploader.load_spool)
             options.trust.client_context()
             addresses = [await resolve(leader) for leader in options.leaders]

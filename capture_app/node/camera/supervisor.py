@@ -38,6 +38,11 @@ REFUSALS = (SimulshotError, OSError)
 LOOK_EVERY_S = 2.0
 """Interval between reads of the values that the camera has chosen."""
 RETRY_S = 2.0
+SILENCE_TICK_S, SILENT_TICKS, SILENT_PERIODS = 1.0, 10, 30
+"""A camera has failed without a frame for so many ticks in a row, each of this length or of so many periods.
+
+Ticks, as a process that was suspended has heard nothing meanwhile.
+"""
 
 
 class ControlKeeper:
@@ -206,7 +211,7 @@ class CameraSupervisor:
         self._engine_ns = 0
         self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
-        self._streams_before = self._last_stream = 0
+        self._streams_before = self._last_stream = self._delivered = 0
 
     async def open(self) -> None:
         """Open the camera, again after a failure, and start its stream. Raises the camera's errors."""
@@ -214,7 +219,8 @@ class CameraSupervisor:
         """The open camera."""
         self._started_ns = self._options.clock.now_ns()
         """Time of the start command, in ns of the node's clock."""
-        failed = self._failed = asyncio.get_running_loop().create_future()
+        failed: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+        self._failed = failed
         """The error of the device once it has failed."""
 
         def on_failure(error: Exception) -> None:
@@ -242,6 +248,7 @@ class CameraSupervisor:
         self.facts = replace(facts, stamp=measured or reported)
 
     def _deliver(self, frame: CapturedFrame) -> None:
+        self._delivered += 1
         for receive in self.receivers:
             receive(frame)
 
@@ -263,7 +270,7 @@ class CameraSupervisor:
         Raises CameraError if another camera is connected then.
         """
         while True:
-            error = await self._failed
+            error = await self._next_failure()
             self._options.log.say(f"camera failed: {error}")
             self._report_to_engine(str(error))
             await self.camera.stop()
@@ -271,6 +278,18 @@ class CameraSupervisor:
             await self.controls.restore()
             self._options.log.say("camera is back")
             self._report_to_engine("")
+
+    async def _next_failure(self) -> Exception:
+        """Wait until the device fails, or delivers nothing any more though its driver has seen no error."""
+        delivered, ticks = -1, 0
+        while ticks < SILENT_TICKS:
+            periods_s = SILENT_PERIODS / SILENT_TICKS * self.facts.period_ns * 1e-9
+            await asyncio.wait((self._failed,), timeout=max(SILENCE_TICK_S, periods_s))
+            if self._failed.done():
+                return self._failed.result()
+            ticks = ticks + 1 if self._delivered == delivered else 0
+            delivered = self._delivered
+        return CameraError("it delivers no frames any more", hint="check its cable")
 
     async def carry_out_commands(self) -> None:
         """Apply the queued commands in order, forever."""

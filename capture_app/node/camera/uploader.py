@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
@@ -25,7 +25,7 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import Spool, Upload, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, Upload, encode_frame
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     MAX_BATCH_IMAGES,
@@ -313,6 +313,7 @@ class Uploader:
         self._to_sync = asyncio.Event()
         self._space_is_due = False
         self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
+        self._encoding: asyncio.Task[None] | None = None
         self._stream: Channel[Any] | None = None
         self._roots: Collection[str] = ()
 
@@ -331,20 +332,25 @@ class Uploader:
 
         Raises SimulshotError.
         """
-        for spooled in self.spool.open() if self.spool is not None else ():
+        if self.spool is not None:
+            self._waiting.extend(self._read(self.spool.open()))
+
+    def _read(self, left: Iterable[SpoolFolder]) -> list[Upload]:
+        """Return the bursts in these folders of the spool with images; delete others. Blocks on the disk."""
+        bursts = []
+        for spooled in left:
             try:
                 burst = Upload.of_spool(spooled)
             except SimulshotError as error:
                 self._log.say(f"left in the spool: {error}")
-            else:
-                if burst.images:
-                    self._log.say(
-                        f"burst {burst.report.burst}: {count(len(burst.images), 'image')} still in"
-                        f" {spooled.folder}"
-                    )
-                    self._waiting.append(burst)
-                else:
-                    spooled.remove()
+                continue
+            if not burst.images:
+                spooled.remove()
+                continue
+            images = count(len(burst.images), "image")
+            self._log.say(f"burst {burst.report.burst}: {images} still in {spooled.folder}")
+            bursts.append(burst)
+        return bursts
 
     def add_burst(self, burst: Upload) -> None:
         """Add a burst; the oldest one is given up when too many wait for a lost leader.
@@ -394,10 +400,26 @@ class Uploader:
 
     async def run(self) -> None:
         """Encode frames and send images to the leader, until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            for work in (self._encode_all(), self._send_all(), self._sync_spool()):
+                tasks.create_task(work)
+
+    async def aclose(self) -> None:
+        """Move the frames that are in memory to the spool, where the next run of this node finds them.
+
+        The camera may be closed before; simulated frames that are not rendered yet may take minutes.
+        """
         try:
-            async with asyncio.TaskGroup() as tasks:
-                for work in (self._encode_all(), self._send_all(), self._sync_spool()):
-                    tasks.create_task(work)
+            if self._encoding is not None:
+                await self._encoding
+            left = [burst for burst in self._bursts if burst.frames and burst.spooling]
+            if self.spool is not None and left:
+                frames = count(sum(len(burst.frames) for burst in left), "frame")
+                self._log.say(f"{frames} are saved in {self.spool.folder} before this node ends")
+                for burst in left:
+                    while burst.frames and burst.spooling:
+                        await self._encode_next(burst)
+                await self._store_ends()
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -424,25 +446,29 @@ class Uploader:
                 await self._store_ends()
                 await self._to_encode.wait()
                 continue
-            picks = tuple(islice(burst.frames, MAX_BATCH_IMAGES if burst.streamed else 1))
-            results = await asyncio.get_running_loop().run_in_executor(
-                self._thread, self._encode, burst, picks
-            )
-            for picked, result in zip(picks, results, strict=True):
-                if isinstance(result, CameraError):
-                    burst.report_lost([picked.instant], str(result))
-                    self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {result}")
-                # The leader may have refused the burst while the frame was encoded.
-                if burst.frames and burst.frames[0] is picked:
-                    burst.frames.popleft()
-                    if not isinstance(result, CameraError):
-                        burst.images[picked.instant] = result
-            if burst.is_over:
-                await self._remove_spooled(burst)
-            self._changed.set()
-            self._to_sync.set()
+            # The thread cannot be cancelled: what it has begun is completed by `aclose`.
+            self._encoding = asyncio.create_task(self._encode_next(burst))
+            await asyncio.shield(self._encoding)
             if burst.streamed:
                 await asyncio.sleep(ENCODE_EVERY_S)
+
+    async def _encode_next(self, burst: Upload) -> None:
+        """Encode the next frame of a burst, or frames of a streamed one, and add them to its images."""
+        picks = tuple(islice(burst.frames, MAX_BATCH_IMAGES if burst.streamed else 1))
+        results = await asyncio.get_running_loop().run_in_executor(self._thread, self._encode, burst, picks)
+        for picked, result in zip(picks, results, strict=True):
+            if isinstance(result, CameraError):
+                burst.report_lost([picked.instant], str(result))
+                self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {result}")
+            # The leader may have refused the burst while the frame was encoded.
+            if burst.frames and burst.frames[0] is picked:
+                burst.frames.popleft()
+                if not isinstance(result, CameraError):
+                    burst.images[picked.instant] = result
+        if burst.is_over:
+            await self._remove_spooled(burst)
+        self._changed.set()
+        self._to_sync.set()
 
     def _encode(
         self, burst: Upload, picks: Sequence[SelectedFrame[CapturedFrame]]
@@ -541,6 +567,8 @@ class Uploader:
                         if self._space_is_due:
                             self._space_is_due = False
                             if self.spool is not None:
+                                adopted = await asyncio.to_thread(self.spool.adopt)
+                                self._waiting.extend(await asyncio.to_thread(self._read, adopted))
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:
                             await self._conclude(*await sender.next_ended())

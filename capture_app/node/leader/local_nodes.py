@@ -1,10 +1,8 @@
 """Processes on the leader's machine that end with it: camera nodes, and the server for phones."""
 
 import asyncio
-import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from itertools import chain
 from pathlib import Path
 
 import msgspec
@@ -12,14 +10,13 @@ import msgspec
 from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.child import Child
-from capture_app.common.errors import BadInputError, NetworkError, TryAgainError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.common.tasks import first_of, has_come
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
-from capture_app.session.files.locks import lock_folder
 from capture_app.trust.trust import Trust
 
 
@@ -116,13 +113,13 @@ class LocalNodes:
         self._watching: dict[str, asyncio.Task[None]] = {}
         """A watch for each node that is not being ended; a name is free again once that is over."""
         self._specs: dict[str, str] = {}
-        """Name of the node last started for each spec."""
+        """Spec of the camera with which each node was started, without its password."""
         self._adding = asyncio.Lock()
 
     @property
-    def names(self) -> Collection[str]:
-        """Names of the running nodes."""
-        return self._children.keys()
+    def specs(self) -> Mapping[str, str]:
+        """Specs of the running nodes' cameras, without passwords, by name."""
+        return {name: self._specs[name] for name in self._children}
 
     async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
         """Start one camera and return its name once it is open; `taken` are names of other nodes.
@@ -133,8 +130,8 @@ class LocalNodes:
         spec = hide_password(spec)
         parsed = parse_spec(spec)
         async with self._adding:
-            known = None if parsed.kind == "sim" else self._specs.get(spec)
-            if known is not None and known in self._children and name in (None, known):
+            known = next((of for of, other in self.specs.items() if other == spec), None)
+            if known is not None and parsed.kind != "sim" and name in (None, known):
                 if known in self._watching:
                     return known
                 await self._children[known].process.wait()  # it has the device until then
@@ -142,7 +139,6 @@ class LocalNodes:
                 name = free_name(parsed.label, {*self._children, *taken})
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
-            self._specs[spec] = name
         await _opened(child)
         return name
 
@@ -204,12 +200,12 @@ class LocalNodes:
             )
 
     async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
-        spool = await asyncio.to_thread(_free_spool, self._spool, name)
         arguments = [
             *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
-            *("--spool", str(spool), "--leader", str(self._leader), "--clock", clock),
+            *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
             *(() if tolerance_us is None else ("--tolerance-us", str(tolerance_us))),
         ]
+        self._specs[name] = spec
         child = self._children[name] = await Child.start(name, arguments, variables=self._trust.variables)
         self._watching[name] = asyncio.create_task(self._watch(name, child, arguments))
         return child
@@ -232,32 +228,6 @@ class LocalNodes:
                 return
             await asyncio.sleep(delay_s)
             child = self._children[name] = await Child.start(name, arguments, variables=self._trust.variables)
-
-
-def _free_spool(spool: Path, camera: str) -> Path:
-    """Return `spool`, or the first free one of its `.2`, `.3` ... if another rig has such a camera there.
-
-    Bursts that killed rigs left for a camera of that name in the others are moved into it.
-    """
-    roots = [spool]
-    while (roots[-1] / camera).is_dir():
-        roots.append(spool / f".{len(roots) + 1}")
-    free, *others = [root for root in roots if not _is_used(root / camera)]
-    for burst in chain.from_iterable((root / camera).glob("*/") for root in others):
-        with suppress(OSError):  # another rig has just moved it
-            burst.rename(free / camera / burst.name)
-    return free
-
-
-def _is_used(spool: Path) -> bool:
-    """Return whether a node has locked a camera's spool."""
-    if not spool.is_dir():
-        return False
-    try:
-        os.close(lock_folder(spool))
-    except TryAgainError:
-        return True
-    return False
 
 
 async def _opened(node: Child) -> None:

@@ -345,7 +345,7 @@ class LeaderService:
 
     async def _remove(self, name: str) -> None:
         members = self._engine.roster.members
-        is_local = self._local is not None and name in self._local.names
+        is_local = self._local is not None and name in self._local.specs
         if is_local or (self._is_here(name) and members[name].camera.kind == PHONE):
             if self._local is not None and is_local:
                 await self._local.remove(name)

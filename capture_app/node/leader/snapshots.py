@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import msgspec
 from msgspec.structs import asdict, replace
@@ -30,20 +30,21 @@ def node_statuses(
     now_ns: int,
     health: Mapping[str, CameraHealth] | None = None,
     spools: Mapping[str, SpoolSpace] | None = None,
-    local: Collection[str] = (),
+    local: Mapping[str, str] | None = None,
 ) -> tuple[NodeStatus, ...]:
     """Return the statuses of `members`, with their parents among `all_members`.
 
-    `local` names the nodes that are processes of the leader's machine.
+    `local` are the specs of the nodes that are processes of the leader's machine, by name.
     """
     by_name = {member.name: member for member in all_members or members}
-    known = spools or {}
+    known, local = spools or {}, local or {}
     return tuple(
         NodeStatus(
             **asdict(_with_disk(member.report, known.get(member.name))),
             **asdict((health or {}).get(member.name, CameraHealth())),
             disk_free_bytes=space.free_bytes if (space := known.get(member.name)) else None,
             on_leader=member.name in local,
+            spec=local.get(member.name, ""),
             name=member.name,
             address=str(Address(*member.address)),
             camera=member.camera,

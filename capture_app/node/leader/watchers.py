@@ -90,7 +90,7 @@ class LeaderState:
                 now_ns=now_ns,
                 health=self._viewfinders.health,
                 spools=bursts.spools,
-                local=() if self._local is None else self._local.names,
+                local={} if self._local is None else self._local.specs,
             ),
             burst=None if bursts.newest is None else fitted_burst(bursts.newest.status),
             ahead=bursts.ahead,

@@ -10,7 +10,7 @@ from capture_app.session.exporting.csv_tables import (
     write_cameras,
     yaml_names,
 )
-from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
+from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, Masks
 from capture_app.session.exporting.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
@@ -39,7 +39,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None) -> None:
         number, redraw = numbers[image.instant], redraws[image.camera]
         file = f"{names[image.camera]}/{number:06d}"
         encoder = redraw or np.asarray if redrawn else None
-        place(burst, image, folder, f"images/{file}{suffix}", encoder, number)
+        burst.write_image(image, folder, f"images/{file}{suffix}", encoder, number)
         write_mask(burst, masks, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
     write_cameras(folder, structs.replace(calibration, cameras=straight), names, centre=_HALF_PIXEL)
     burst.notes += renaming_notes(names)

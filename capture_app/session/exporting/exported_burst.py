@@ -165,6 +165,25 @@ class ExportedBurst:
             )
         return data
 
+    def write_image(
+        self, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None, frame: int = 0
+    ) -> None:
+        """Write an image into a folder, and `put` it: its bytes, or its pixels as PNG if the suffix needs it.
+
+        A redrawn image is JPEG of quality 98, or PNG. Raises as `load` does if the file is not the image that
+        was saved.
+        """
+        data, pixels = self.load(image, redraw)
+        self.put(image, file, frame)
+        target = folder / file
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if redraw is not None or _ending(self, image) != target.suffix:
+            target.write_bytes(encode_image(pixels, target.suffix, quality=98))
+        elif self.link and not isinstance(image, FrameRecord):
+            link_or_copy(str(self.session.image_file(image).resolve()), str(target))
+        else:
+            target.write_bytes(data)
+
     def _in_order(self, camera: str) -> list[ImageRecord]:
         places = ((camera, instant) for instant in range(len(self.instants_ns)))
         return [self.images[place] for place in places if place in self.images]
@@ -199,31 +218,6 @@ def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
     """Return the file suffix for all of these images: their own, or .png if they differ."""
     endings = {_ending(burst, image) for image in images}
     return endings.pop() if len(endings) == 1 else ".png"
-
-
-def place(
-    burst: ExportedBurst,
-    image: ImageRecord,
-    folder: Path,
-    file: str,
-    redraw: Redraw | None = None,
-    frame: int = 0,
-) -> None:
-    """Write an image into a folder, and `put` it: its bytes, or its pixels as PNG if the suffix requires it.
-
-    A redrawn image is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does if the file is not the
-    image that was saved.
-    """
-    data, pixels = burst.load(image, redraw)
-    burst.put(image, file, frame)
-    target = folder / file
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if redraw is not None or _ending(burst, image) != target.suffix:
-        target.write_bytes(encode_image(pixels, target.suffix, quality=98))
-    elif burst.link and not isinstance(image, FrameRecord):
-        link_or_copy(str(burst.session.image_file(image).resolve()), str(target))
-    else:
-        target.write_bytes(data)
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:

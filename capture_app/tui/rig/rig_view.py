@@ -1,5 +1,6 @@
 """Mode Rig: the rig's readiness with advice, its cameras, and its log."""
 
+import asyncio
 import re
 import textwrap
 from functools import partial
@@ -12,13 +13,13 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
-from capture_app.common.camera_facts import PHONE, SIMULATED
+from capture_app.common.camera_facts import PHONE
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.plugins import COMMANDS, load_plugin, plugin_names
 from capture_app.common.stagger import EVEN, OFF, Stagger
 from capture_app.common.text import printable
-from capture_app.protocol.orders import AddSimulated, RemoveCamera, StaggerCameras
+from capture_app.protocol.orders import AddCamera, RemoveCamera, StaggerCameras
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import LinkLost, RigLink
@@ -26,7 +27,7 @@ from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question, TextQuestion
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.guide_screens import GUIDES, Guide, GuideScreen
-from capture_app.tui.rig.start import QUICK, StartPanel
+from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, rig_sign
@@ -239,7 +240,7 @@ class RigView(ModeView):
 
     @work(exclusive=True, group="start")
     async def restart_leader(self) -> None:
-        """Restart the local leader at its address, with its simulated cameras; running cameras reconnect."""
+        """Restart the local leader at its address, with the cameras that ended with it; others reconnect."""
         leader, status = self._source.leader, self._record.status
         alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
         self._starting, connecting = f"starting a leader at {leader} …", ""
@@ -251,11 +252,12 @@ class RigView(ModeView):
                 port=leader.port,
                 stagger=Stagger.parse(status.stagger) if status is not None and status.stagger else None,
             )
-            nodes = status.nodes if status is not None else ()
-            if simulated := sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes):
-                await self._source.order(
-                    AddSimulated(cameras=simulated, scene=self._start.scene, options=QUICK)
-                )
+            local = [
+                AddCamera(spec=node.spec, name=node.name)
+                for node in (status.nodes if status is not None else ())
+                if node.spec
+            ]
+            await asyncio.gather(*(self._source.order(camera) for camera in local))
             connecting = f"the leader at {leader} runs again, connecting …"
         self._starting = connecting
         self._draw()

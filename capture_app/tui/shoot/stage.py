@@ -61,9 +61,8 @@ class Stage(ContentSwitcher):
         if found is not None and len(found.previews) > 1:
             status = self._record.status
             what = (status.order if status is not None else "") or "of one instant"
-            self._live = (
-                f"{len(found.previews)} pictures {printable(what)}, within {duration(found.spread_ns)}"
-            )
+            # Short enough for a window of 80 columns.
+            self._live = f"{len(found.previews)} pictures {printable(what)}, ↔{duration(found.spread_ns)}"
 
     def on_preview_grid_drawn(self) -> None:
         """Say of which moment the new previews are."""

@@ -89,7 +89,8 @@ class Lines(Widget):
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
         self._lines: tuple[Content, ...] = ()
-        self._strips: list[Strip] = []
+        self._strips: list[Strip | None] = []
+        """The lines as drawn; None for one that has not been seen yet in these colours."""
 
     @property
     def plain(self) -> tuple[str, ...]:
@@ -98,18 +99,21 @@ class Lines(Widget):
 
     def show(self, lines: Iterable[Content]) -> None:
         """Replace the lines, and redraw the cells that differ."""
-        before = self._strips
+        before, old = self._strips, self._lines
         self._lines = tuple(lines)
+        self._strips = [None] * len(self._lines)
         if not self.is_attached:
             return
-        self._strips = [strip_of_line(self, line) for line in self._lines]
-        widths = {max((one.cell_length for one in strips), default=0) for strips in (before, self._strips)}
-        if len(before) != len(self._strips) or (self.styles.is_auto_width and len(widths) > 1):
+        if len(before) != len(self._lines) or (
+            self.styles.is_auto_width and _width(old) != _width(self._lines)
+        ):
             self.refresh(layout=True)
             # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)
             return
-        spans = map(changed_cells, before, self._strips)
+        now = [strip_of_line(self, line) for line in self._lines]
+        spans = [changed_cells(one or Strip(()), new) for one, new in zip(before, now, strict=True)]
+        self._strips = [*now]
         if regions := [Region(begin, y, end - begin, 1) for y, (begin, end) in enumerate(spans) if end]:
             self.refresh(*regions)
 
@@ -119,13 +123,15 @@ class Lines(Widget):
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
         """Return the width of the widest line."""
-        return max((line.cell_length for line in self._lines), default=0)
+        return _width(self._lines)
 
     def render_line(self, y: int) -> Strip:
-        """Return the line as drawn by `show`."""
+        """Return the line in the present colours."""
         if y >= len(self._strips):
             return Strip.blank(self.size.width, self.rich_style)
-        strip, width = self._strips[y], self.size.width
+        if (strip := self._strips[y]) is None:
+            strip = self._strips[y] = strip_of_line(self, self._lines[y])
+        width = self.size.width
         if strip.cell_length > width > 1 and strip.text[width - 1 :].strip():
             cropped = strip.crop(0, width - 1)
             strip = Strip([*cropped, Segment("…", list(cropped)[-1].style)])
@@ -134,15 +140,12 @@ class Lines(Widget):
     def notify_style_update(self) -> None:
         """Redraw in the new colours."""
         super().notify_style_update()
-        self._draw_anew()
+        self._strips = [None] * len(self._lines)
+        self.refresh()
 
-    def _draw_anew(self) -> None:
-        # Empty lines are not drawn: a layout already in progress would discard the next one.
-        if self.is_attached and self._lines:
-            self._strips = [strip_of_line(self, line) for line in self._lines]
-            self.refresh(layout=True)
 
-    on_mount = _draw_anew
+def _width(lines: Iterable[Content]) -> int:
+    return max((line.cell_length for line in lines), default=0)
 
 
 def changed_cells(old: Strip, new: Strip) -> tuple[int, int]:

@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-from capture_app.session.exporting.exported_burst import ExportedBurst, place
-from capture_app.session.exporting.exporter import Exporter
+from capture_app import ExportedBurst, Exporter
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
@@ -14,7 +13,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
         for image in burst.images_of(camera):
             file = f"{camera}/{image.instant:06d}.jpg"
             # Refuses an image that is not the one that was saved; frames.csv lists it for an import.
-            place(burst, image, folder, file)
+            burst.write_image(image, folder, file)
             index.append({"file": file, "leader_ns": image.leader_ns})
     (folder / "index.json").write_text(json.dumps(index))
 

@@ -1,13 +1,16 @@
 """Bursts whose leader or node is killed in the middle, finished afterwards."""
 
 import json
+import os
+import signal
 from pathlib import Path
 
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
+from tests.system.end_to_end.processes import children_of, is_running
 from tests.system.end_to_end.rig import burst, join, join_ready, lead, lines_of, output
-from tests.waiting import until
+from tests.waiting import SLOW_PATIENCE_S, until
 
 from .conftest import TIMEOUT_S, Start
 
@@ -60,3 +63,33 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     assert verify(opened) == []
     assert len(opened.manifest.images) == 20
     await until(lambda: not spooled.exists())
+
+
+async def test_a_leaders_own_camera_brings_what_its_last_run_was_still_writing(
+    start: Start, tmp_path: Path
+) -> None:
+    """The next leader's camera has its name, and another spool: what was in the first one stayed there."""
+    camera = ("--camera", "sim:phone-a,drops=0,outliers=0")
+    leader, address = await lead(start, tmp_path / "sessions", options=camera)
+    await leader.says("joined")
+    asking = await start("burst", "--leader", address, "--wait-s", str(TIMEOUT_S), "--frames", "20")
+    session, spool = tmp_path / "sessions" / "burst-001", tmp_path / "state/simulshot/spool"
+    await lines_of(session / JOURNAL, 1)
+    (node,) = children_of(leader.process.pid)
+    leader.process.send_signal(signal.SIGSTOP)
+    await asking.kill()
+    await until(lambda: sum(file.read_bytes().count(b"\n") for file in spool.glob("*/*/*.ndjson")) >= 15)
+    os.kill(node, signal.SIGSTOP)
+    try:
+        await leader.kill()
+        leader, _ = await lead(start, tmp_path / "sessions", address, options=camera)
+        await leader.says("joined")
+        assert len([*spool.glob(".2/*")]) == 1
+    finally:
+        os.kill(node, signal.SIGCONT)
+    await until((session / MANIFEST).exists, seconds=SLOW_PATIENCE_S)
+    await until(lambda: not Session.open(session).manifest.missing, seconds=SLOW_PATIENCE_S)
+    opened = Session.open(session)
+    assert (verify(opened), len(opened.manifest.images)) == ([], 20)
+    await until(lambda: not [*spool.glob("**/*.film")])
+    assert not is_running(node)

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import CameraError
+from capture_app.node.camera import supervisor
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.plugins.cameras.v4l2.v4l2_driver import V4L2Camera
 from capture_app.sync.phase.estimator import FrameStamp
@@ -154,3 +155,20 @@ async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(
     assert await asyncio.wait_for(camera.commands.get(), 30) == RestartStream(given_ns)
     await asyncio.sleep(0)
     assert (bench.starts_ns[-1] - frame_ns - delay_ns) % PERIOD_NS == 0
+
+
+async def test_a_camera_that_falls_silent_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A webcam whose driver says nothing stayed "aligning" for ever."""
+    monkeypatch.setattr(supervisor, "SILENCE_TICK_S", 0.01)
+    monkeypatch.setattr(supervisor, "SILENT_PERIODS", 0)
+    bench = Bench()
+    await bench.start()
+    running = asyncio.create_task(bench.supervisor.keep_open())
+    first = await bench.next_camera()
+    for stream in range(1, 40):
+        first.on_frame(frame(stream))
+        await asyncio.sleep(0.005)
+    assert bench.opened.empty()
+    await started(await bench.next_camera())
+    assert bench.failures == ["it delivers no frames any more (check its cable)", ""]
+    running.cancel()

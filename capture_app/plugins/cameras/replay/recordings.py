@@ -1,5 +1,6 @@
 """Recordings that can be replayed (sessions, videos, images), and the timing of their playback."""
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -188,6 +189,8 @@ class SourceRecording(Recording):
         self._source = source
         self._frames: Iterator[tuple[int, bytes, tuple[int, int]]] = iter(())
         self._read: tuple[int, bytes] = (-1, b"")
+        self._reading = threading.Lock()
+        """Held by a thread that reads: one whose stream was restarted goes on for a while."""
         times_ns = _times_ns(source, fps)
         steps_ns = [after - before for before, after in pairwise(times_ns)]
         median_ns = median(steps_ns) if steps_ns else 1e9 / (fps or TYPICAL_FPS)
@@ -215,13 +218,14 @@ class SourceRecording(Recording):
 
     def picture(self, index: int) -> JpegPicture | None:
         """Return the image of a frame; fast only for ascending frames, as a video is decoded in order."""
-        if index <= self._read[0] or not self._read[1]:
-            self._frames = self._source.frames(range(index, len(self.timing.at_ns)))
-            self._read = (-1, b"")
-        while self._read[0] < index:
-            number, data, _size = next(self._frames, (len(self.timing.at_ns), b"", (0, 0)))
-            self._read = number, data
-        return _jpeg(self._read[1]) if self._read[0] == index else None
+        with self._reading:
+            if index <= self._read[0] or not self._read[1]:
+                self._frames = self._source.frames(range(index, len(self.timing.at_ns)))
+                self._read = (-1, b"")
+            while self._read[0] < index:
+                number, data, _size = next(self._frames, (len(self.timing.at_ns), b"", (0, 0)))
+                self._read = number, data
+            return _jpeg(self._read[1]) if self._read[0] == index else None
 
 
 def _images_of(session: Session, camera: str, *, with_others: bool) -> list[ImageRecord]:

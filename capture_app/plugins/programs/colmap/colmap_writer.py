@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.text import count
-from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
+from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.exporting.starting_points import visible_pixels
@@ -48,7 +48,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
     for image in exported:
         name = f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
         names[image.camera, image.instant] = name
-        place(burst, image, folder, f"images/{name}")
+        burst.write_image(image, folder, f"images/{name}")
         # COLMAP detects no features where a mask is black.
         write_mask(burst, masks, image, folder / "masks" / f"{name}.png", movers=0)
     config = json.dumps(_rig_config(burst.cameras, burst.calibration), indent=1)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
+from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, Masks, Points
 from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
@@ -34,7 +34,7 @@ def write(burst: ExportedBurst, folder: Path, *, masks: Masks = None, points: Po
     entries = []
     for image in images:
         file = f"images/{image.camera}/{image.instant:06d}{suffix}"
-        place(burst, image, folder, file)
+        burst.write_image(image, folder, file)
         time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
         entry = _entry(file, image, calibration.cameras[image.camera], time)
         if masks:

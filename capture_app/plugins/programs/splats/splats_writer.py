@@ -13,7 +13,7 @@ from capture_app.common.text import count
 from capture_app.plugins.programs.splats.colmap_binary import write_model
 from capture_app.plugins.programs.splats.gltf_cameras import write_gltf
 from capture_app.session.exporting.csv_tables import yaml_names
-from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
+from capture_app.session.exporting.exported_burst import ExportedBurst, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, Masks, Option
 from capture_app.session.exporting.pinhole import (
     common_pinhole,
@@ -74,7 +74,7 @@ class _Layout:
     def put(self, camera: str, instant: int, file: str) -> None:
         """Write an image, and its mask if there is one; `file` has no suffix."""
         image, redraw = self.burst.images[camera, instant], self.redraws[camera]
-        place(self.burst, image, self.folder, f"{file}{self.suffix}", redraw)
+        self.burst.write_image(image, self.folder, f"{file}{self.suffix}", redraw)
         beside = file.replace("images", "masks", 1) if "images" in Path(file).parts else f"masks/{file}"
         target = self.folder / f"{beside}.png"
         write_mask(self.burst, self._masks, image, target, movers=255, redraw=redraw)

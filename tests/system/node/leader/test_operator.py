@@ -58,7 +58,7 @@ async def test_two_rigs_have_simulated_cameras_of_the_same_names(tmp_path: Path)
             assert await nodes.add_simulated(AddSimulated(cameras=1, scene="bars")) == ("cam00",)
             async with aclosing(RigLink(leader.own_address).updates()) as updates:
                 await next_of(updates, lambda update: isinstance(update, RigStatus) and bool(update.nodes))
-            assert list(nodes.names) == ["cam00"]
+            assert list(nodes.specs) == ["cam00"]
 
 
 async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
@@ -74,7 +74,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
         with pytest.raises(BadInputError, match="desk already exists"):
             await nodes.add_camera("sim:webcam,scale=0.1", "desk")
         await asyncio.gather(*removals)
-        assert list(nodes.names) == []
+        assert list(nodes.specs) == []
         assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
 
 
@@ -95,7 +95,7 @@ async def test_a_camera_whose_process_dies_is_started_again_unless_it_is_removed
         async with time_limit("its end"):
             await nodes._children["desk"].process.wait()
         await nodes.remove("desk")
-        assert list(nodes.names) == []
+        assert list(nodes.specs) == []
 
 
 async def test_a_camera_that_does_not_open_is_not_started_again(tmp_path: Path) -> None:
@@ -105,4 +105,4 @@ async def test_a_camera_that_does_not_open_is_not_started_again(tmp_path: Path) 
     ):
         with pytest.raises(SimulshotError):
             await nodes.add_camera("sim:nope", "desk")
-        await until(lambda: not nodes.names)
+        await until(lambda: not nodes.specs)

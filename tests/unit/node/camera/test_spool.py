@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame, free_spool
 from capture_app.protocol.messages import CameraReport
 from tests.unit.node.camera.uploading import Picture, burst_upload
 
@@ -66,3 +67,31 @@ def test_what_a_failing_disk_does_not_delete_goes_when_it_is_usable_again(
     assert not spool.look().problem
     assert not burst.folder.exists()
     spool.close()
+
+
+def left_by(spool: Path, number: int) -> Spool:
+    """A spool as a node of the camera a uses it, with a burst of that number."""
+    using = Spool(free_spool(spool, "a"), "a")
+    using.open()
+    using.create_burst(replace(UPLOAD.report, burst=number))
+    return using
+
+
+def test_bursts_of_ended_nodes_are_moved_to_one_that_runs(tmp_path: Path) -> None:
+    first = left_by(tmp_path, 1)
+    second, third = left_by(tmp_path, 2), left_by(tmp_path, 3)
+    assert [of.folder.parent for of in (first, second, third)] == [tmp_path, tmp_path / ".2", tmp_path / ".3"]
+    assert free_spool(tmp_path, "b") == tmp_path
+    assert second.adopt() == [], "their nodes run"
+    first.close()
+    assert [burst.folder.parent for burst in second.adopt()] == [second.folder]
+    third.close()
+    assert free_spool(tmp_path, "a") == tmp_path
+    again = Spool(tmp_path, "a")
+    assert [burst.read_report().burst for burst in again.open()] == [3]
+    # What a node has both here and there is not mixed.
+    again.create_burst(replace(UPLOAD.report, burst=2))
+    second.close()
+    assert [burst.read_report().burst for burst in again.adopt()] == [1]
+    assert [path.name for path in (tmp_path / ".2/a").iterdir()] == ["00000001-000002"]
+    again.close()

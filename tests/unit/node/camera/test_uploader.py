@@ -9,7 +9,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, DiskFullError
 from capture_app.net.channel import Channel
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, encode_frame, free_spool
 from capture_app.protocol.messages import (
     CameraReport,
     Refusal,
@@ -159,6 +159,31 @@ async def test_a_recording_goes_on_where_an_earlier_run_of_the_node_left_it(tmp_
         assert [await stored.get(), await stored.get()] == [(0, b"zero"), (2, b"two")]
         await until(lambda: not any((tmp_path / "a").iterdir()))
     assert stored.empty()
+
+
+async def test_what_another_node_of_its_name_leaves_is_sent_while_this_one_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A node that was still ending when its successor started held its spool."""
+    stored: dict[int, bytes] = {}
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        async for image, payload in images(channel):
+            stored[image.record.instant] = payload
+
+    monkeypatch.setattr("capture_app.node.camera.uploader.SPACE_EVERY_S", 0.1)
+    before = Spool(tmp_path, "a")
+    before.open()
+    left = burst_upload(Picture(b"zero"))
+    before.create_burst(left.report).add([encode_frame(left.report, left.frames[0])])
+    async with uploading(serve, [], Spool(free_spool(tmp_path, "a"), "a")):
+        await asyncio.sleep(0.3)
+        assert not stored, "its node still writes it"
+        before.close()
+        await until(lambda: bool(stored))
+        await until(lambda: not any((tmp_path / ".2/a").iterdir()))
+    assert stored == {0: b"zero"}
+    assert not any((tmp_path / "a").iterdir())
 
 
 class FullSpool(Spool):

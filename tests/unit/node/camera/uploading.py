@@ -122,5 +122,6 @@ async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
+            await uploader.aclose()
             if spool is not None:
                 spool.close()

@@ -1,7 +1,6 @@
 """What operators see of a leader and ask of it, over a connection that comes back."""
 
 import asyncio
-import os
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
@@ -12,7 +11,6 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError, SimulshotError
-from capture_app.node.leader import local_nodes
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import log as log_module
@@ -25,7 +23,6 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
-from capture_app.session.files.locks import lock_folder
 from capture_app.sync.rig.events import NodeChanged, TriggerAnswered
 from capture_app.sync.timekeeping.rates import HostOffRate
 
@@ -124,31 +121,6 @@ async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_
 async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
     with pytest.raises(NotAvailableError, match="runs no cameras"):
         await give_order(leader.own_address, AddSimulated(cameras=2))
-
-
-def test_bursts_of_killed_rigs_are_moved_to_the_next_one(tmp_path: Path) -> None:
-    def leave(root: Path, burst: str) -> Path:
-        (root / "cam00" / burst).mkdir(parents=True)
-        (root / "cam00" / burst / "image.jpg").write_text(burst)
-        return root
-
-    spool = leave(tmp_path / "spool", "1")
-    assert local_nodes._free_spool(spool, "cam01") == spool
-    assert local_nodes._free_spool(spool, "cam00") == spool
-    using = lock_folder(spool / "cam00")
-    second = leave(local_nodes._free_spool(spool, "cam00"), "2")
-    assert second != spool
-    assert local_nodes._free_spool(spool, "cam00") == second, "it is free, and has what a rig left in it"
-    using_second = lock_folder(second / "cam00")
-    leave(local_nodes._free_spool(spool, "cam00"), "3")
-    os.close(using)
-    assert local_nodes._free_spool(spool, "cam00") == spool
-    os.close(using_second)
-    images = [f"{burst}/image.jpg" for burst in ("1", "3")]
-    assert sorted(str(path.relative_to(spool / "cam00")) for path in spool.glob("cam00/*/*")) == images
-    assert local_nodes._free_spool(spool, "cam00") == spool
-    assert sorted(path.read_text() for path in spool.glob("cam00/*/*")) == ["1", "2", "3"]
-    assert not [*spool.glob(".*/cam00/*")]
 
 
 async def test_simulated_cameras_that_cannot_start_say_why(tmp_path: Path) -> None:

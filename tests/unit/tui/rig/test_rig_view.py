@@ -5,16 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.orders import AddSimulated, RemoveCamera, StaggerCameras
+from capture_app.protocol.orders import AddCamera, RemoveCamera, StaggerCameras
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList, CameraRows
 from capture_app.tui.rig.guide_screens import large
-from capture_app.tui.rig.start import QUICK
 from capture_app.tui.rig_record import RigRecord
-from tests.facts import make_facts
 from tests.unit.tui.driving import lines, make_app, settle, text, toasts
 from tests.unit.tui.fake_rig import FakeRig, make_node
 
@@ -285,16 +282,18 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
         assert "Restart leader" not in text(app, "#footer")
 
 
-async def test_simulated_cameras_come_back_with_a_restarted_leader(
+async def test_cameras_of_this_machine_come_back_with_a_restarted_leader(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    """Only simulated ones did, and with other names if cameras of the scene had been removed."""
+
     async def start(**_: object) -> None:
         pass
 
     monkeypatch.setattr("capture_app.tui.rig.rig_view.start_rig", start)
     rig = FakeRig(0)
-    facts = make_facts(kind=SIMULATED)
-    rig.nodes = tuple(make_node(name, camera=facts, on_leader=True) for name in ("cam00", "cam01"))
+    specs = {"cam03": "sim:phone-a,view=cam03", "left": "v4l2:/dev/video0", "far": ""}
+    rig.nodes = tuple(make_node(name, on_leader=bool(spec), spec=spec) for name, spec in specs.items())
     app = make_app(rig, sessions=tmp_path)
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
@@ -302,9 +301,9 @@ async def test_simulated_cameras_come_back_with_a_restarted_leader(
         await settle(pilot)
         await pilot.press("l")
         await settle(pilot)
-        assert [asked for asked in rig.asked if asked[0] == "order"][-1][1] == AddSimulated(
-            cameras=2, scene="studio", options=QUICK
-        )
+        assert [order for kind, order in rig.asked if kind == "order"] == [
+            AddCamera(spec=specs[name], name=name) for name in ("cam03", "left")
+        ]
 
 
 async def test_the_list_says_whether_cameras_are_exposed_alike() -> None:

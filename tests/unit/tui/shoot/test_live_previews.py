@@ -83,7 +83,7 @@ async def test_pictures_of_an_instant_are_shown_together(tmp_path: Path) -> None
         assert [tile.picture.cells for tile in studio.tiles] == [None, None], "the other one is on its way"
         studio.show("cam01", completes=True)
         await until(pilot, lambda: all(tile.picture.cells for tile in studio.tiles))
-        assert studio.title == "Live · 2 pictures of one instant, within 0 ns"
+        assert studio.title == "Live · 2 pictures of one instant, ↔0 ns"
 
 
 async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None:

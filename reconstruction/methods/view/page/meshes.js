@@ -137,7 +137,7 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
     gl.deleteTexture(one.texture);
     one.buffers.forEach(buffer => gl.deleteBuffer(buffer));
   });
-  function draw(meshes, camera, painted) {
+  function draw(meshes, camera, { painted }) {
     gl.bindFramebuffer(gl.FRAMEBUFFER, own.painted);
     gl.useProgram(mesh);
     gl.uniformMatrix4fv(places.view, false, camera.matrix);

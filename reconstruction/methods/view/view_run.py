@@ -16,6 +16,7 @@ from reconstruction.common.camera_paths import orbit, read_path, stand_still, sw
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
+from reconstruction.depth.backdrop import add_backdrop
 from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.method.moments import see_moments
@@ -89,6 +90,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
+    subject: Array | None = None
     for one in see_moments(
         scene,
         dataset.chosen_instants(options.listed_instants),
@@ -96,17 +98,19 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         quick=options.quick,
         progress=progress,
     ):
+        subject = find_subject(one.moment) if subject is None else subject
+        moment = add_backdrop(one.moment)
         for step, delay_ns in enumerate(order_ns):
-            if part := {camera: of for camera, of in one.moment.items() if steps_ns[camera] == delay_ns}:
+            if part := {camera: of for camera, of in moment.items() if steps_ns[camera] == delay_ns}:
                 seen.append(one.instant * len(order_ns) + step)
                 save_moment(folder / MAPS / f"{seen[-1]:06d}", part, unit)
         views = views or {camera: of.view for camera, of in one.moment.items()}
         left_out |= one.left_out
-    if not seen:
+    if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
     moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
     number = len(seen) if path == STILL else options.frames
-    places = given or PATHS[str(path)](views, find_subject(moment), number)
+    places = given or PATHS[str(path)](views, subject, number)
     (folder / VIEWS).mkdir()
     shown, shares = seen[0], []
     progress.step(f"{len(places)} views")
@@ -118,7 +122,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         shares.append(float(picture.known.mean()))
     if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
-        write_moments(folder, dataset.name, moments, dataset.period_ns // len(order_ns))
+        write_moments(folder, dataset.name, moments, subject, dataset.period_ns // len(order_ns))
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),

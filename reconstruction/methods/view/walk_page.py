@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from reconstruction.common.camera_paths import frame_of
-from reconstruction.common.geometry import View
-from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.seen_moment import Moment, SeenView
 from reconstruction.depth.view_blending import TOLERANCE, render
 from reconstruction.pages.walk_page import Drawing, image_address, write_walk_page
 
@@ -22,13 +22,15 @@ HELD = 8
 """Number of instants that the page keeps in the GPU's memory."""
 
 
-def write_moments(out: Path, name: str, moments: Mapping[int, Moment], period_ns: int) -> None:
-    """Write the page into a folder, with moments by instant."""
+def write_moments(
+    out: Path, name: str, moments: Mapping[int, Moment], subject: Array, period_ns: int
+) -> None:
+    """Write the page into a folder, with moments by instant, to walk round a point (3,)."""
     cameras: dict[str, View] = {}
     for moment in moments.values():
         cameras |= {camera: seen.view for camera, seen in moment.items()}
     first = next(iter(moments.values()))
-    frame, shape = frame_of(cameras, find_subject(first)), next(iter(cameras.values()))
+    frame, shape = frame_of(cameras, subject), next(iter(cameras.values()))
     known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]
     write_walk_page(
         out,

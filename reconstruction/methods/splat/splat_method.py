@@ -48,6 +48,15 @@ class SplatMethod(Method, frozen=True, kw_only=True):
     without: Annotated[
         tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
     ] = ()
+    masks: Annotated[
+        str | None,
+        command_flag(
+            "--masks",
+            metavar="DIR",
+            help="Show only what is white in the masks DIR/CAMERA/INSTANT.png, such as those of "
+            "`reconstruct movers`.",
+        ),
+    ] = None
     iterations: Annotated[
         int,
         command_flag(
@@ -111,11 +120,8 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             self.run(scene, condition),
             output.folder,
             condition,
+            self,
             held_out=self.held_out(scene),
-            iterations=self.iterations,
-            width_px=self.width,
-            page=self.page,
-            spz=self.spz,
         )
 
     def held_out(self, scene: "Scene") -> str:
@@ -140,9 +146,10 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             without=tuple(filter(None, (*self.without, self.held_out(scene)))),
             quick=self.quick,
             min_evidence=MIN_EVIDENCE,
+            masks=self.masks,
             progress=self.progress,
         )
-        yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)
+        yield from optimize_moments(seen, len(chosen), self)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""

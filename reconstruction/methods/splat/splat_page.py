@@ -30,7 +30,7 @@ GREEN_SHIFT, CHROMA_SHIFT = 2, 3
 """Bits of 8 that are left out of green, and of the differences of blue and red to it."""
 COLOURS = slice(8, 11)
 """Columns of green, and of blue and red, in the rows of integers."""
-SAME_COLOUR = 32
+SAME_COLOUR = 40
 """Difference of levels up to which a Gaussian that stays has its colour of the instant when it came."""
 
 
@@ -93,7 +93,9 @@ def write_splat_page(
         instants.append({"instant": instant, "stay": _packed(np.packbits(stay)), **pack(new)})
         rows = np.concatenate([rows[stay], new])
     shape, first = next(iter(views.values())), _shown(next(iter(files.values())))
-    depths = np.concatenate([first.places @ view.rotation[2] + view.translation[2] for view in views.values()])
+    depths = np.concatenate(
+        [first.places @ view.rotation[2] + view.translation[2] for view in views.values()]
+    )
     write_walk_page(
         out,
         name,

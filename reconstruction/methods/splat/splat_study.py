@@ -192,9 +192,9 @@ class SplatStudy(Score):
         if (known := self.made.get(key := (one.instant, *shown.items()))) is not None:
             return known
         self.progress.step(f"a splat without {self.reference}, {side}")
-        (found,) = self.method(one).run(self.scene, condition)
-        picture = render_gaussians(found.splat, self.scene.views[self.reference].undistorted)
-        self.made[key] = _Splat(picture, len(found.splat))
+        ((_, splat),) = self.method(one).run(self.scene, condition)
+        picture = render_gaussians(splat, self.scene.views[self.reference].undistorted)
+        self.made[key] = _Splat(picture, len(splat))
         return self.made[key]
 
     def _masks(self, view: View, shown: ShownInstant) -> tuple[Array, Array]:

@@ -96,6 +96,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         dataset.chosen_instants(options.listed_instants),
         condition,
         quick=options.quick,
+        masks=options.masks,
         progress=progress,
     ):
         subject = find_subject(one.moment) if subject is None else subject

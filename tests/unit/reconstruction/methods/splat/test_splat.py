@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.common.errors import ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.backdrop import find_backdrop
+from reconstruction.depth.seen_moment import SeenInstant
+from reconstruction.method.moments import read_mask
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat import optimization
 from reconstruction.methods.splat.gaussians import (
@@ -29,9 +31,11 @@ from reconstruction.methods.splat.gaussians import (
     write_spz,
 )
 from reconstruction.methods.splat.optimization import _Picture, optimize
-from reconstruction.methods.splat.splat_run import _with_learned, middle_camera
+from reconstruction.methods.splat.splat_method import SplatMethod
+from reconstruction.methods.splat.splat_run import _with_learned, middle_camera, optimize_moments
+from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct
-from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
+from tests.unit.reconstruction.depth.moments import BOARD_M, FOCAL, moment, seen, view_at
 from tests.unit.reconstruction.depth.test_backdrop import before_blue, board_before_blue
 
 
@@ -218,16 +222,57 @@ def test_what_stands_still_begins_with_what_was_learned() -> None:
     gaussians = make_gaussians(moment())
     gaussians = gaussians.chosen(np.argsort(gaussians.pixels, kind="stable"))
     better, kept = optimize(gaussians, moment(), 2)
-    begun = _with_learned(gaussians, gaussians.chosen(kept), better)
+    begun, still = _with_learned(gaussians, gaussians.chosen(kept), better)
+    assert (still == kept).all()
     assert begun.chosen(kept).opacities == pytest.approx(better.opacities)
     assert begun.chosen(kept).sizes == pytest.approx(better.sizes, rel=1e-5)
     noisy = gaussians.chosen(np.arange(len(gaussians)))
     noisy.places[:] *= 1.0005
-    assert (_with_learned(noisy, gaussians.chosen(kept), better).chosen(kept).places == better.places).all()
+    assert (
+        _with_learned(noisy, gaussians.chosen(kept), better)[0].chosen(kept).places == better.places
+    ).all()
     moved = gaussians.chosen(np.arange(len(gaussians)))
     moved.places[:] += 0.3
-    again = _with_learned(moved, gaussians.chosen(kept), better)
+    again, still = _with_learned(moved, gaussians.chosen(kept), better)
     assert (again.opacities == gaussians.opacities).all()
+    assert not still.any()
+
+
+def test_what_stands_still_keeps_its_shape_at_later_instants() -> None:
+    """Before, all instants went on with it, and a page that holds it once was ever more wrong."""
+    cameras, gaussians = moment(), make_gaussians(moment())
+    settled = np.arange(len(gaussians)) % 2 == 0
+    better, kept = optimize(gaussians, cameras, 3, settled)
+    assert kept[settled].all()
+    still = settled[kept]
+    assert better.opacities[still] == pytest.approx(gaussians.opacities[settled])
+    assert (better.sizes[still] == gaussians.sizes[settled]).all()
+    assert (better.sizes[~still] != gaussians.sizes[kept & ~settled]).mean() > 0.9
+    assert (better.colours[still] != gaussians.colours[settled]).mean() > 0.9
+
+
+def test_what_a_mask_excludes_is_not_fitted() -> None:
+    """Only the board is in front: no wall, no backdrop, and pictures that are black beside it."""
+    masked = {camera: one.within(one.depth < 2.5) for camera, one in moment().items()}
+    assert not masked["left"].colours[masked["left"].depth == 0].any()
+    options = SplatMethod(iterations=2, masks="masks", all_cameras=True)
+    ((_, splat),) = optimize_moments([SeenInstant(0, masked, {})], 1, options)
+    assert 500 < len(splat) < 90 * 120 / 2
+    assert splat.places[:, 2] == pytest.approx(BOARD_M, abs=0.01)
+    ((_, before_black),) = optimize_moments([SeenInstant(0, masked, {})], 1, SplatMethod(iterations=2))
+    assert before_black.places[:, 2].max() > 2 * BOARD_M
+
+
+def test_masks_are_paired_with_cameras_by_their_labels(boards: Session, tmp_path: Path) -> None:
+    scene = Scene.open(boards.folder)
+    camera, *_ = scene.dataset.cameras
+    mask = np.zeros(scene.dataset.image(camera, 0).shape[:2], np.uint8)
+    mask[:, : mask.shape[1] // 2] = 255
+    (tmp_path / camera.upper()).mkdir()
+    cv2.imwrite(str(tmp_path / camera.upper() / "000000.png"), mask)
+    assert (read_mask(scene, str(tmp_path), camera, 0) == (mask > 0)).all()
+    with pytest.raises(BadInputError, match=r"000001\.png is missing"):
+        read_mask(scene, str(tmp_path), camera, 1)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import ctypes
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
@@ -59,9 +59,8 @@ def optimize(
             if at not in free:
                 free[at] = floats(np.where(passes > GAP, 1, FREE))
             errors = _add_background(drawn, passes, free[at], targets[at])
-            picture = _Picture(projected, opacities, values["colours"], drawn, errors, passes)
-            rows = bands(view.height, parts)
-            list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
+            add = partial(add_slopes, projected, (opacities, values["colours"]), (drawn, errors, passes))
+            list(pool.map(add, zip(*slopes.values(), strict=True), bands(view.height, parts)))
             slopes["logits"] *= opacities * (1 - opacities)
             if settled is not None:
                 slopes["logits"][:, settled] = slopes["grown"][:, settled] = 0
@@ -85,26 +84,26 @@ def _add_background(drawn: Array, passes: Array, free: Array, target: Array) -> 
     return floats(errors)
 
 
-class _Picture(NamedTuple):
-    """Gaussians before a target picture, the loss's slopes by the colours, and work space."""
+def add_slopes(
+    projected: Projected,
+    values: tuple[Array, Array],
+    seen: tuple[Array, Array, Array],
+    slopes: tuple[Array, ...],
+    rows: tuple[int, int],
+) -> None:
+    """Add the slopes of the loss by colour, opacity and logarithm of the size, from a band of rows.
 
-    projected: Projected
-    opacities: Array
-    colours: Array
-    drawn: Array
-    errors: Array
-    passes: Array
-
-    def add_slopes(self, slopes: tuple[Array, Array, Array], rows: tuple[int, int]) -> None:
-        """Add the slopes by colour, opacity and logarithm of the size, from a band of rows."""
-        projected = self.projected
-        call_kernel(
-            "gaussian_gradients",
-            *(len(projected.order), projected.order, projected.flat, self.opacities, self.colours),
-            *(projected.view.width, *rows, self.drawn, self.errors, np.empty_like(self.drawn), self.passes),
-            *slopes,
-            source=GAUSSIANS,
-        )
+    `values` are the Gaussians' opacities and colours, `seen` the drawn picture, twice its errors, and the
+    light that passes.
+    """
+    drawn, errors, passes = seen
+    call_kernel(
+        "gaussian_gradients",
+        *(len(projected.order), projected.order, projected.flat, *values),
+        *(projected.view.width, *rows, drawn, errors, np.empty_like(drawn), passes),
+        *slopes,
+        source=GAUSSIANS,
+    )
 
 
 def _adam(

@@ -125,9 +125,12 @@ def write_splat_page(
 
 
 def _shown(file: Path) -> Gaussians:
-    """Read a file's Gaussians without strays, which would cost all others their precision."""
+    """Read a file's Gaussians without strays far beyond nearly all others, which would cost all precision."""
     gaussians = read_splats(file)
-    return gaussians.chosen(_without_strays(gaussians.places))
+    low, high = np.percentile(gaussians.places, [STRAY, 100 - STRAY], axis=0)
+    margin = BEYOND * (high - low) + 1e-9
+    near = (gaussians.places >= low - margin) & (gaussians.places <= high + margin)
+    return gaussians.chosen(near.all(axis=1))
 
 
 def _places(integers: Array) -> Array:
@@ -158,10 +161,3 @@ def pack(integers: Array) -> dict[str, Any]:
 def _packed(values: Array) -> str:
     packer = zlib.compressobj(9, memLevel=9, strategy=zlib.Z_FILTERED)
     return base64.b64encode(packer.compress(values.tobytes()) + packer.flush()).decode()
-
-
-def _without_strays(places: Array) -> Array:
-    """Return which places (bool) are not far beyond nearly all others; they would cost all precision."""
-    low, high = np.percentile(places, [STRAY, 100 - STRAY], axis=0)
-    margin = BEYOND * (high - low) + 1e-9
-    return np.asarray(((places >= low - margin) & (places <= high + margin)).all(axis=1))

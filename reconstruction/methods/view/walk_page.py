@@ -26,9 +26,7 @@ def write_moments(
     out: Path, name: str, moments: Mapping[int, Moment], subject: Array, period_ns: int
 ) -> None:
     """Write the page into a folder, with moments by instant, to walk round a point (3,)."""
-    cameras: dict[str, View] = {}
-    for moment in moments.values():
-        cameras |= {camera: seen.view for camera, seen in moment.items()}
+    cameras = {camera: seen.view for moment in moments.values() for camera, seen in moment.items()}
     first = next(iter(moments.values()))
     frame, shape = frame_of(cameras, subject), next(iter(cameras.values()))
     known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]

@@ -30,7 +30,7 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
     write_spz,
 )
-from reconstruction.methods.splat.optimization import _Picture, optimize
+from reconstruction.methods.splat.optimization import add_slopes, optimize
 from reconstruction.methods.splat.splat_method import SplatMethod
 from reconstruction.methods.splat.splat_run import _with_learned, middle_camera, optimize_moments
 from reconstruction.scene.scene import Scene
@@ -101,9 +101,9 @@ def test_gradients_are_those_of_the_picture() -> None:
     projected, picture, passes = drawn(gaussians)
     slopes = [np.zeros_like(one) for one in values]
     errors = 2 * (picture - target)
-    made = _Picture(projected, gaussians.opacities, gaussians.colours, picture, errors, passes)
-    made.add_slopes((slopes[0], slopes[1], slopes[2]), (0, 50))
-    made.add_slopes((slopes[0], slopes[1], slopes[2]), (50, 90))
+    for rows in ((0, 50), (50, 90)):
+        values_seen = (gaussians.opacities, gaussians.colours), (picture, errors, passes)
+        add_slopes(projected, *values_seen, tuple(slopes), rows)
     # What a larger size adds at the cut-off border has no gradient.
     for number, (step, near) in enumerate([(1e-2, 0.02), (1e-2, 0.02), (1e-2, 0.2)]):
         for place in np.ndindex(values[number].shape):

@@ -50,10 +50,11 @@ def see_moments(
     for seen in method.see(scene, condition):
         if masks is not None:
             shown = instants_shown(scene.dataset, condition, seen.instant)
-            kept = {camera: read_mask(scene, masks, camera, shown[camera]) for camera in seen.moment}
-            seen = seen._replace(
-                moment={camera: of.within(kept[camera]) for camera, of in seen.moment.items()}
-            )
+            moment = {
+                camera: of.within(read_mask(scene, masks, camera, shown[camera]))
+                for camera, of in seen.moment.items()
+            }
+            seen = seen._replace(moment=moment)
         yield seen
 
 
@@ -68,5 +69,5 @@ def read_mask(scene: Scene, masks: str, camera: str, instant: int) -> Array:
     path = folder / labels.get(camera, camera) / f"{instant:06d}.png"
     if not path.is_file():
         raise BadInputError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
-    mask = cv2.resize(read_image(path), (view.width, view.height))
-    return np.asarray(view.undistort_image(mask)[..., 0] > 127)
+    mask = view.undistort_image(cv2.resize(read_image(path), (view.width, view.height)))
+    return np.asarray(mask[..., 0] > 127)

@@ -35,11 +35,11 @@ def optimize(
     gaps and up to `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever
     more transparent.
     """
-    number = len(gaussians)
+    opacities = np.clip(gaussians.opacities, 1e-3, 1 - 1e-3)
     values = {
         "colours": gaussians.colours.copy(),
-        "logits": _logit(gaussians.opacities),
-        "grown": np.zeros(number, np.float32),
+        "logits": floats(np.log(opacities / (1 - opacities))),
+        "grown": np.zeros(len(gaussians), np.float32),
     }
     parts, factor = worker_count(), min(max(FEW / max(iterations, 1), 1.0), MAX_FACTOR)
     slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
@@ -123,8 +123,3 @@ def _adam(
 
 def _sigmoid(logits: Array) -> Array:
     return floats(1 / (1 + np.exp(-logits)))
-
-
-def _logit(opacities: Array) -> Array:
-    opacities = np.clip(opacities, 1e-3, 1 - 1e-3)
-    return floats(np.log(opacities / (1 - opacities)))

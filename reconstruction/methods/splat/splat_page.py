@@ -61,8 +61,7 @@ class Grid(NamedTuple):
 
         Blue and red are differences to green. The third size is left out: it is `THIN` times the first.
         """
-        turns = quaternions(gaussians.rotations)
-        turns = (turns * np.where(turns[:, :1] < 0, -1, 1))[:, 1:]
+        turns = quaternions(gaussians.rotations)[:, 1:]
         blue, green, red = np.rint(np.clip(gaussians.colours, 0, 1) * 255).astype(int).T
         columns = [
             np.rint((gaussians.places - self.low) / self.step),

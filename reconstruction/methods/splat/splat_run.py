@@ -25,7 +25,7 @@ from reconstruction.methods.splat.gaussians import (
     write_spz,
 )
 from reconstruction.methods.splat.optimization import optimize
-from reconstruction.methods.splat.splat_method import SplatMethod
+from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.methods.splat.splat_page import write_splat_page
 from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
@@ -122,18 +122,17 @@ SplatMoment = tuple[SeenInstant, Gaussians]
 """An instant in the size that its splat was made from, and the splat."""
 
 
-def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatMethod) -> Iterator[SplatMoment]:
+def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOptions) -> Iterator[SplatMoment]:
     """Yield the splat of each of `count` instants, beginning with what the instant before has learned.
 
     What stands still is optimized twice as long at the first of several, and keeps its shape afterwards.
     """
-    progress, longer = options.progress, 2 if count > 1 else 1
     learned: tuple[Gaussians, ...] = ()
     backdrop: Backdrop | None = None
     for number, one in enumerate(seen):
         if not number:
-            progress.total = progress.done + count  # all maps are computed
-        progress.step(f"splat of instant {one.instant}")
+            options.progress.total = options.progress.done + count  # all maps are computed
+        options.progress.step(f"splat of instant {one.instant}")
         moment = {camera: view.resized(options.width) for camera, view in one.moment.items()}
         # What is beyond all surfaces stands still.
         if not learned and options.masks is None:
@@ -141,8 +140,8 @@ def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatMeth
         begun = make_gaussians(moment, backdrop)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
         known = _with_learned(begun, *learned) if learned else (begun, None)
+        longer = 2 if count > 1 and not learned else 1
         splat, kept = optimize(known[0], moment, longer * options.iterations, known[1])
-        longer = 1
         learned = begun.chosen(kept), splat
         yield one._replace(moment=moment), splat
 
@@ -152,7 +151,7 @@ def make_splats(
     splats: Iterable[SplatMoment],
     folder: Path,
     condition: Condition,
-    options: SplatMethod,
+    options: SplatOptions,
     *,
     held_out: str,
 ) -> SplatResult:
@@ -206,13 +205,17 @@ def make_splats(
 def _mean_psnr(splat: Gaussians, pictures: Iterable[SeenView], *, masked: bool) -> float:
     """Return the mean PSNR, dB, of what cameras see of a splat; of masked pictures, where not black."""
     found_db = [
-        psnr(render_gaussians(splat, seen.view), seen.colours, seen.colours.any(axis=2) if masked else None)
+        psnr(
+            render_gaussians(splat, seen.view),
+            seen.colours,
+            np.asarray(seen.colours.any(axis=2)) if masked else None,
+        )
         for seen in pictures
     ]
     return round(float(np.mean(found_db)), 2)
 
 
-def _picture(scene: Scene, camera: str, instant: int, options: SplatMethod) -> SeenView:
+def _picture(scene: Scene, camera: str, instant: int, options: SplatOptions) -> SeenView:
     """Return a camera's picture without depth, reduced and masked like those that splats are made from."""
     view = scene.views[camera]
     colours = view.undistort_image(scene.dataset.image(camera, instant))

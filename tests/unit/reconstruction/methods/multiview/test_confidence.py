@@ -137,7 +137,7 @@ def test_confidence_falls_with_the_misfit_and_rises_with_the_baseline() -> None:
     assert sure(exact_px, 0.0) == pytest.approx(0.676, abs=0.001)
     assert sure(exact_px, 0.08) == pytest.approx(0.676, abs=0.001)
     pose_px = POSE_FACTOR * np.sqrt(0.5**2 - 0.08**2)
-    off_px = np.linalg.norm([exact_px, pose_px, ASKEW * (0.5**2 - 0.08**2)])
+    off_px = float(np.linalg.norm([exact_px, pose_px, ASKEW * (0.5**2 - 0.08**2)]))
     assert sure(off_px, 0.5) == pytest.approx(0.676, abs=0.001)
     assert sure(0.5, None) == sure(0.5, ASSUMED_MISFIT_PX)
     assert sure(1.0, 2.0) < sure(1.0, 0.5) < sure(1.0, 0.15)

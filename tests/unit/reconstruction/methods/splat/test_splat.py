@@ -266,8 +266,9 @@ def test_what_a_mask_excludes_is_not_fitted() -> None:
 def test_masks_are_paired_with_cameras_by_their_labels(boards: Session, tmp_path: Path) -> None:
     scene = Scene.open(boards.folder)
     camera, *_ = scene.dataset.cameras
-    mask = np.zeros(scene.dataset.image(camera, 0).shape[:2], np.uint8)
-    mask[:, : mask.shape[1] // 2] = 255
+    width, height = scene.dataset.size(camera)
+    mask = np.zeros((height, width), np.uint8)
+    mask[:, : width // 2] = 255
     (tmp_path / camera.upper()).mkdir()
     cv2.imwrite(str(tmp_path / camera.upper() / "000000.png"), mask)
     assert (read_mask(scene, str(tmp_path), camera, 0) == (mask > 0)).all()

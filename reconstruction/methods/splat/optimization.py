@@ -24,13 +24,10 @@ GAP, FREE = 0.5, 0.1
 """Fraction of light that passes a pixel of a gap at the start, and that may pass any other pixel freely."""
 
 
-def optimize(
-    gaussians: Gaussians, moment: Moment, iterations: int, settled: Array | None = None
-) -> tuple[Gaussians, Array]:
+def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gaussians, Array]:
     """Return Gaussians with better colours, opacities and sizes, and which were kept (bool).
 
-    Those that became transparent are removed. Of those that are `settled` (bool), as an earlier instant has
-    optimized them, only the colours change. Each iteration compares all cameras' pictures, one after the
+    Those that became transparent are removed. Each iteration compares all cameras' pictures, one after the
     other; the loss is the squared difference of colours. Light that passes all Gaussians counts as right in
     gaps and up to `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever
     more transparent.
@@ -62,8 +59,6 @@ def optimize(
             add = partial(add_slopes, projected, (opacities, values["colours"]), (drawn, errors, passes))
             list(pool.map(add, zip(*slopes.values(), strict=True), bands(view.height, parts)))
             slopes["logits"] *= opacities * (1 - opacities)
-            if settled is not None:
-                slopes["logits"][:, settled] = slopes["grown"][:, settled] = 0
             for name, one in values.items():
                 _adam(name, one, slopes[name], moments[name], visit + 1, factor)
     opacities = _sigmoid(values["logits"])

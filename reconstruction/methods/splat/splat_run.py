@@ -92,8 +92,8 @@ def middle_camera(views: Mapping[str, View]) -> str:
     return min(views, key=lambda name: float(np.linalg.norm(views[name].centre - middle)))
 
 
-def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> tuple[Gaussians, Array]:
-    """Return Gaussians with what an optimization changed on the same pixels' surfaces, and which are still.
+def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> Gaussians:
+    """Return Gaussians with what an optimization changed on the same pixels' surfaces, where these are still.
 
     Those stay where they were, so that noise of the maps moves nothing.
 
@@ -107,7 +107,7 @@ def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> 
     same &= np.abs(before.sizes[places, 0] / gaussians.sizes[:, 0] - 1) < 0.1
     changed = after.colours[places] - before.colours[places]
     grown = after.sizes[places] / before.sizes[places]
-    learned = replace(
+    return replace(
         gaussians,
         places=np.where(same[:, None], after.places[places], gaussians.places),
         axes=np.where(same[:, None, None], after.axes[places], gaussians.axes),
@@ -115,7 +115,6 @@ def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> 
         opacities=np.where(same, after.opacities[places], gaussians.opacities),
         sizes=np.where(same[:, None], gaussians.sizes * grown, gaussians.sizes),
     )
-    return learned, same
 
 
 SplatMoment = tuple[SeenInstant, Gaussians]
@@ -123,10 +122,7 @@ SplatMoment = tuple[SeenInstant, Gaussians]
 
 
 def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOptions) -> Iterator[SplatMoment]:
-    """Yield the splat of each of `count` instants, beginning with what the instant before has learned.
-
-    What stands still is optimized twice as long at the first of several, and keeps its shape afterwards.
-    """
+    """Yield the splat of each of `count` instants, beginning with what the instant before has learned."""
     learned: tuple[Gaussians, ...] = ()
     backdrop: Backdrop | None = None
     for number, one in enumerate(seen):
@@ -139,9 +135,8 @@ def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOpti
             backdrop = find_backdrop(moment)
         begun = make_gaussians(moment, backdrop)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
-        known = _with_learned(begun, *learned) if learned else (begun, None)
-        longer = 2 if count > 1 and not learned else 1
-        splat, kept = optimize(known[0], moment, longer * options.iterations, known[1])
+        known = _with_learned(begun, *learned) if learned else begun
+        splat, kept = optimize(known, moment, options.iterations)
         learned = begun.chosen(kept), splat
         yield one._replace(moment=moment), splat
 

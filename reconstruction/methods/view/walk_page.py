@@ -73,11 +73,10 @@ def _seen(camera: str, seen: SeenView) -> dict[str, Any]:
     level = np.where(small > 0, 1 + np.rint(np.clip(share, 0, 1) * LEVELS), 0).astype(np.uint16)
     # Red has the upper eight bits, green the lower four.
     packed = np.stack([np.zeros_like(level), (level & 15) << 4, level >> 4], axis=2).astype(np.uint8)
-    picture = seen.resized(PICTURE_PX).colours
     return {
         "camera": camera,
         "near": near,
         "far": far,
-        "picture": image_address(picture, ".jpg"),
+        "picture": image_address(seen.resized(PICTURE_PX).colours, ".jpg"),
         "depth": image_address(packed, ".png"),
     }

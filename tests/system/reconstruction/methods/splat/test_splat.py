@@ -35,8 +35,7 @@ def test_surfaces_stay_opaque_however_long_noisy_pictures_are_optimized() -> Non
     first, kept = optimize(gaussians, cameras, 8)
     again = first
     for _ in range(4):  # the same moment again and again, each time with what was learned
-        known, still = _with_learned(gaussians, gaussians.chosen(kept), again)
-        again, kept = optimize(known, cameras, 8, still)
+        again, kept = optimize(_with_learned(gaussians, gaussians.chosen(kept), again), cameras, 8)
     for last in (again, optimize(gaussians, cameras, 33)[0]):
         assert drawn(last)[2].mean() < 0.1
         assert psnr(render_gaussians(last, view), truth) > psnr(render_gaussians(first, view), truth) - 0.2

@@ -104,6 +104,39 @@ def plain(width: int = 640, height: int = 480) -> Rendered:
     return Rendered(f"plain {width}x{height}", views, shoot((0,) * 5), shoot(OFFSETS_MS))
 
 
+def clutter_row(width: int = 640, height: int = 480) -> Rendered:
+    """Render random boxes for five parallel cameras in a row, unevenly spaced."""
+    return _clutter("clutter-row", 5, [(x, 0.0) for x in (-0.45, -0.3, 0.05, 0.2, 0.4)], (width, height), 1e6)
+
+
+def clutter_grid(width: int = 640, height: int = 480) -> Rendered:
+    """Render random boxes for five cameras in a square and its middle, turned to one point."""
+    places = [(-0.25, -0.2), (0.25, -0.15), (0.0, 0.02), (-0.2, 0.2), (0.22, 0.18)]
+    return _clutter("clutter-grid", 8, places, (width, height), 3.0)
+
+
+def _clutter(
+    name: str, seed: int, places: list[tuple[float, float]], size: tuple[int, int], looked_at_m: float
+) -> Rendered:
+    o3d, rng = load_open3d(), np.random.default_rng(seed)
+    base = View(*size, _matrix(*size), np.zeros(5), np.eye(3), np.zeros(3))
+    views = {}
+    for number, (x, y) in enumerate(places):
+        turn = cv2.Rodrigues(np.array([-y, x, 0]) / looked_at_m)[0]
+        views[f"cam{number}"] = replace(base, rotation=turn, translation=-turn @ np.array([x, y, 0]))
+    things = [(_box(o3d, np.array([0, 0, 4.6]), (12, 8, 0.1), (0.1, -0.2, 0)), _paint(seed, 14.0, (1, 1, 1)))]
+    for number in range(14):
+        centre = np.array([*rng.uniform((-1.6, -1.1, 2.2), (1.6, 1.1, 4.0))])
+        box = _box(o3d, centre, tuple(rng.uniform(0.2, 0.9, 3)), tuple(rng.uniform(-0.8, 0.8, 3)))
+        things.append((box, _paint(100 * seed + number, rng.uniform(6, 30), tuple(rng.uniform(0.6, 1.1, 3)))))
+    pictures, depth, movers = {}, {}, {}
+    for camera, view in views.items():
+        pictures[camera], depth[camera], which = _shoot(o3d, view, things, rng)
+        movers[camera] = np.zeros(which.shape, bool)
+    still = Condition(pictures, depth, movers)
+    return Rendered(f"{name} {size[0]}x{size[1]}", views, still, still)
+
+
 def plain_pair(baseline: float = 0.2) -> tuple[Array, Array, Array, float]:
     """Render two parallel views of the plain scene (uint8 BGR), the left depth (m), and focal x baseline."""
     o3d = load_open3d()
@@ -192,6 +225,8 @@ def _cast(
     which = np.full(len(world), -1)
     for index, (geometry, (mesh, paint)) in enumerate(zip(numbers, things, strict=True)):
         seen = np.flatnonzero(number == geometry)
+        if not len(seen):
+            continue
         which[seen] = index
         # Texture moves with the object: its coordinates start at the object's centre.
         at = view.centre + world[seen] * depth[seen, None] - mesh.get_center()
@@ -210,4 +245,11 @@ def _cast(
     return colours.reshape(*shape, 3), depth.reshape(shape), which.reshape(shape)
 
 
-SCENES = {"studio": studio, "plain": plain, "blank-room": blank_room, "blank-attic": blank_attic}
+SCENES = {
+    "studio": studio,
+    "plain": plain,
+    "blank-room": blank_room,
+    "blank-attic": blank_attic,
+    "clutter-row": clutter_row,
+    "clutter-grid": clutter_grid,
+}

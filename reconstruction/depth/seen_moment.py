@@ -1,7 +1,7 @@
 """One moment as several cameras saw it: their undistorted pictures with depth."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +46,11 @@ class SeenView:
             np.asarray(cv2.resize(self.depth, size, interpolation=cv2.INTER_NEAREST)),
             np.asarray(cv2.resize(self.normals, size, interpolation=cv2.INTER_NEAREST)),
         )
+
+    def within(self, mask: Array) -> "SeenView":
+        """Return the view black and without depth outside a mask (bool), which may have another size."""
+        kept = cv2.resize(mask.astype(np.uint8), self.depth.shape[::-1], interpolation=cv2.INTER_NEAREST)
+        return replace(self, colours=self.colours * kept[..., None], depth=self.depth * kept)
 
 
 Moment = Mapping[str, SeenView]

@@ -54,12 +54,14 @@ ASSUMED_MISFIT_PX = 0.5
 """Misfit of a calibration that could not be checked."""
 MATCHING_PX, POINTS_PX = 0.1, 0.08
 """Standard deviations of a match and of a perfect calibration's misfit."""
-POSE_FACTOR, PAIR_POSE_FACTOR = 1.5, 3.0
+POSE_FACTOR, PAIR_POSE_FACTOR = 1.2, 3.0
 """Standard deviation of errors by the calibration relative to the rest of its misfit, and that of two
 cameras, whose points adapt to most of it."""
 UNSEEN_PX, PAIR_UNSEEN_PX = 0.1, 0.3
 """Standard deviation of errors that no point shows, such as turns in proportion to the baselines; and that of
 two cameras, where a turn sideways of one shifts all disparities."""
+ASKEW = 1.5
+"""Standard deviation of matches, px, by the square of the misfit: windows beside epipolar lines differ."""
 FREEDOM = 0.5
 """Degrees of freedom of the misfit, for each camera after the first."""
 
@@ -93,9 +95,10 @@ class DepthSupport(NamedTuple):
         factor, unseen_px = (
             (PAIR_POSE_FACTOR, PAIR_UNSEEN_PX) if self.cameras == 2 else (POSE_FACTOR, UNSEEN_PX)
         )
-        pose_px = factor * math.sqrt(max(misfit_px**2 - POINTS_PX**2, 0.0))
+        excess = max(misfit_px**2 - POINTS_PX**2, 0.0)
+        pose_px = factor * math.sqrt(excess)
         scale_px = self.worth_px * (scale_error / TOLERANCE)
-        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, pose_px, unseen_px))
+        sigma_px = np.hypot(scale_px, math.hypot(MATCHING_PX, ASKEW * excess, pose_px, unseen_px))
         # The degrees of freedom of a sum of known and estimated variances (Welch and Satterthwaite).
         freedom = FREEDOM * (self.cameras - 1) * (sigma_px / max(pose_px, 1e-3)) ** 4
         # Student's t as a normal deviate (Wallace 1959).

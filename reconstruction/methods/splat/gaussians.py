@@ -266,11 +266,10 @@ def write_splats(path: Path, gaussians: Gaussians) -> None:
         ("rot_0", "rot_1", "rot_2", "rot_3"): quaternions(axes),
     }
     rows = np.concatenate([floats(one) for one in columns.values()], axis=1).astype("<f4")
-    names = [name for group in columns for name in group]
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
-    head += [*(f"property float {name}" for name in names), "end_header\n"]
+    properties = "".join(f"property float {name}\n" for group in columns for name in group)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes("\n".join(head).encode() + rows.tobytes())
+    path.write_bytes(head.encode() + rows.tobytes())
 
 
 def write_spz(path: Path, gaussians: Gaussians) -> None:
@@ -278,8 +277,7 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
     places = gaussians.places * [1, -1, -1]
     bits = int(np.clip(23 - np.ceil(np.log2(np.abs(places).max() + 1e-9)), 0, 23))
     fixed = np.rint(places * 2.0**bits).astype("<i4").clip(1 - 2**23, 2**23 - 1)
-    turns = quaternions(gaussians.rotations)
-    turns = turns[:, 1:] * np.where(turns[:, :1] < 0, -1, 1) * [1, -1, -1]
+    turns = quaternions(gaussians.rotations)[:, 1:] * [1, -1, -1]
     parts = (
         255 * gaussians.opacities,
         255 * (0.5 + _SPZ_COLOUR * (gaussians.colours[:, ::-1] - 0.5) / _SH),
@@ -320,7 +318,7 @@ def read_splats(path: Path) -> Gaussians:
 
 
 def quaternions(rotations: Array) -> Array:
-    """Return unit quaternions (n, 4; w, x, y, z) of rotation matrices (n, 3, 3) (Shepperd 1978)."""
+    """Return unit quaternions (n, 4; w >= 0, x, y, z) of rotation matrices (n, 3, 3) (Shepperd 1978)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(rotations, 0, 2)
     # Four times the products of the quaternion's numbers, of which the row of the largest one is exact.
     products = np.array(
@@ -333,4 +331,6 @@ def quaternions(rotations: Array) -> Array:
     )
     largest = np.diagonal(products).argmax(axis=1)
     found = products[largest, :, np.arange(len(rotations))]
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    return np.asarray(
+        np.where(found[:, :1] < 0, -1, 1) * found / np.linalg.norm(found, axis=1, keepdims=True)
+    )

@@ -2,7 +2,7 @@
 
 import ctypes
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
@@ -32,11 +32,11 @@ def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gau
     gaps and up to `FREE`, and beyond that as the most wrong colour, or else noise would make surfaces ever
     more transparent.
     """
-    number = len(gaussians)
+    opacities = np.clip(gaussians.opacities, 1e-3, 1 - 1e-3)
     values = {
         "colours": gaussians.colours.copy(),
-        "logits": _logit(gaussians.opacities),
-        "grown": np.zeros(number, np.float32),
+        "logits": floats(np.log(opacities / (1 - opacities))),
+        "grown": np.zeros(len(gaussians), np.float32),
     }
     parts, factor = worker_count(), min(max(FEW / max(iterations, 1), 1.0), MAX_FACTOR)
     slopes = {name: np.zeros((parts, *one.shape), np.float32) for name, one in values.items()}
@@ -56,9 +56,8 @@ def optimize(gaussians: Gaussians, moment: Moment, iterations: int) -> tuple[Gau
             if at not in free:
                 free[at] = floats(np.where(passes > GAP, 1, FREE))
             errors = _add_background(drawn, passes, free[at], targets[at])
-            picture = _Picture(projected, opacities, values["colours"], drawn, errors, passes)
-            rows = bands(view.height, parts)
-            list(pool.map(picture.add_slopes, zip(*slopes.values(), strict=True), rows))
+            add = partial(add_slopes, projected, (opacities, values["colours"]), (drawn, errors, passes))
+            list(pool.map(add, zip(*slopes.values(), strict=True), bands(view.height, parts)))
             slopes["logits"] *= opacities * (1 - opacities)
             for name, one in values.items():
                 _adam(name, one, slopes[name], moments[name], visit + 1, factor)
@@ -80,26 +79,26 @@ def _add_background(drawn: Array, passes: Array, free: Array, target: Array) -> 
     return floats(errors)
 
 
-class _Picture(NamedTuple):
-    """Gaussians before a target picture, the loss's slopes by the colours, and work space."""
+def add_slopes(
+    projected: Projected,
+    values: tuple[Array, Array],
+    seen: tuple[Array, Array, Array],
+    slopes: tuple[Array, ...],
+    rows: tuple[int, int],
+) -> None:
+    """Add the slopes of the loss by colour, opacity and logarithm of the size, from a band of rows.
 
-    projected: Projected
-    opacities: Array
-    colours: Array
-    drawn: Array
-    errors: Array
-    passes: Array
-
-    def add_slopes(self, slopes: tuple[Array, Array, Array], rows: tuple[int, int]) -> None:
-        """Add the slopes by colour, opacity and logarithm of the size, from a band of rows."""
-        projected = self.projected
-        call_kernel(
-            "gaussian_gradients",
-            *(len(projected.order), projected.order, projected.flat, self.opacities, self.colours),
-            *(projected.view.width, *rows, self.drawn, self.errors, np.empty_like(self.drawn), self.passes),
-            *slopes,
-            source=GAUSSIANS,
-        )
+    `values` are the Gaussians' opacities and colours, `seen` the drawn picture, twice its errors, and the
+    light that passes.
+    """
+    drawn, errors, passes = seen
+    call_kernel(
+        "gaussian_gradients",
+        *(len(projected.order), projected.order, projected.flat, *values),
+        *(projected.view.width, *rows, drawn, errors, np.empty_like(drawn), passes),
+        *slopes,
+        source=GAUSSIANS,
+    )
 
 
 def _adam(
@@ -119,8 +118,3 @@ def _adam(
 
 def _sigmoid(logits: Array) -> Array:
     return floats(1 / (1 + np.exp(-logits)))
-
-
-def _logit(opacities: Array) -> Array:
-    opacities = np.clip(opacities, 1e-3, 1 - 1e-3)
-    return floats(np.log(opacities / (1 - opacities)))

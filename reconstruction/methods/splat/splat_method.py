@@ -2,11 +2,10 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from capture_app.common.text import count
-from reconstruction.common.options import command_flag, flag
-from reconstruction.method.interface import Method
+from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.scene.conditions import Condition
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ MIN_EVIDENCE = -0.5
 """Evidence of depth below which a pixel gives no Gaussian: less than half of such pixels are right."""
 
 
-class SplatMethod(Method, frozen=True, kw_only=True):
+class SplatMethod(SplatOptions, frozen=True, kw_only=True):
     """A Gaussian splat of an instant, made from depth maps and optimized without a GPU."""
 
     name = "splat"
@@ -35,65 +34,6 @@ class SplatMethod(Method, frozen=True, kw_only=True):
         "splat sessions/burst-001 --instants all --page --out splats",
     )
     result_file = "splat.json"
-
-    instants: Annotated[
-        tuple[int, ...] | None,
-        command_flag(
-            "--instants",
-            metavar="all|K-L,M,...",
-            help="Make a splat of each of these instants instead of one.",
-        ),
-    ] = None
-    """Instants in order, empty = all; None = `instant` alone."""
-    without: Annotated[
-        tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
-    ] = ()
-    iterations: Annotated[
-        int,
-        command_flag(
-            "--iterations",
-            ge=0,
-            le=10_000,
-            metavar="N",
-            help="How often each camera's picture is compared. 2 for a quick look.",
-        ),
-    ] = 10
-    all_cameras: Annotated[
-        bool,
-        command_flag(
-            "--all-cameras",
-            help="Use all cameras. By default, the middle one of four or more is left out, and its picture "
-            "judges the splat.",
-        ),
-    ] = False
-    width: Annotated[
-        int,
-        command_flag(
-            "--width",
-            ge=160,
-            metavar="PX",
-            help="Reduce larger pictures to this length of their longer side.",
-        ),
-    ] = 960
-    quick: Annotated[
-        bool,
-        command_flag("--quick", help="Take half the time for depth; thin parts and edges are less accurate."),
-    ] = False
-
-    page: Annotated[
-        bool, command_flag("--page", help="Also write walk.html, a page that plays the splats.")
-    ] = False
-    spz: Annotated[
-        bool, command_flag("--spz", help="Also write each splat as .spz, a fifth of the .ply's size.")
-    ] = False
-    splats: Annotated[
-        bool,
-        flag(
-            "--splats",
-            help="Also make a splat of one instant without one of four or more cameras, and compare it with "
-            "that camera's picture. Takes about half a minute.",
-        ),
-    ] = False
 
     def output_folder(self, out: Path) -> "OutputFolder":
         """Return the folder that replaces earlier splats; see `Method.output_folder`."""
@@ -111,11 +51,8 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             self.run(scene, condition),
             output.folder,
             condition,
+            self,
             held_out=self.held_out(scene),
-            iterations=self.iterations,
-            width_px=self.width,
-            page=self.page,
-            spz=self.spz,
         )
 
     def held_out(self, scene: "Scene") -> str:
@@ -140,13 +77,13 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             without=tuple(filter(None, (*self.without, self.held_out(scene)))),
             quick=self.quick,
             min_evidence=MIN_EVIDENCE,
+            masks=self.masks,
             progress=self.progress,
         )
-        yield from optimize_moments(seen, len(chosen), self.width, self.iterations, self.progress)
+        yield from optimize_moments(seen, len(chosen), self)
 
     def lines(self, result: Any, out: Path) -> Iterator[str]:
         """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
-        mean = sum(instant.gaussians for instant in result.instants) / len(result.instants)
         judged = [one.held_out_psnr for one in result.instants if one.held_out_psnr is not None]
         match = (
             f"at least {min(judged):.1f} dB to the picture of {result.held_out}, which was left out"
@@ -154,7 +91,8 @@ class SplatMethod(Method, frozen=True, kw_only=True):
             else f"at least {min(one.psnr for one in result.instants):.1f} dB to the pictures they were made "
             "from; no camera was left out to judge them"
         )
-        yield f"{count(len(result.instants), 'splat')} of {mean:,.0f} Gaussians in {result.seconds:.1f} s"
+        number = sum(instant.gaussians for instant in result.instants) // len(result.instants)
+        yield f"{count(len(result.instants), 'splat')} of {number:,} Gaussians in {result.seconds:.1f} s"
         yield match
         yield from (f"splat: {out / instant.file}" for instant in result.instants[:1])
         if self.page:

@@ -1,4 +1,4 @@
-"""Splats in a page to walk round in: some 6 bytes a Gaussian, and what stands still once for all instants."""
+"""Splats in a page to walk round in: some 6 bytes a Gaussian, and once for all instants that it stays."""
 
 import base64
 import zlib
@@ -30,8 +30,8 @@ GREEN_SHIFT, CHROMA_SHIFT = 2, 3
 """Bits of 8 that are left out of green, and of the differences of blue and red to it."""
 COLOURS = slice(8, 11)
 """Columns of green, and of blue and red, in the rows of integers."""
-SAME_COLOUR = 32
-"""Difference of levels up to which a Gaussian that stays has its colour of the first instant."""
+SAME_COLOUR = 40
+"""Difference of levels up to which a Gaussian that stays has its colour of the instant when it came."""
 
 
 class Grid(NamedTuple):
@@ -61,8 +61,7 @@ class Grid(NamedTuple):
 
         Blue and red are differences to green. The third size is left out: it is `THIN` times the first.
         """
-        turns = quaternions(gaussians.rotations)
-        turns = (turns * np.where(turns[:, :1] < 0, -1, 1))[:, 1:]
+        turns = quaternions(gaussians.rotations)[:, 1:]
         blue, green, red = np.rint(np.clip(gaussians.colours, 0, 1) * 255).astype(int).T
         columns = [
             np.rint((gaussians.places - self.low) / self.step),
@@ -81,32 +80,28 @@ def write_splat_page(
 ) -> None:
     """Write the page into a folder, with splats by instant; `views` are those that they were made from.
 
-    Gaussians that are at the same place in all instants, with about the same colour, are in it once, as they
-    are in the first.
+    An instant holds which Gaussians of the one before stay, and all others. Those stay that are at the same
+    place with about the same colour.
     """
-    grid, near, far = Grid.around(files), np.inf, 0.0
-    for file in files.values():
-        for view in views.values():
-            depth = read_splats(file).places @ view.rotation[2] + view.translation[2]
-            near, far = min(near, float(depth[depth > 0].min())), max(far, float(depth.max()))
-    first, *others = files.values()
-    shared = grid.integers(_shown(first))
-    for other in others:
-        shared = shared[_stay(shared, grid.integers(_shown(other)))]
-    shared = shared[: len(shared) if others else 0]
-    instants = list[dict[str, Any]]()
+    grid = Grid.around(files)
+    rows, instants = np.empty((0, 12), np.int64), list[dict[str, Any]]()
     for instant, file in files.items():
-        integers = grid.integers(_shown(file))
-        own = ~np.isin(_places(integers), _places(shared))
-        instants.append({"instant": instant, **pack(integers[own])})
-    shape = next(iter(views.values()))
+        others = grid.integers(_shown(file))
+        stay = _stay(rows, others)
+        new = others[~np.isin(_places(others), _places(rows[stay]))]
+        instants.append({"instant": instant, "stay": _packed(np.packbits(stay)), **pack(new)})
+        rows = np.concatenate([rows[stay], new])
+    shape, first = next(iter(views.values())), _shown(next(iter(files.values())))
+    depths = np.concatenate(
+        [first.places @ view.rotation[2] + view.translation[2] for view in views.values()]
+    )
     write_walk_page(
         out,
         name,
         frame=frame,
-        depths=(near, far),
+        depths=(float(depths[depths > 0].min()), float(depths.max())),
         views=views,
-        still=render_gaussians(_shown(first), frame.view(frame.place(0, 0), shape.width, shape.height)),
+        still=render_gaussians(first, frame.view(frame.place(0, 0), shape.width, shape.height)),
         period_ns=period_ns,
         drawing=Drawing(
             Path(__file__).with_name("page") / "splats.js",
@@ -116,7 +111,6 @@ def write_splat_page(
                 "blur": BLUR,
                 # In the page's pictures, which are as wide as the views.
                 "focal": float(np.median([view.focal for view in views.values()])),
-                "shared": pack(shared),
                 "low": grid.low.tolist(),
                 "step": grid.step.tolist(),
                 "smallest": grid.smallest,
@@ -130,9 +124,12 @@ def write_splat_page(
 
 
 def _shown(file: Path) -> Gaussians:
-    """Read a file's Gaussians without strays, which would cost all others their precision."""
+    """Read a file's Gaussians without strays far beyond nearly all others, which would cost all precision."""
     gaussians = read_splats(file)
-    return gaussians.chosen(_without_strays(gaussians.places))
+    low, high = np.percentile(gaussians.places, [STRAY, 100 - STRAY], axis=0)
+    margin = BEYOND * (high - low) + 1e-9
+    near = (gaussians.places >= low - margin) & (gaussians.places <= high + margin)
+    return gaussians.chosen(near.all(axis=1))
 
 
 def _places(integers: Array) -> Array:
@@ -140,13 +137,13 @@ def _places(integers: Array) -> Array:
     return np.asarray(integers[:, 0] | integers[:, 1] << 16 | integers[:, 2] << 32)
 
 
-def _stay(shared: Array, integers: Array) -> Array:
+def _stay(rows: Array, integers: Array) -> Array:
     """Return which Gaussians (bool) are at the same place at another instant, with about the same colour."""
     order = np.argsort(_places(integers), kind="stable")
-    found = np.searchsorted(_places(integers), _places(shared), sorter=order).clip(max=len(order) - 1)
+    found = np.searchsorted(_places(integers), _places(rows), sorter=order).clip(max=len(order) - 1)
     others = integers[order[found]]
-    apart = np.abs(others[:, COLOURS] - shared[:, COLOURS]) << [GREEN_SHIFT, CHROMA_SHIFT, CHROMA_SHIFT]
-    return np.asarray((_places(others) == _places(shared)) & (apart <= SAME_COLOUR).all(axis=1))
+    apart = np.abs(others[:, COLOURS] - rows[:, COLOURS]) << [GREEN_SHIFT, CHROMA_SHIFT, CHROMA_SHIFT]
+    return np.asarray((_places(others) == _places(rows)) & (apart <= SAME_COLOUR).all(axis=1))
 
 
 def pack(integers: Array) -> dict[str, Any]:
@@ -157,13 +154,9 @@ def pack(integers: Array) -> dict[str, Any]:
     steps = np.diff(integers, axis=0, prepend=0)
     codes = np.where(steps < 0, -2 * steps - 1, 2 * steps).T
     planes = [part for place in codes[:3] for part in (place & 255, place >> 8)] + [*codes[3:]]
+    return {"number": len(integers), "splats": _packed(np.concatenate(planes).astype(np.uint8))}
+
+
+def _packed(values: Array) -> str:
     packer = zlib.compressobj(9, memLevel=9, strategy=zlib.Z_FILTERED)
-    data = packer.compress(np.concatenate(planes).astype(np.uint8).tobytes()) + packer.flush()
-    return {"number": len(integers), "splats": base64.b64encode(data).decode()}
-
-
-def _without_strays(places: Array) -> Array:
-    """Return which places (bool) are not far beyond nearly all others; they would cost all precision."""
-    low, high = np.percentile(places, [STRAY, 100 - STRAY], axis=0)
-    margin = BEYOND * (high - low) + 1e-9
-    return np.asarray(((places >= low - margin) & (places <= high + margin)).all(axis=1))
+    return base64.b64encode(packer.compress(values.tobytes()) + packer.flush()).decode()

@@ -2,21 +2,19 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError, NotApplicableError
-from capture_app.console.terminal import Progress
 from capture_app.session.format.calibration import CameraCalibration
 from reconstruction.common.camera_paths import frame_of
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.outputs import Made
 from reconstruction.depth.backdrop import Backdrop, find_backdrop
-from reconstruction.depth.seen_moment import Moment, SeenInstant, SeenView, find_subject
+from reconstruction.depth.seen_moment import SeenInstant, SeenView, find_subject
+from reconstruction.method.moments import read_mask
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat.gaussians import (
     Gaussians,
@@ -27,6 +25,7 @@ from reconstruction.methods.splat.gaussians import (
     write_spz,
 )
 from reconstruction.methods.splat.optimization import optimize
+from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.methods.splat.splat_page import write_splat_page
 from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
@@ -38,7 +37,7 @@ SPLATS = "splats"
 OURS = {SPLATS, PAGE}
 MIN_CAMERAS = 4
 """Depth takes three; the fourth is left out."""
-SAME = 1e-3
+SAME = 4e-3
 """Relative distance within which a pixel's surface is where it was at the instant before."""
 
 
@@ -82,11 +81,7 @@ class MadeSplat(Made[SplatResult]):
     def render(self, camera: CameraCalibration, instant: int | None = None) -> Array:
         """Return what a camera would see of a splat, uint8 height x width x 3, BGR, without distortion."""
         view = View.from_calibration(camera, camera.width, camera.height).undistorted
-        return render_gaussians(self._first if instant is None else self.gaussians(instant), view)
-
-    @cached_property
-    def _first(self) -> Gaussians:
-        return self.gaussians()
+        return render_gaussians(self.gaussians(instant), view)
 
 
 def middle_camera(views: Mapping[str, View]) -> str:
@@ -122,36 +117,28 @@ def _with_learned(gaussians: Gaussians, before: Gaussians, after: Gaussians) -> 
     )
 
 
-class SplatMoment(NamedTuple):
-    """The splat of an instant, the moment that it was made from, and why other cameras are left out."""
-
-    instant: int
-    splat: Gaussians
-    moment: Moment
-    left_out: Mapping[str, str]
+SplatMoment = tuple[SeenInstant, Gaussians]
+"""An instant in the size that its splat was made from, and the splat."""
 
 
-def optimize_moments(
-    seen: Iterable[SeenInstant], count: int, width_px: int, iterations: int, progress: Progress
-) -> Iterator[SplatMoment]:
-    """Yield the splat of each of `count` instants, beginning with what the instant before has learned.
-
-    Pictures are reduced to `width_px`, the length of their longer side.
-    """
+def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOptions) -> Iterator[SplatMoment]:
+    """Yield the splat of each of `count` instants, beginning with what the instant before has learned."""
     learned: tuple[Gaussians, ...] = ()
     backdrop: Backdrop | None = None
     for number, one in enumerate(seen):
         if not number:
-            progress.total = progress.done + count  # all maps are computed
-        progress.step(f"splat of instant {one.instant}")
-        moment = {camera: view.resized(width_px) for camera, view in one.moment.items()}
+            options.progress.total = options.progress.done + count  # all maps are computed
+        options.progress.step(f"splat of instant {one.instant}")
+        moment = {camera: view.resized(options.width) for camera, view in one.moment.items()}
         # What is beyond all surfaces stands still.
-        backdrop = backdrop if learned else find_backdrop(moment)
+        if not learned and options.masks is None:
+            backdrop = find_backdrop(moment)
         begun = make_gaussians(moment, backdrop)
         begun = begun.chosen(np.argsort(begun.pixels, kind="stable"))
-        splat, kept = optimize(_with_learned(begun, *learned) if learned else begun, moment, iterations)
+        known = _with_learned(begun, *learned) if learned else begun
+        splat, kept = optimize(known, moment, options.iterations)
         learned = begun.chosen(kept), splat
-        yield SplatMoment(one.instant, splat, moment, one.left_out)
+        yield one._replace(moment=moment), splat
 
 
 def make_splats(
@@ -159,12 +146,9 @@ def make_splats(
     splats: Iterable[SplatMoment],
     folder: Path,
     condition: Condition,
+    options: SplatOptions,
     *,
     held_out: str,
-    iterations: int,
-    width_px: int,
-    page: bool,
-    spz: bool,
 ) -> SplatResult:
     """Write splats into a folder, and as .spz and a page that shows them if asked for.
 
@@ -174,22 +158,22 @@ def make_splats(
         NotApplicableError: no instant has depth.
     """
     made, left_out, views = list[SplatInstant](), dict[str, str](), dict[str, View]()
-    dataset = scene.dataset
+    dataset, masked = scene.dataset, options.masks is not None
     subject: Array | None = None
-    for one in splats:
+    for one, splat in splats:
         file = f"{SPLATS}/{one.instant:06d}.ply"
-        write_splats(folder / file, one.splat)
-        if spz:
-            write_spz((folder / file).with_suffix(".spz"), one.splat)
+        write_splats(folder / file, splat)
+        if options.spz:
+            write_spz((folder / file).with_suffix(".spz"), splat)
         shown, judge_db = instants_shown(dataset, condition, one.instant).get(held_out), None
         if shown is not None and dataset.has_image(held_out, shown):
-            judge_db = _mean_psnr(one.splat, [_picture(scene, held_out, shown, width_px)])
+            judge_db = _mean_psnr(splat, [_picture(scene, held_out, shown, options)], masked=masked)
         made.append(
             SplatInstant(
                 instant=one.instant,
                 file=file,
-                gaussians=len(one.splat),
-                psnr=_mean_psnr(one.splat, one.moment.values()),
+                gaussians=len(splat),
+                psnr=_mean_psnr(splat, one.moment.values(), masked=masked),
                 held_out_psnr=judge_db,
             )
         )
@@ -198,7 +182,7 @@ def make_splats(
         subject = find_subject(one.moment) if subject is None else subject
     if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
-    if page:
+    if options.page:
         files = {moment.instant: folder / moment.file for moment in made}
         write_splat_page(folder, dataset.name, files, frame_of(views, subject), views, dataset.period_ns)
     return SplatResult(
@@ -206,22 +190,32 @@ def make_splats(
         condition=condition.name,
         cameras=tuple(views),
         unit=scene.unit,
-        iterations=iterations,
+        iterations=options.iterations,
         held_out=held_out,
         instants=tuple(made),
         left_out=left_out,
     )
 
 
-def _mean_psnr(splat: Gaussians, pictures: Iterable[SeenView]) -> float:
-    """Return the mean PSNR of what the pictures' cameras see of a splat, dB."""
-    found_db = [psnr(render_gaussians(splat, seen.view), seen.colours) for seen in pictures]
+def _mean_psnr(splat: Gaussians, pictures: Iterable[SeenView], *, masked: bool) -> float:
+    """Return the mean PSNR, dB, of what cameras see of a splat; of masked pictures, where not black."""
+    found_db = [
+        psnr(
+            render_gaussians(splat, seen.view),
+            seen.colours,
+            np.asarray(seen.colours.any(axis=2)) if masked else None,
+        )
+        for seen in pictures
+    ]
     return round(float(np.mean(found_db)), 2)
 
 
-def _picture(scene: Scene, camera: str, instant: int, width_px: int) -> SeenView:
-    """Return a camera's picture without depth, reduced like those that splats are made from."""
+def _picture(scene: Scene, camera: str, instant: int, options: SplatOptions) -> SeenView:
+    """Return a camera's picture without depth, reduced and masked like those that splats are made from."""
     view = scene.views[camera]
     colours = view.undistort_image(scene.dataset.image(camera, instant))
     depth = np.zeros(colours.shape[:2], np.float32)
-    return SeenView(view.undistorted, colours, depth, np.zeros_like(colours)).resized(width_px)
+    seen = SeenView(view.undistorted, colours, depth, np.zeros_like(colours))
+    if options.masks is not None:
+        seen = seen.within(read_mask(scene, options.masks, camera, instant))
+    return seen.resized(options.width)

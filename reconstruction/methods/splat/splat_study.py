@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Self
 
-import cv2
 import msgspec
 import numpy as np
 
+from reconstruction.common.drawing import box_around, enlarge_crop
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import save_picture
 from reconstruction.method.comparison_results import CompareResult
@@ -33,8 +33,8 @@ ITERATIONS = 6
 WIDTH_PX = 640
 MARGIN_PX = 4
 """Margin around what moves, within which a pixel belongs to it."""
-CLOSE = 1.3
-"""Side of the close-up, relative to what moves."""
+SPARE = 0.15
+"""Margin of the close-up, relative to what moves."""
 WORSE_DB = 1.0
 
 
@@ -52,11 +52,8 @@ class SplatFacts(msgspec.Struct, frozen=True, kw_only=True):
     """Path of the left-out camera's picture, undistorted; empty without a folder."""
 
 
-class _Splat(NamedTuple):
-    """What the left-out camera would see of a splat, and how many Gaussians it has."""
-
-    picture: Array
-    gaussians: int
+Splat = tuple[Array, int]
+"""What the left-out camera would see of a splat, and how many Gaussians it has."""
 
 
 class SplatStudy(Score):
@@ -121,7 +118,7 @@ class SplatStudy(Score):
             raise ValueError(f"it needs {MIN_CAMERAS} calibrated cameras")
         if self.reference not in self.cameras:
             self.reference = middle_camera({name: self.scene.views[name] for name in self.cameras})
-        self.made = dict[tuple[object, ...], _Splat]()
+        self.made = dict[tuple[object, ...], Splat]()
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[SplatFacts]:
         """Compare a condition at the instant with most motion; see `Score.compare`.
@@ -139,7 +136,7 @@ class SplatStudy(Score):
         truth = view.undistort_image(self.dataset.image(self.reference, shown.instant))
         moving, still = self._masks(view, shown)
         tally = Tally()
-        measured = {side: _scores(one.picture, truth, moving, still) for side, one in splats.items()}
+        measured = {side: _scores(picture, truth, moving, still) for side, (picture, _) in splats.items()}
         tally.add(measured, {"instant": shown.instant, **shown.delays_ms(self.dataset)})
         pictures, path = tuple[Picture, ...](), ""
         if folder is not None:
@@ -159,7 +156,7 @@ class SplatStudy(Score):
                 reference=self.reference,
                 made_from=tuple(name for name in shown.shown if name != self.reference),
                 iterations=ITERATIONS,
-                gaussians={side: one.gaussians for side, one in splats.items()},
+                gaussians={side: number for side, (_, number) in splats.items()},
                 picture=path,
             ),
         )
@@ -186,15 +183,15 @@ class SplatStudy(Score):
             quick=True,
         )
 
-    def _splat(self, side: str, one: ShownInstant, condition: Condition) -> _Splat:
+    def _splat(self, side: str, one: ShownInstant, condition: Condition) -> Splat:
         """Return the splat of an instant's pictures without the reference; the same one is made once."""
         shown = one.by_condition[side]
         if (known := self.made.get(key := (one.instant, *shown.items()))) is not None:
             return known
         self.progress.step(f"a splat without {self.reference}, {side}")
-        (found,) = self.method(one).run(self.scene, condition)
-        picture = render_gaussians(found.splat, self.scene.views[self.reference].undistorted)
-        self.made[key] = _Splat(picture, len(found.splat))
+        ((_, splat),) = self.method(one).run(self.scene, condition)
+        picture = render_gaussians(splat, self.scene.views[self.reference].undistorted)
+        self.made[key] = picture, len(splat)
         return self.made[key]
 
     def _masks(self, view: View, shown: ShownInstant) -> tuple[Array, Array]:
@@ -210,14 +207,14 @@ class SplatStudy(Score):
         return seen, ~any_change
 
     def _pictures(
-        self, splats: Mapping[str, _Splat], truth: Array, moving: Array, folder: Path
+        self, splats: Mapping[str, Splat], truth: Array, moving: Array, folder: Path
     ) -> tuple[Picture, ...]:
         """Write the whole splats, and close-ups of what moves beside the reference's own picture."""
-        drawn = {side: {"splat": one.picture} for side, one in splats.items()}
+        drawn = {side: {"splat": picture} for side, (picture, _) in splats.items()}
         if moving.any():
-            close = _close_up(moving)
-            for side, one in splats.items():
-                drawn[side]["splat_close"] = np.hstack([truth[close], one.picture[close]])
+            box = box_around(moving, spare=SPARE, aspect=moving.shape[1] / moving.shape[0])
+            for side, (picture, _) in splats.items():
+                drawn[side]["splat_close"] = np.hstack([enlarge_crop(one, box) for one in (truth, picture)])
         return self.write_pictures(drawn, folder, reference=self.reference)
 
 
@@ -227,17 +224,3 @@ def _scores(picture: Array, truth: Array, moving: Array, still: Array) -> Measur
     masks = {"mover_psnr": moving, "static_psnr": still}
     found |= {name: psnr(picture, truth, mask) for name, mask in masks.items() if mask.any()}
     return Measurements(means={name: np.array([value]) for name, value in found.items()})
-
-
-def _close_up(moving: Array) -> tuple[slice, slice]:
-    """Return the rows and columns of a mask's largest part with a margin, in the picture's shape."""
-    height, width = moving.shape
-    _, labels, sizes, _ = cv2.connectedComponentsWithStats(moving.astype(np.uint8))
-    rows, columns = np.nonzero(labels == 1 + int(sizes[1:, cv2.CC_STAT_AREA].argmax()))
-    scale = CLOSE * max(np.ptp(rows) / height, np.ptp(columns) / width)
-    found = []
-    for axis, length in ((rows, height), (columns, width)):
-        side = min(max(round(scale * length), 32), length)
-        first = min(max(round((int(axis.min()) + int(axis.max()) - side) / 2), 0), length - side)
-        found.append(slice(first, first + side))
-    return found[0], found[1]

@@ -73,8 +73,8 @@ class ViewMethod(ViewOptions, frozen=True, kw_only=True):
         """Yield the number of views, and how much of them was seen; see `Method.lines`."""
         what = "instant" if result.steps == 1 else "moment"
         instants = f", {count(len(result.instants), what)}" if len(result.instants) > 1 else ""
-        seen = f"{100 * result.seen:.0f} % of their pixels seen by a camera"
-        yield f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}; {seen}"
+        views = f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}"
+        yield f"{views}; {100 * result.seen:.0f} % of their pixels seen by a camera"
         if self.page:
             from reconstruction.pages.walk_page import PAGE
 

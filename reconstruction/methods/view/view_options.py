@@ -44,6 +44,15 @@ class ViewOptions(Method, frozen=True, kw_only=True):
         ),
     ] = None
     """Instants in order, empty = all; None = `instant` alone."""
+    masks: Annotated[
+        str | None,
+        command_flag(
+            "--masks",
+            metavar="DIR",
+            help="Show only what is white in the masks DIR/CAMERA/INSTANT.png, such as those of "
+            "`reconstruct movers`.",
+        ),
+    ] = None
     quick: Annotated[
         bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
     ] = False

@@ -1,7 +1,6 @@
 """Rendering of views along a path, and their film."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,8 @@ from reconstruction.common.camera_paths import orbit, read_path, stand_still, sw
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
-from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
+from reconstruction.depth.backdrop import add_backdrop
+from reconstruction.depth.seen_moment import find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.method.moments import see_moments
 from reconstruction.methods.view.view_options import ViewOptions
@@ -69,11 +69,8 @@ class MadeView(Made[ViewResult]):
         `instant` is one of the result's; None = the first.
         """
         view = View.from_calibration(camera, camera.width, camera.height).undistorted
-        return render(view, self._moments[self.result.instants[0] if instant is None else instant]).colours
-
-    @cached_property
-    def _moments(self) -> dict[int, Moment]:
-        return {k: load_moment(self.folder / MAPS / f"{k:06d}") for k in self.result.instants}
+        shown = self.result.instants[0] if instant is None else instant
+        return render(view, load_moment(self.folder / MAPS / f"{shown:06d}")).colours
 
 
 def render_views(scene: Scene, condition: Condition, folder: Path, options: ViewOptions) -> ViewResult:
@@ -89,26 +86,29 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
     seen, left_out, views = list[int](), dict[str, str](), dict[str, View]()
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
+    subject: Array | None = None
     for one in see_moments(
         scene,
         dataset.chosen_instants(options.listed_instants),
         condition,
         quick=options.quick,
+        masks=options.masks,
         progress=progress,
     ):
+        subject = find_subject(one.moment) if subject is None else subject
+        moment = add_backdrop(one.moment)
         for step, delay_ns in enumerate(order_ns):
-            if part := {camera: of for camera, of in one.moment.items() if steps_ns[camera] == delay_ns}:
+            if part := {camera: of for camera, of in moment.items() if steps_ns[camera] == delay_ns}:
                 seen.append(one.instant * len(order_ns) + step)
                 save_moment(folder / MAPS / f"{seen[-1]:06d}", part, unit)
         views = views or {camera: of.view for camera, of in one.moment.items()}
         left_out |= one.left_out
-    if not seen:
+    if subject is None:
         raise NotApplicableError("no instant has depth", hint="reconstruct multiview says why")
-    moment = load_moment(folder / MAPS / f"{seen[0]:06d}")
     number = len(seen) if path == STILL else options.frames
-    places = given or PATHS[str(path)](views, find_subject(moment), number)
+    places = given or PATHS[str(path)](views, subject, number)
     (folder / VIEWS).mkdir()
-    shown, shares = seen[0], []
+    shown, shares = -1, list[float]()
     progress.step(f"{len(places)} views")
     for number, view in enumerate(places):
         if (now := seen[number * len(seen) // len(places)]) != shown:
@@ -118,7 +118,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
         shares.append(float(picture.known.mean()))
     if options.page:
         moments = {k: load_moment(folder / MAPS / f"{k:06d}") for k in seen}
-        write_moments(folder, dataset.name, moments, dataset.period_ns // len(order_ns))
+        write_moments(folder, dataset.name, moments, subject, dataset.period_ns // len(order_ns))
     return ViewResult(
         session=dataset.name,
         instants=tuple(seen),

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from reconstruction.common.camera_paths import frame_of
-from reconstruction.common.geometry import View
-from reconstruction.depth.seen_moment import Moment, SeenView, find_subject
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.seen_moment import Moment, SeenView
 from reconstruction.depth.view_blending import TOLERANCE, render
 from reconstruction.pages.walk_page import Drawing, image_address, write_walk_page
 
@@ -22,13 +22,13 @@ HELD = 8
 """Number of instants that the page keeps in the GPU's memory."""
 
 
-def write_moments(out: Path, name: str, moments: Mapping[int, Moment], period_ns: int) -> None:
-    """Write the page into a folder, with moments by instant."""
-    cameras: dict[str, View] = {}
-    for moment in moments.values():
-        cameras |= {camera: seen.view for camera, seen in moment.items()}
+def write_moments(
+    out: Path, name: str, moments: Mapping[int, Moment], subject: Array, period_ns: int
+) -> None:
+    """Write the page into a folder, with moments by instant, to walk round a point (3,)."""
+    cameras = {camera: seen.view for moment in moments.values() for camera, seen in moment.items()}
     first = next(iter(moments.values()))
-    frame, shape = frame_of(cameras, find_subject(first)), next(iter(cameras.values()))
+    frame, shape = frame_of(cameras, subject), next(iter(cameras.values()))
     known = [seen.depth[seen.depth > 0] for moment in moments.values() for seen in moment.values()]
     write_walk_page(
         out,
@@ -73,11 +73,10 @@ def _seen(camera: str, seen: SeenView) -> dict[str, Any]:
     level = np.where(small > 0, 1 + np.rint(np.clip(share, 0, 1) * LEVELS), 0).astype(np.uint16)
     # Red has the upper eight bits, green the lower four.
     packed = np.stack([np.zeros_like(level), (level & 15) << 4, level >> 4], axis=2).astype(np.uint8)
-    picture = seen.resized(PICTURE_PX).colours
     return {
         "camera": camera,
         "near": near,
         "far": far,
-        "picture": image_address(picture, ".jpg"),
+        "picture": image_address(seen.resized(PICTURE_PX).colours, ".jpg"),
         "depth": image_address(packed, ".png"),
     }

@@ -44,8 +44,10 @@
 
   /* What the painter draws into: colours times how much of the pixel is known, which is alpha. */
   const target = { painted: gl.createFramebuffer(), width: 0, height: 0 };
+  /* Moving pictures have fewer pixels where the computer is slow; those at rest have all. */
+  let coarser = 1, resting = 0;
   function resize() {
-    const ratio = Math.min(window.devicePixelRatio || 1, 2), scale = Math.min(1, 1280 / (canvas.clientWidth * ratio));
+    const ratio = Math.min(window.devicePixelRatio || 1, 2), scale = Math.min(1, 1280 / (canvas.clientWidth * ratio)) / coarser;
     const width = Math.max(2, Math.round(canvas.clientWidth * ratio * scale));
     const height = Math.max(2, Math.round(canvas.clientHeight * ratio * scale));
     if (width === target.width && height === target.height) return;
@@ -126,12 +128,24 @@
   }
 
   let now = 0, shown = null, waiting = false, drawn = 0;
+  const sharpen = () => { const usual = coarser; coarser = 1; draw(); coarser = usual; };
+  function drawMoving() {
+    const begun = performance.now();
+    draw();
+    clearTimeout(resting);
+    if (coarser > 1) resting = setTimeout(sharpen, 250);
+    requestAnimationFrame(() => {
+      const took = performance.now() - begun;
+      if (took > 40) coarser = Math.min(3, coarser * 1.25);
+      if (took < 18) coarser = Math.max(1, coarser / 1.25);
+    });
+  }
   function draw() {
     waiting = false;
     if (!shown) return;
     resize();
     gl.viewport(0, 0, target.width, target.height);
-    painter.draw(shown, camera(place()), target.painted);
+    painter.draw(shown, camera(place()), target, coarser ** -1.5);
     gl.bindVertexArray(empty);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.useProgram(show);
@@ -142,7 +156,7 @@
     drawn++;
     stage.classList.add("live");
   }
-  const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
+  const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(drawMoving); } };
   async function go(number) {
     now = number;
     const made = await moment(number);
@@ -169,7 +183,7 @@
       if (!swinging) return;
       eye.across = .9 * Math.sin(2 * Math.PI * (time - begun) / 4000);
       eye.down *= .95;
-      draw();
+      drawMoving();
       requestAnimationFrame(step);
     };
     if (on) requestAnimationFrame(step);
@@ -239,5 +253,5 @@
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   go(0).then(() => { if (!still) setSwinging(true); });
   /* For tests: the eye's place, and how many pictures were drawn. */
-  window.walk = { eye, draw, count: () => drawn, stop: () => setSwinging(false) };
+  window.walk = { eye, draw: sharpen, coarse: () => coarser, count: () => drawn, stop: () => setSwinging(false) };
 })();

@@ -39,19 +39,17 @@ def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: Poin
     places = (cloud.points * metres).astype("<f4")
     colours = np.column_stack([cloud.colours, np.full(len(places), 255, np.uint8)])
     data = places.tobytes() + colours.tobytes()
-    count = len(places)
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": places.nbytes, "target": _VERTICES},
         {"buffer": 0, "byteOffset": places.nbytes, "byteLength": colours.nbytes, "target": _VERTICES},
     ]
     ends = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     accessors = [
-        {"bufferView": 0, "componentType": _FLOAT, "count": count, "type": "VEC3", **ends},
-        {"bufferView": 1, "componentType": _BYTE, "normalized": True, "count": count, "type": "VEC4"},
+        {"bufferView": 0, "componentType": _FLOAT, "count": len(places), "type": "VEC3", **ends},
+        {"bufferView": 1, "componentType": _BYTE, "normalized": True, "count": len(places), "type": "VEC4"},
     ]
     nodes.append({"name": "points", "mesh": 0})
     nodes[0]["children"] = list(range(1, len(nodes)))
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     content = {
         "asset": {"version": "2.0", "generator": "simulshot"},
         "scene": 0,
@@ -61,6 +59,11 @@ def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: Poin
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "mode": _POINTS}]}],
         "accessors": accessors,
         "bufferViews": views,
-        "buffers": [{"byteLength": len(data), "uri": uri}],
+        "buffers": [
+            {
+                "byteLength": len(data),
+                "uri": f"data:application/octet-stream;base64,{base64.b64encode(data).decode()}",
+            }
+        ],
     }
     path.write_text(json.dumps(content), encoding="utf-8")

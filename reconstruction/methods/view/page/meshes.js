@@ -9,7 +9,8 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
   void main() {
     vec3 to_eye = normalize(point - eye), to_camera = normalize(point - camera);
     float angle = 2.0 * (1.0 - dot(to_eye, to_camera)) / 0.0064;
-    weight = exp(-min(angle, 30.0)) + 1e-3 / (1.0 + angle);
+    /* Half floats still hold the weight of a camera on the other side. */
+    weight = exp(-min(angle, 30.0)) + max(1e-3 / (1.0 + angle), 1e-4);
     place = spot;
     gl_Position = view * vec4(eye + (point - eye) * nearer, 1.0);
   }`;
@@ -137,7 +138,7 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
     gl.deleteTexture(one.texture);
     one.buffers.forEach(buffer => gl.deleteBuffer(buffer));
   });
-  function draw(meshes, camera, painted) {
+  function draw(meshes, camera, { painted }) {
     gl.bindFramebuffer(gl.FRAMEBUFFER, own.painted);
     gl.useProgram(mesh);
     gl.uniformMatrix4fv(places.view, false, camera.matrix);

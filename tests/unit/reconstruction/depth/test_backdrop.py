@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reconstruction.depth.backdrop import BEYOND, find_backdrop
+from reconstruction.depth.backdrop import BEYOND, add_backdrop, find_backdrop
 from reconstruction.depth.seen_moment import Moment, SeenView
+from reconstruction.depth.view_blending import render
 from tests.unit.reconstruction.depth.moments import BOARD_M, moment, seen, view_at
 
 BLUE = (120, 20, 10)
@@ -56,3 +57,24 @@ def test_holes_in_surfaces_are_no_backdrop() -> None:
     # What another camera's map shows is not beyond all surfaces.
     alone = {**moment(), "left": replace(seen(view_at(-0.25)), depth=np.zeros((90, 120), np.float32))}
     assert find_backdrop(alone) is None
+
+
+def test_a_view_from_elsewhere_shows_the_backdrop_and_no_smear_of_what_is_before_it() -> None:
+    cameras = board_before_blue()
+    view = view_at(0.1, -0.1)
+    truth = before_blue(seen(view)).colours.astype(int)
+    behind = before_blue(seen(view)).depth == 0
+
+    def wrong(moment: Moment) -> float:
+        return float(np.abs(render(view, moment).colours.astype(int) - truth)[behind].mean())
+
+    assert wrong(add_backdrop(cameras)) < 2 < 20 < wrong(cameras)
+    sphere = add_backdrop(cameras)["left"]
+    surface = cameras["left"].depth > 0
+    assert np.array_equal(sphere.depth[surface], cameras["left"].depth[surface])
+    away = BEYOND * np.hypot(BOARD_M, 0.25)
+    assert sphere.depth[5, 60] == pytest.approx(away + BOARD_M, rel=0.1)
+
+
+def test_a_moment_without_a_backdrop_stays_as_it_is() -> None:
+    assert add_backdrop(cameras := moment()) is cameras

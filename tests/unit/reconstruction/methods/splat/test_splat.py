@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.common.errors import ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.backdrop import find_backdrop
+from reconstruction.depth.seen_moment import SeenInstant
+from reconstruction.method.moments import read_mask
 from reconstruction.method.picture_quality import psnr
 from reconstruction.methods.splat import optimization
 from reconstruction.methods.splat.gaussians import (
@@ -28,10 +30,12 @@ from reconstruction.methods.splat.gaussians import (
     write_splats,
     write_spz,
 )
-from reconstruction.methods.splat.optimization import _Picture, optimize
-from reconstruction.methods.splat.splat_run import _with_learned, middle_camera
+from reconstruction.methods.splat.optimization import add_slopes, optimize
+from reconstruction.methods.splat.splat_method import SplatMethod
+from reconstruction.methods.splat.splat_run import _with_learned, middle_camera, optimize_moments
+from reconstruction.scene.scene import Scene
 from tests.unit.reconstruction.conftest import Reconstruct
-from tests.unit.reconstruction.depth.moments import FOCAL, moment, seen, view_at
+from tests.unit.reconstruction.depth.moments import BOARD_M, FOCAL, moment, seen, view_at
 from tests.unit.reconstruction.depth.test_backdrop import before_blue, board_before_blue
 
 
@@ -97,9 +101,9 @@ def test_gradients_are_those_of_the_picture() -> None:
     projected, picture, passes = drawn(gaussians)
     slopes = [np.zeros_like(one) for one in values]
     errors = 2 * (picture - target)
-    made = _Picture(projected, gaussians.opacities, gaussians.colours, picture, errors, passes)
-    made.add_slopes((slopes[0], slopes[1], slopes[2]), (0, 50))
-    made.add_slopes((slopes[0], slopes[1], slopes[2]), (50, 90))
+    for rows in ((0, 50), (50, 90)):
+        values_seen = (gaussians.opacities, gaussians.colours), (picture, errors, passes)
+        add_slopes(projected, *values_seen, tuple(slopes), rows)
     # What a larger size adds at the cut-off border has no gradient.
     for number, (step, near) in enumerate([(1e-2, 0.02), (1e-2, 0.02), (1e-2, 0.2)]):
         for place in np.ndindex(values[number].shape):
@@ -228,6 +232,31 @@ def test_what_stands_still_begins_with_what_was_learned() -> None:
     moved.places[:] += 0.3
     again = _with_learned(moved, gaussians.chosen(kept), better)
     assert (again.opacities == gaussians.opacities).all()
+
+
+def test_what_a_mask_excludes_is_not_fitted() -> None:
+    """Only the board is in front: no wall, no backdrop, and pictures that are black beside it."""
+    masked = {camera: one.within(one.depth < 2.5) for camera, one in moment().items()}
+    assert not masked["left"].colours[masked["left"].depth == 0].any()
+    options = SplatMethod(iterations=2, masks="masks", all_cameras=True)
+    ((_, splat),) = optimize_moments([SeenInstant(0, masked, {})], 1, options)
+    assert 500 < len(splat) < 90 * 120 / 2
+    assert splat.places[:, 2] == pytest.approx(BOARD_M, abs=0.01)
+    ((_, before_black),) = optimize_moments([SeenInstant(0, masked, {})], 1, SplatMethod(iterations=2))
+    assert before_black.places[:, 2].max() > 2 * BOARD_M
+
+
+def test_masks_are_paired_with_cameras_by_their_labels(boards: Session, tmp_path: Path) -> None:
+    scene = Scene.open(boards.folder)
+    camera, *_ = scene.dataset.cameras
+    width, height = scene.dataset.size(camera)
+    mask = np.zeros((height, width), np.uint8)
+    mask[:, : width // 2] = 255
+    (tmp_path / camera.upper()).mkdir()
+    cv2.imwrite(str(tmp_path / camera.upper() / "000000.png"), mask)
+    assert (read_mask(scene, str(tmp_path), camera, 0) == (mask > 0)).all()
+    with pytest.raises(BadInputError, match=r"000001\.png is missing"):
+        read_mask(scene, str(tmp_path), camera, 1)
 
 
 @pytest.mark.parametrize(

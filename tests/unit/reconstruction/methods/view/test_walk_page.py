@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from reconstruction.depth.seen_moment import find_subject
 from reconstruction.methods.view.walk_page import write_moments
 from tests.unit.reconstruction.depth.moments import BOARD_M, WALL_M, moment
 from tests.unit.reconstruction.walk_pages import held, picture
@@ -16,7 +17,7 @@ NAME = "<b>clap</b>"
 @pytest.fixture
 def page(tmp_path: Path) -> Path:
     """A page of two instants of a known moment."""
-    write_moments(tmp_path, NAME, {3: moment(), 4: moment()}, 33_000_000)
+    write_moments(tmp_path, NAME, {3: moment(), 4: moment()}, find_subject(moment()), 33_000_000)
     return tmp_path / "walk.html"
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.srgb import to_linear
 from capture_app.companions.panel.finder import Floats, FoundPanel
 from capture_app.companions.panel.pattern import COUNT
 
@@ -66,12 +67,6 @@ def measure(
     )
     lines = np.stack([part.mean(axis=1) for part in np.array_split(rows, LINES, axis=1)], axis=1)
     return light[:, channel], ground[:, channel], saturated[:, channel], lines, noise
-
-
-def to_linear(levels: Floats) -> Floats:
-    """Return the linear light of levels (0 to 255) by sRGB's tone curve (IEC 61966-2-1); 1 is full scale."""
-    signal = levels / 255
-    return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4)
 
 
 def _core_places(size: float, *, square: bool) -> Floats:

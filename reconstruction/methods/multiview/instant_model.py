@@ -147,7 +147,9 @@ def model_instant(
     files: tuple[str, ...] = ()
     if options.cleans_cloud:
         progress.step("cloud, mesh and pictures" if options.makes_mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(fused, part, views, maps, pictures, mesh=options.makes_mesh)
+        points, triangles, files = build_mesh(
+            fused, part, views, maps, pictures, unit=scene.unit, mesh=options.makes_mesh
+        )
     reference = maps_found.reference
     image, depth = images[reference], maps[reference].depth
     own = next(view for view in scored if view.camera == reference)

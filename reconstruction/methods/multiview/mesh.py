@@ -9,6 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from capture_app.common.srgb import to_linear
+from capture_app.session.format.calibration import METRES
 from reconstruction.common.geometry import Array, View, look_along
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
@@ -34,6 +36,8 @@ ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
 AROUND = 0.6
 """Maximum length of the mean unit vector towards the cameras if they surround the scene."""
 FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
+_UPRIGHT = np.diag([1, -1, -1])
+"""glTF's y points up, the rig's down."""
 
 
 def build_mesh(
@@ -43,10 +47,12 @@ def build_mesh(
     depth_views: Mapping[str, ViewDepth],
     pictures: Mapping[str, Array],
     *,
+    unit: str,
     mesh: bool = True,
 ) -> tuple[int, int, tuple[str, ...]]:
-    """Clean the fused cloud, mesh the maps, and write cloud.ply, mesh.ply and turntable.png into the folder.
+    """Clean the fused cloud, mesh the maps, and write cloud.ply, meshes and turntable.png into the folder.
 
+    mesh.ply is in the rig's frame and its `unit`, mesh.glb upright and in metres if the unit is a length.
     Returns the remaining numbers of points and triangles, and the files' names.
 
     Maps of too few pixels give no mesh and no picture, nor does `mesh` False.
@@ -69,13 +75,19 @@ def build_mesh(
         # Open3D refuses to write an empty mesh.
         if len(made.triangles):
             written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), made)
+            made.vertices = o3d.utility.Vector3dVector(vertices @ _UPRIGHT * METRES.get(unit, 1.0))
+            # glTF's colours are linear light.
+            made.vertex_colors = o3d.utility.Vector3dVector(to_linear(painted))
+            # The other writer gives no material, without which Blender shows no colours.
+            tensors = o3d.t.geometry.TriangleMesh.from_legacy(made)
+            written &= o3d.t.io.write_triangle_mesh(str(folder / "mesh.glb"), tensors)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
     if not len(made.triangles):
         return len(cloud.points), 0, ("cloud.ply",)
     points, colours = np.asarray(cloud.points), np.rint(255 * np.asarray(cloud.colors)).astype(np.uint8)
     write_image(folder / "turntable.png", draw_clouds({"": (points, colours)}, list(views.values()))[""])
-    return len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png")
+    return len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "mesh.glb", "turntable.png")
 
 
 def join_maps(

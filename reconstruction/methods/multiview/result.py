@@ -24,6 +24,7 @@ OURS = {
     FUSED,
     "cloud.ply",
     "mesh.ply",
+    "mesh.glb",
     "turntable.png",
 }
 UNCERTAIN_SCALE = 0.005

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from capture_app.common.srgb import to_linear
 from capture_app.session.exporting.pinhole import opengl_pose
 from capture_app.session.exporting.point_cloud import PointCloud
 from capture_app.session.format.calibration import METRES, CameraCalibration
 
 _UPRIGHT = [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]
 """glTF's y points up, the rig's down."""
-_FLOAT, _BYTE, _POINTS, _VERTICES = 5126, 5121, 0, 34962
+_FLOAT, _SHORT, _POINTS, _VERTICES = 5126, 5123, 0, 34962
 
 
 def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: PointCloud, unit: str) -> None:
@@ -37,7 +38,9 @@ def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: Poin
         pose[:3, 3] *= metres
         nodes.append({"name": name, "camera": number, "matrix": pose.T.ravel().tolist()})
     places = (cloud.points * metres).astype("<f4")
-    colours = np.column_stack([cloud.colours, np.full(len(places), 255, np.uint8)])
+    # glTF's colours are linear light; 8 bits of it would show steps in the dark.
+    linear = np.column_stack([to_linear(cloud.colours), np.ones(len(places))])
+    colours = np.rint(65535 * linear).astype("<u2")
     data = places.tobytes() + colours.tobytes()
     views = [
         {"buffer": 0, "byteOffset": 0, "byteLength": places.nbytes, "target": _VERTICES},
@@ -46,7 +49,7 @@ def write_gltf(path: Path, cameras: Mapping[str, CameraCalibration], cloud: Poin
     ends = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     accessors = [
         {"bufferView": 0, "componentType": _FLOAT, "count": len(places), "type": "VEC3", **ends},
-        {"bufferView": 1, "componentType": _BYTE, "normalized": True, "count": len(places), "type": "VEC4"},
+        {"bufferView": 1, "componentType": _SHORT, "normalized": True, "count": len(places), "type": "VEC4"},
     ]
     nodes.append({"name": "points", "mesh": 0})
     nodes[0]["children"] = list(range(1, len(nodes)))

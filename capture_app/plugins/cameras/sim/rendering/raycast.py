@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import NotAvailableError
+from capture_app.common.srgb import to_linear
 from capture_app.plugins.cameras.sim.scenes.stages import Floats, Mesh
 
-_SRGB = np.arange(256, dtype=np.float32) / 255.0
-LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4).astype(np.float32)
+LINEAR = to_linear(np.arange(256)).astype(np.float32)
 """Linear light of each grey level of sRGB."""
 
 

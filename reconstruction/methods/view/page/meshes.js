@@ -70,7 +70,7 @@ function makePainter({ gl, data, program, texture, empty, FLAT }) {
     const around = new Uint8Array(depth.length), at = new Float32Array(2 * depth.length);
     for (const i of triangles) around[i]++;
     for (let i = 0; i < depth.length; i++) { at[2 * i] = i % wide; at[2 * i + 1] = Math.floor(i / wide); }
-    /* Every second round back again, a little farther: thin parts stay as wide as they are (Taubin 1995). */
+    /* Every second round back again, a little farther: thin parts hardly shrink (Taubin 1995). */
     for (const step of [.5, -.53, .5, -.53]) {
       const before = at.slice();
       for (let y = 1; y + 1 < high; y++)

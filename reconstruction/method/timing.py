@@ -27,8 +27,6 @@ SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
 ODD_SIGMAS = 3.0
 """Standard deviations from which an offset is claimed."""
-ODD_INSTANT_SIGMAS = 4.0
-"""Standard deviations from which one of some twenty instants disagrees with the take."""
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 LOST_FRACTION = 0.5
@@ -190,10 +188,7 @@ def judge_timing(
             offset=True,
             reason=fit.change.describe(other, reference),
         )
-    odd = sum(
-        abs(instant.late_ms - late) > max(ODD_INSTANT_SIGMAS * instant.sd_ms, limit_ms)
-        for instant in instants
-    )
+    odd = len(fit.odd_ms(limit_ms))
     possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = fit.jitter_ms(spacing_ms), scatter_ms(instants, spacing_ms)[1]
     if drifts:

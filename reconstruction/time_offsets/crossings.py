@@ -68,6 +68,8 @@ INSTANT_PX = 0.12
 ALIKE_INSTANTS = 3.0
 """Number of successive instants at which an object's outline has the same error."""
 ROUNDS = 20
+ODD_INSTANT_SIGMAS = 4.0
+"""Standard deviations from which one of some twenty instants disagrees with the take."""
 MIN_JITTER = 3.0
 """Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
 MIN_JITTER_INSTANTS = 5
@@ -304,6 +306,15 @@ class OffsetFit:
         )
         offsets_ms = [other.offset_ms for other in others if other.offset_ms is not None]
         return replace(self, sd_ms=wider(self.sd_ms, self.offset_ms, offsets_ms), instants=instants)
+
+    def odd_ms(self, min_ms: float) -> dict[int, float]:
+        """Return the instants whose own offset certainly differs by `min_ms`, and how much later it is."""
+        common_ms = self.offset_ms or 0.0
+        return {
+            instant.instant: instant.late_ms - common_ms
+            for instant in self.instants
+            if abs(instant.late_ms - common_ms) > max(ODD_INSTANT_SIGMAS * instant.sd_ms, min_ms)
+        }
 
     def jitter_ms(self, period_ms: float) -> float | None:
         """Return the standard deviation of single images' own offsets, if it is certainly not zero."""

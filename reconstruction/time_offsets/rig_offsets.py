@@ -13,7 +13,7 @@ from reconstruction.common.geometry import angle_deg
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.scene.scene import Scene
 from reconstruction.time_offsets.camera_time import CameraTime
-from reconstruction.time_offsets.crossings import OffsetFit
+from reconstruction.time_offsets.crossings import MIN_JITTER_FRAMES, OffsetFit
 from reconstruction.time_offsets.instant_votes import UNCHANGED
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.single_images import SingleImages, common_glitches
@@ -144,8 +144,14 @@ def _single(
     if not its or (found[name].source == REFERENCE and len(its) == 1):
         return {}
     jitter_ms = min(fit.jitter_ms(period_ms) or 0.0 for fit in its.values())
+    odd_ms = [
+        {k: ms if pair[1] == name else -ms for k, ms in fit.odd_ms(MIN_JITTER_FRAMES * period_ms).items()}
+        for pair, fit in its.items()
+    ]
+    explained = jitter_ms or any(fit.change for fit in its.values())
     images = SingleImages(
         glitches_ms=common_glitches([fit.glitches_ms[pair[1] == name] for pair, fit in its.items()]),
+        odd_ms={} if explained else common_glitches(odd_ms),
         unvoted=tuple(sorted(set.intersection(*(set(fit.unvoted) for fit in its.values())))),
         examined=max(fit.examined for fit in its.values()),
         period_ms=period_ms,

@@ -32,6 +32,8 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Instants whose image has the same bytes as the one before; they are left out of the measurement."""
     stalled: tuple[int, ...] = ()
     """Instants whose image shows nothing moved since the one before, though other cameras' images do."""
+    odd_ms: dict[int, float] = {}
+    """Instants whose own offset certainly differs though nothing explains it, and how much later it is."""
     unvoted: tuple[int, ...] = ()
     """Instants that were examined and show no offset of their own."""
     examined: int = 0
@@ -45,7 +47,7 @@ class SingleImages(Struct, frozen=True, kw_only=True, omit_defaults=True):
         for instant, ms in sorted(self.glitches_ms.items()):
             by_size.setdefault(_later(ms, self.period_ms), []).append(instant)
         view = {"images": self, "camera": camera, "than": than, "by_size": by_size}
-        for kind in ("glitches", "repeated", "stalled", "unvoted"):
+        for kind in ("glitches", "repeated", "stalled", "odd", "unvoted"):
             if text := render_sentences("single_images.txt", __package__, kind=kind, **view):
                 yield text
 

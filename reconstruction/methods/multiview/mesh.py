@@ -36,8 +36,6 @@ ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
 AROUND = 0.6
 """Maximum length of the mean unit vector towards the cameras if they surround the scene."""
 FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
-_UPRIGHT = np.diag([1, -1, -1])
-"""glTF's y points up, the rig's down."""
 
 
 def build_mesh(
@@ -75,8 +73,9 @@ def build_mesh(
         # Open3D refuses to write an empty mesh.
         if len(made.triangles):
             written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), made)
-            made.vertices = o3d.utility.Vector3dVector(vertices @ _UPRIGHT * METRES.get(unit, 1.0))
-            # glTF's colours are linear light.
+            # glTF's y points up, the rig's down; its colours are linear light.
+            upright = vertices * (1, -1, -1) * METRES.get(unit, 1.0)
+            made.vertices = o3d.utility.Vector3dVector(upright)
             made.vertex_colors = o3d.utility.Vector3dVector(to_linear(painted))
             # The other writer gives no material, without which Blender shows no colours.
             tensors = o3d.t.geometry.TriangleMesh.from_legacy(made)

@@ -161,3 +161,28 @@ def test_instants_are_named_up_to_eight() -> None:
     assert [*mixed.describe("R", "L")] == [
         "R differs from L at 3 of 12 instants: 2 frames earlier at 3, 9; 14 ms later at 5"
     ]
+
+
+HALF_LATE = dict.fromkeys((0, 1, 2, *range(9, 20), 21, 22), 0.25)
+"""Sixteen of 24 instants a quarter of a frame late, most of them in a row, as jitter is not."""
+
+
+def times_said(fit: OffsetFit) -> list[str]:
+    """What `reconstruct time` says of a pair."""
+    measured = {PAIR: fit}
+    cameras = with_changes(adjust_offsets("LR", "L", measured), measured, PERIOD_MS)
+    result = TimeResult(session="s", reference="L", cameras=cameras, calibration="", seconds=1.0)
+    return [*render_lines("times.txt", "reconstruction.commands", result=result)]
+
+
+def test_an_offset_of_half_of_the_instants_is_not_called_one() -> None:
+    """`+13.65 ± 2.55 ms` was all that was said."""
+    fit = fitted(HALF_LATE)
+    assert fit.jitter_ms(PERIOD_MS) is None
+    assert times_said(fit)[2] == (
+        "R's offset is not one: 8 of 32 instants differ from it, by -4.5 to -4.0 ms; its frames are late one by "
+        "one, or the calibration is wrong"
+    )
+    steady, dropped = fitted({}), fitted(dict.fromkeys(range(12, 24), 1.0))
+    assert dropped.change
+    assert not any("is not one" in line for fit in (steady, dropped) for line in times_said(fit))

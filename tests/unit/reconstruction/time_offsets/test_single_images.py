@@ -180,8 +180,8 @@ def test_an_offset_of_half_of_the_instants_is_not_called_one() -> None:
     fit = fitted(HALF_LATE)
     assert fit.jitter_ms(PERIOD_MS) is None
     assert times_said(fit)[2] == (
-        "R's offset is not one: 8 of 32 instants differ from it, by -4.5 to -4.0 ms; its frames are late one by "
-        "one, or the calibration is wrong"
+        "R's offset is not one: 8 of 32 instants differ from it, by -4.5 to -4.0 ms; its frames come "
+        "unevenly, or the calibration is wrong"
     )
     steady, dropped = fitted({}), fitted(dict.fromkeys(range(12, 24), 1.0))
     assert dropped.change

@@ -113,10 +113,11 @@ def batch(
     if summary and shard:
         raise click.UsageError("--summary is of all shards: leave out --shard")
     chosen, part = BatchPlan(**options), Shard.parse(shard) if shard else None
-    if summary:
-        result = summarize(sessions, out, chosen)
-    else:
-        result = run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
+    result = (
+        summarize(sessions, out, chosen)
+        if summary
+        else run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
+    )
     lines = render_lines("batch.txt", "reconstruction.commands", result=result, out=out, part=part)
     answer(as_json, result, lines)
     if (code := exit_code(result)) is not ExitCode.OK:

@@ -171,8 +171,6 @@ def _describe_result(one: "RepairResult") -> str:
     return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}{awaited}"
 
 
-SHEET_IMAGE_PX, WIGGLE_PX = 240, 480
-"""Width of each image on a sheet, and of a wiggle."""
 WIGGLE_STEP_MS = 125
 _replace_option = click.option("--replace", is_flag=True, help="Replace an earlier file.")
 
@@ -180,16 +178,23 @@ _replace_option = click.option("--replace", is_flag=True, help="Replace an earli
 @click.command(epilog=examples("capture-app sessions sheet sessions/burst-001 --out sheet.jpg"))
 @click.argument("session", type=ANY_PATH)
 @click.option("--out", type=ANY_PATH, metavar="FILE", required=True, help="Picture to write: .jpg or .png.")
+@click.option(
+    "--width",
+    type=click.IntRange(32, 4000),
+    metavar="PX",
+    default=240,
+    help="Width of each image on the sheet.",
+)
 @_replace_option
 @json_option
-def sheet(session: Path, out: Path, replace: bool, as_json: bool) -> None:
+def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
     """Write the contact sheet of SESSION: cameras across, instants down."""
     from capture_app.session.reading.decoding import encode_image
     from capture_app.session.reading.take_sheet import contact_sheet
 
     suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
     opened = TakeSheet.open(session)
-    picture = contact_sheet(opened, SHEET_IMAGE_PX, show_count("images"))
+    picture = contact_sheet(opened, width, show_count("images"))
     _write(out, encode_image(picture, suffix))
     answer(
         as_json,
@@ -218,16 +223,19 @@ def sheet(session: Path, out: Path, replace: bool, as_json: bool) -> None:
     show_default="the middle one",
     help="Instant to show, from 0 on.",
 )
+@click.option(
+    "--width", type=click.IntRange(32, 4000), metavar="PX", default=480, help="Width of the animation."
+)
 @_replace_option
 @json_option
-def wiggle(session: Path, out: Path, instant: int | None, replace: bool, as_json: bool) -> None:
+def wiggle(session: Path, out: Path, instant: int | None, width: int, replace: bool, as_json: bool) -> None:
     """Write the wiggle of SESSION: all cameras at one instant, there and back along their arc."""
     from capture_app.session.reading.take_sheet import encode_animation, wiggle_frames
 
     suffix = _check_file(out, (".gif", ".webp"), replace=replace)
     opened = TakeSheet.open(session)
     shown = opened.instants // 2 if instant is None else instant
-    frames = wiggle_frames(opened, shown, WIGGLE_PX)
+    frames = wiggle_frames(opened, shown, width)
     _write(out, encode_animation(frames, suffix, WIGGLE_STEP_MS, WIGGLE_STEP_MS))
     answer(
         as_json,

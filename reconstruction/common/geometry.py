@@ -85,11 +85,11 @@ class View:
 
     def undistort(self, pixels: Array) -> Array:
         """Return pixels (n, 2) without the lens distortion."""
-        return np.asarray((self.rays(pixels) @ self.matrix.T)[:, :2]) if len(pixels) else pixels
+        return np.asarray((self.rays(pixels) @ self.matrix.T)[:, :2])
 
     def project(self, points: Array) -> Array:
         """Project points (n, 3) in the camera's frame, z > 0, to distorted pixels (n, 2)."""
-        if not self.distortion.any():
+        if not self.distortion.any() or not len(points):
             return np.asarray(
                 (points @ self.matrix.T)[:, :2] / np.where(points[:, 2:] == 0, 1, points[:, 2:])
             )

@@ -151,9 +151,9 @@ class SceneMotion:
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
-        return median_background(
-            list(self._readable(camera, there[:: max(1, len(there) // BACKGROUND_FRAMES)]))
-        )
+        images = list(self._readable(camera, there[:: max(1, len(there) // BACKGROUND_FRAMES)]))
+        # Where none can be read, the first one's error says why.
+        return median_background(images or [self.dataset.grey(camera, there[0])])
 
     def _readable(self, camera: str, instants: Iterable[int]) -> Iterator[Array]:
         """Yield grey images to compare others with; those that are broken are left out."""

@@ -585,7 +585,8 @@ class BurstSession:
         records contradict each other, DiskFullError.
         """
         choice, writer, deliveries = self._choice, self._writer, self._deliveries.values()
-        if self._recorded_instants < self.burst.frames:
+        ordered = self.burst.frames
+        if is_cut := self._recorded_instants < ordered:
             choice = InstantChoice(
                 dataclasses.replace(
                     self.burst, instants_ns=self.burst.instants_ns[: max(1, self._recorded_instants)]
@@ -595,6 +596,8 @@ class BurstSession:
             gap for delivery in deliveries for gap in delivery.missing_images(choice, self._lost or {})
         ]
         burst = choice.record(self._reported_plans, self._absent)
+        if is_cut and not is_open_ended(ordered, self._step_ns):
+            burst = replace(burst, ordered=ordered)
         self.message = result_text(burst, missing)
         if self.is_empty() and self._lost is None and not any(delivery.silent for delivery in deliveries):
             writer.discard()

@@ -51,6 +51,8 @@ def undistort_pixels(pixels: ArrayLike, matrix: Array, distortion: Array) -> Arr
     points = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
     # OpenCV's default of five steps leaves 30 px of error at the border of a 100 degree lens.
     until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
+    if not len(points):
+        return np.zeros((0, 2))  # of no points OpenCV returns one number
     return np.asarray(cv2.undistortPoints(points, matrix, distortion, criteria=until)).reshape(-1, 2)
 
 

@@ -166,11 +166,18 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     """State of an imported recording's times; None for a session of one rig, whose times share a clock."""
     absent: tuple[AbsentCamera, ...] = ()
     """Cameras that the rig had within the last ten minutes, or that had no room, and that took no part."""
+    ordered: Positive | None = None
+    """Number of instants ordered, where every camera ended before the last, as a killed leader's own do."""
 
     @property
     def absence(self) -> str:
-        """The absent cameras in words: "cam02 missing: lost 12 s before"; empty for none."""
-        return ", ".join(f"{camera.name} missing: {camera.reason}" for camera in self.absent)
+        """What was ordered and not taken, in words: "cam02 missing: lost 12 s before"; empty for nothing."""
+        cut = (
+            []
+            if self.ordered is None
+            else [f"cut off after {len(self.instants_ns)} of {self.ordered} instants"]
+        )
+        return ", ".join([*cut, *(f"{camera.name} missing: {camera.reason}" for camera in self.absent)])
 
 
 class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -160,7 +160,9 @@ def read_card(folder: Path) -> SessionCard:
         cameras=names,
         instants=instants,
         images=len(manifest.images) + sum(video.frames for video in manifest.videos),
-        missing=len(manifest.missing) + len(manifest.burst.absent) * instants,
+        missing=len(manifest.missing)
+        + len(manifest.burst.absent) * instants
+        + len(names) * ((manifest.burst.ordered or instants) - instants),
         absent=manifest.burst.absence,
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,

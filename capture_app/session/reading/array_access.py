@@ -177,6 +177,8 @@ class CameraMatrices:
 
         points = np.asarray(points, np.float64)
         seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
+        if not seen.size:
+            return np.zeros((*points.shape[:-1], 2))  # OpenCV returns nothing then
         still = np.zeros(3)
         pixels, _ = cv2.projectPoints(seen.reshape(-1, 3), still, still, self.camera_matrix, self.distortion)
         return np.where(seen[..., 2:] > 0, pixels.reshape(*points.shape[:-1], 2), np.nan)

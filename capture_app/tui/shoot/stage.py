@@ -60,9 +60,9 @@ class Stage(ContentSwitcher):
         self.grid.show_previews(shown)
         if found is not None and len(found.previews) > 1:
             status = self._record.status
-            what = (status.order if status is not None else "") or "of one instant"
+            order = f", {printable(status.order)}," if status is not None and status.order else ""
             # Short enough for a window of 80 columns.
-            self._live = f"{len(found.previews)} pictures {printable(what)}, ↔{duration(found.spread_ns)}"
+            self._live = f"{len(found.previews)} pictures{order} within {duration(found.spread_ns)}"
 
     def on_preview_grid_drawn(self) -> None:
         """Say of which moment the new previews are."""

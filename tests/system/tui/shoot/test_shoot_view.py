@@ -102,7 +102,7 @@ async def test_previews_are_asked_for_only_while_they_are_seen(tmp_path: Path) -
         rig.tell(Preview(camera="cam00", leader_ns=10**9, **shown))
         rig.tell(Preview(camera="cam02", leader_ns=10**9 + 84_000, completes=True, **shown))
         await studio.settle(pilot)
-        assert studio.view.stage.border_title == "Live · 2 pictures of one instant, ↔84 µs"
+        assert studio.view.stage.border_title == "Live · 2 pictures within 84 µs"
         await pilot.press("1")
         await studio.settle(pilot)
         assert studio.wishes[1:] == [(None, 128, 0.0)]

@@ -23,6 +23,7 @@ from capture_app.protocol.log import Log
 from capture_app.protocol.messages import ImageBatch, ImageUpload
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.burst_orders import BurstOrder
@@ -359,3 +360,20 @@ async def test_a_finished_session_that_is_completed_when_the_leader_stops_or_is_
     assert [image.instant for image in whole(session.folder).manifest.images] == [0, 1, 2]
     await deliver_late(tmp_path, "a", range(3, 4))
     assert list(interrupted_folders(tmp_path)) == []
+
+
+async def test_a_recording_that_all_its_cameras_ended_early_is_cut_off(tmp_path: Path) -> None:
+    """Cameras of the leader's own machine end with it, and bring what they had taken to the next one."""
+    async with bursts_of(tmp_path, engine_of("a", "b")) as bursts:
+        session = await bursts.order(RECORDING)
+        await begin(session, "a", "b")
+        for camera in ("a", "b"):
+            ended = report(camera, 0, 1).with_plan(picked=2)
+            await session.accept_report(ended, session.burst.instants_ns[2])
+            await bring(session, camera, 0, 1)
+        await until(session.finished.is_set)
+    manifest = whole(session.folder).manifest
+    assert (len(manifest.burst.instants_ns), manifest.burst.ordered) == (2, 30)
+    verdict = judge(manifest)
+    assert (verdict.grade, verdict.images, verdict.expected) == ("poor", 4, 60)
+    assert "cut off after 2 of 30 instants, 56 of 60 images missing" in verdict.headline.replace(";", ",")

@@ -59,6 +59,12 @@ def test_there_are_two_hundred_of_them() -> None:
         ("pictures: 65000x1, one", "compare", "camera left is 65000x1 pixels"),
         ("pictures: 30000x30000", "panorama of pictures", "decoded it takes 2.7 GB of memory"),
         ("pictures: 30000x30000, unsaid", "stereo", "is 30000x30000, but left is 320x240"),
+        ("pictures: black", "stereo", "or the static scene has no texture"),
+        (
+            "pictures: a GIF",
+            "calibrate from sfm",
+            "000000.png is not an image, or its format is not supported",
+        ),
         ("pictures: no images", "panorama", "two pictures or more"),
         ("pictures: one is missing on disk", "tolerance", "is missing"),
         ("manifest: instants all the same", "compare", "do not follow each other in time"),

@@ -83,7 +83,7 @@ async def test_pictures_of_an_instant_are_shown_together(tmp_path: Path) -> None
         assert [tile.picture.cells for tile in studio.tiles] == [None, None], "the other one is on its way"
         studio.show("cam01", completes=True)
         await until(pilot, lambda: all(tile.picture.cells for tile in studio.tiles))
-        assert studio.title == "Live · 2 pictures of one instant, ↔0 ns"
+        assert studio.title == "Live · 2 pictures within 0 ns"
 
 
 async def test_pictures_that_no_longer_come_are_not_live(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ async def test_a_camera_that_is_behind_says_so_beside_the_live_ones(tmp_path: Pa
         await until(pilot, lambda: studio.tiles[1].picture.is_faded)
         assert "0.4 s ago" in studio.tiles[1].title
         assert "ago" not in studio.tiles[0].title
-        assert studio.title.startswith("Live · 2 pictures of one instant")
+        assert studio.title.startswith("Live · 2 pictures within")
 
 
 async def test_a_lost_camera_is_grey(tmp_path: Path) -> None:

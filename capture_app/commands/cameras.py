@@ -159,11 +159,11 @@ class CamerasGroup(click.Group):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write how each kind's spec is written, its options and what it needs, below the commands."""
-        from capture_app.cameras.specs import common_options, load_drivers
+        from capture_app.machine.cameras import common_options, kinds_of_cameras
 
         super().format_options(ctx, formatter)
         rows = []
-        for driver in load_drivers().values():
+        for driver in kinds_of_cameras().values():
             needs = driver.NEEDS and f" Needs {driver.NEEDS}."
             options = f" Options: {', '.join(driver.OPTIONS)}." if driver.OPTIONS else ""
             rows.append((driver.SPEC, driver.HELP + needs + options))

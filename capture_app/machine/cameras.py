@@ -1,12 +1,20 @@
 """Cameras of this machine, with or without a running rig: list them and query their modes."""
 
 import logging
+from collections.abc import Mapping
 
 from capture_app.cameras import specs
+from capture_app.cameras.base import CameraDriver
 from capture_app.common.camera_facts import SIMULATED, CameraListing
 from capture_app.common.text import first_line
 
+common_options = specs.common_options
 _log = logging.getLogger(__name__)
+
+
+def kinds_of_cameras() -> Mapping[str, CameraDriver]:
+    """Return the driver of each kind, which describes its specs, its options and its requirements."""
+    return specs.load_drivers()
 
 
 def list_cameras(*, simulated: bool = True) -> list[CameraListing]:

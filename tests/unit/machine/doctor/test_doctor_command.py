@@ -14,7 +14,7 @@ def test_a_leader_out_of_reach_is_a_problem_in_json_and_for_people(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    leader = ("--leader", str(closed_port()))
+    leader = ("--leader", str(closed_port()), "--spool", str(tmp_path / "spool"))
     assert run(("doctor", *leader, "--json")) == ExitCode.FAILURE
     printed, said = capfd.readouterr()
     assert "1 problem found" in said

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import nan
-from typing import TYPE_CHECKING
 
 from benchmarks.paper.phase_trials import (
     PPM,
@@ -22,9 +21,6 @@ from benchmarks.paper.result import Figures, Outcome, Result, Table
 from benchmarks.paper.trials import call_all
 from capture_app.console.terminal import talk
 from capture_app.plugins.cameras.sim.profiles import PROFILES
-
-if TYPE_CHECKING:
-    pass
 
 
 def sum_up(attempts: Sequence[Attempt]) -> dict[str, float]:

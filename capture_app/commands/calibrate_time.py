@@ -1,7 +1,6 @@
 """`capture-app cameras calibrate-time`: how late the cameras of a rig are."""
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from capture_app.commands.take import require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
-from capture_app.common.text import duration
+from capture_app.common.templates import render_lines
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
@@ -130,21 +129,9 @@ def _take(leader: Address, seconds: float, todo: str) -> Path:
 
 def _rows_of(
     found: "MeasuredTimes", orders: "dict[str, SaveStamp]", saved: dict[str, bool]
-) -> Iterator[tuple[str, str]]:
+) -> list[tuple[str, ...]]:
     from capture_app.common.camera_facts import describe_stamp
 
-    for name, time in found.cameras.items():
-        if name in orders:
-            stamp, path = orders[name].stamp, orders[name].asymmetry
-            words = describe_stamp(stamp) if stamp else "unchanged"
-            if path:
-                off, unsure = duration(abs(path.late_ns)), duration(path.uncertainty_ns)
-                words += f"; its clock was {off} ±{unsure} {'behind' if path.late_ns > 0 else 'ahead'}"
-            yield name, words + ("" if saved[name] else "; could not be saved")
-        elif name == found.reference:
-            yield name, "unchanged: the reference of all others"
-        elif time.offset_ms is None or time.sd_ms is None:
-            yield name, f"not measured: {time.reason}"
-        else:
-            off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
-            yield name, f"unchanged: better known than the measured {off} ±{unsure}"
+    view = {"found": found, "orders": orders, "saved": saved, "describe_stamp": describe_stamp}
+    lines = render_lines("measured_times.txt", __package__, **view)
+    return [tuple(line.split(": ", 1)) for line in lines]

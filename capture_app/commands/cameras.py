@@ -14,7 +14,8 @@ from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
-from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
+from capture_app.common.templates import render_lines
+from capture_app.common.text import UNREADABLE, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.files.durable import write_atomic
@@ -278,17 +279,6 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])
 
 
-def _facts(detail: "NodeDetail") -> Iterator[tuple[str, str]]:
-    yield "frame rate", "-" if detail.fps is None else f"{detail.fps:.1f} frames/s"
-    yield "exposure", duration(detail.exposure_ns)
-    yield "gain", "-" if detail.gain is None else f"{detail.gain:g}"
-    if detail.disk_free_bytes is not None:
-        yield "spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"
-    if detail.samples:
-        all_ns = sorted(round_trip_ns for _, round_trip_ns in detail.samples)
-        middle = duration(all_ns[len(all_ns) // 2])
-        yield "round trip", f"{duration(all_ns[0])} minimum, {middle} median of {len(all_ns)}"
-    if detail.phase_errors_ns:
-        errors_ns = sorted(map(abs, detail.phase_errors_ns))
-        worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
-        yield "phase error", f"{duration(errors_ns[len(errors_ns) // 2])} median, {worst}"
+def _facts(detail: "NodeDetail") -> list[tuple[str, ...]]:
+    lines = render_lines("camera.txt", __package__, detail=detail, megabytes=megabytes)
+    return [tuple(line.split(": ", 1)) for line in lines]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from capture_app.commands.shared_options import ADDRESS, ANY_PATH, default_spool
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.plugins import CAMERA_COMMANDS, COMMANDS, plugin_names
@@ -59,9 +59,11 @@ if TYPE_CHECKING:
     hidden="panel" not in plugin_names(COMMANDS),
     help="With --report: add the measurements of `panel read` of SESSION.",
 )
+@spool_option
 @json_option
 def doctor(
     leaders: tuple[Address, ...],
+    spool: Path,
     report: Path | None,
     specs: tuple[str, ...],
     panel: Path | None,
@@ -81,7 +83,7 @@ def doctor(
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]
     if not as_json:
         talk("checking this machine …")
-    checks = asyncio.run(examine(leaders, rigs, default_spool()))
+    checks = asyncio.run(examine(leaders, rigs, spool))
     problems = [finding for finding in checks if finding.grade == "problem"]
     if report is not None:
         measured = {spec: _ask("cameras", "characterize", spec) for spec in specs}

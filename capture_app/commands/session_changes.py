@@ -2,7 +2,6 @@
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -10,6 +9,7 @@ from capture_app.commands.session_text import format_date
 from capture_app.commands.shared_options import ADDRESS, ANY_PATH, confirm
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError
+from capture_app.common.templates import render_lines
 from capture_app.common.text import count
 from capture_app.console.terminal import (
     FiniteRange,
@@ -34,9 +34,6 @@ from capture_app.session.library.changes import (
     trashed_sessions,
 )
 from capture_app.session.reading.take_sheet import TakeSheet
-
-if TYPE_CHECKING:
-    from capture_app.machine.repair import RepairResult
 
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
@@ -154,21 +151,13 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))
     failed = [session for session in repaired if not session.ok]
-    answer(as_json, {"ok": not failed, "sessions": repaired}, map(_describe_result, repaired))
+    lines = render_lines("repaired.txt", __package__, repaired=repaired)
+    answer(as_json, {"ok": not failed, "sessions": repaired}, lines)
     if failed:
         raise BadInputError(
             f"{failed[0].session}: {failed[0].what}",
             hint="its images stay as they are; capture-app sessions verify shows what is wrong",
         )
-
-
-def _describe_result(one: "RepairResult") -> str:
-    if not one.ok:
-        return f"{one.session}: {one.what}"
-    state = "completed" if one.changed else "incomplete" if one.awaited else "complete already"
-    lost = f", {one.missing} missing ({one.what})" if one.missing else ""
-    awaited = f"; a running leader adds what {', '.join(one.awaited)} may still have" if one.awaited else ""
-    return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}{awaited}"
 
 
 WIGGLE_STEP_MS = 125

@@ -95,15 +95,10 @@ def name_option(text: str) -> Callable[[F], F]:
     )
 
 
-def default_spool() -> Path:
-    """Return the folder on this machine for images that the leader has not saved yet."""
-    return user_state_path("simulshot") / "spool"
-
-
 spool_option = click.option(
     "--spool",
     type=FOLDER,
-    default=default_spool,
+    default=lambda: user_state_path("simulshot") / "spool",
     metavar="DIR",
     show_default="~/.local/state/simulshot/spool",
     help="Spool: folder on this machine that stores images until the leader has saved them.",

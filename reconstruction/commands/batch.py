@@ -108,18 +108,18 @@ def batch(
     from reconstruction.batch.batch_run import exit_code, summarize
     from reconstruction.batch.units import Shard
     from reconstruction.batch.workers import Workers
+    from reconstruction.common.templates import render_lines
 
     if summary and shard:
         raise click.UsageError("--summary is of all shards: leave out --shard")
     chosen, part = BatchPlan(**options), Shard.parse(shard) if shard else None
-    if summary:
-        result = summarize(sessions, out, chosen)
-    else:
-        result = run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
-    inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
-    counts = f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
-    where = [] if part else [f"summary: {out / 'summary.html'}"]
-    answer(as_json, result, [counts, *where])
+    result = (
+        summarize(sessions, out, chosen)
+        if summary
+        else run(sessions, out, chosen, Workers(cluster, jobs, settings), shard=part)
+    )
+    lines = render_lines("batch.txt", "reconstruction.commands", result=result, out=out, part=part)
+    answer(as_json, result, lines)
     if (code := exit_code(result)) is not ExitCode.OK:
         failure = SimulshotError(
             f"{result.failed} of {len(result.units)} failed",

@@ -1,7 +1,7 @@
 """`reconstruct compare` and `reconstruct tolerance`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -10,9 +10,6 @@ from capture_app.console.usage import examples
 from reconstruction.commands import command_options
 from reconstruction.method.interface import scored, study_names
 from reconstruction.scene.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
-
-if TYPE_CHECKING:
-    pass
 
 
 def _refuse_synced(

@@ -1,16 +1,12 @@
 """`reconstruct time`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands.command_options import session_argument
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command(

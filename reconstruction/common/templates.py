@@ -4,15 +4,15 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
-from capture_app.common.text import count
+from capture_app.common import templates
 from reconstruction.common import wording
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
 
-PACKAGE, FOLDER = "reconstruction.common", "template"
+PACKAGE = "reconstruction.common"
 FILTERS = (
-    count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
+    wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.percentage, wording.percent, wording.keep_units, wording.timeliness,
     wording.walking_distance, wording.delays, wording.times, wording.late_or_early,
 )  # fmt: skip
@@ -25,8 +25,7 @@ def render_sentences(template: str, package: str = PACKAGE, **view: object) -> s
 
 def render_lines(template: str, package: str = PACKAGE, **view: object) -> list[str]:
     """Render the lines of plain text that a command prints, from a template as `render_sentences` does."""
-    text = _text_template(template, package).render(view)
-    return [line.rstrip() for line in text.splitlines() if line.strip()]
+    return templates.lines_of(_text_template(template, package).render(view))
 
 
 @cache
@@ -38,15 +37,6 @@ def _text_template(template: str, package: str) -> "Template":
 @cache
 def environment_of(*packages: str, escapes: bool = True) -> "Environment":
     """Return the environment of templates that are looked up in these packages, in this order."""
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
-
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(name, FOLDER) for name in dict.fromkeys(packages)]),
-        autoescape=select_autoescape((), ("txt",), default_for_string=escapes, default=True),
-        undefined=StrictUndefined,
-        extensions=["jinja2.ext.do"],
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates.environment_of(*packages, escapes=escapes)
     environment.filters.update({function.__name__: function for function in FILTERS})
     return environment

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from capture_app.common.text import count
 from reconstruction.common.camera_paths import Frame
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.templates import environment_of
 
-PAGE = "walk.html"
+PACKAGE, PAGE = "reconstruction.pages", "walk.html"
 TEMPLATES = Path(__file__).with_name("template")
 QUALITY = 85
 
@@ -59,19 +58,20 @@ def write_walk_page(
         },
         "instants": instants,
     }
-    numbers = f", {len(instants)} instants" if len(instants) > 1 else f", instant {instants[0]['instant']}"
-    page = Environment(autoescape=True, undefined=StrictUndefined).from_string(
-        (TEMPLATES / PAGE).read_text(encoding="utf-8")
-    )
     scripts = (drawing.script, TEMPLATES / "walk.js")
-    text = page.render(
-        title=f"{name}{numbers}",
-        words=f"{count(len(views), 'camera')}. Drag, pinch or use the arrow keys to walk round.",
-        width=first.width,
-        height=first.height,
-        still=image_address(still, ".jpg"),
-        moments=Markup(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")),  # noqa: S704 - escaped
-        scripts=[Markup(script.read_text(encoding="utf-8")) for script in scripts],  # noqa: S704 - our own
+    text = (
+        environment_of(PACKAGE)
+        .get_template(PAGE)
+        .render(
+            name=name,
+            cameras=len(views),
+            instants=instants,
+            width=first.width,
+            height=first.height,
+            still=image_address(still, ".jpg"),
+            moments=Markup(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")),  # noqa: S704 - escaped
+            scripts=[Markup(script.read_text(encoding="utf-8")) for script in scripts],  # noqa: S704 - our own
+        )
     )
     (out / PAGE).write_text(text, encoding="utf-8")
 

@@ -26,11 +26,6 @@ def sentences(template: str, **view: object) -> str:
     return render_sentences(template, __package__, offset_text=offset_text, **view)
 
 
-def timing_sentences(timing: Timing) -> str:
-    """Return the second camera's time offset and what to do about it, and what single images show."""
-    return sentences("timing.txt", timing=timing)
-
-
 def rig_sentence(rig: SessionTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
     paired = () if pair is None else pair.cameras

@@ -18,7 +18,12 @@ class SceneFeatures:
         """`same_images`: features of the same images, for another motion."""
         self.dataset, self.motion = motion.dataset, motion
         self.of_image: Callable[[str, int], Features] = (
-            same_images.of_image if same_images else computed_once(self._detect, MAX_IMAGES)
+            same_images.of_image
+            if same_images
+            else computed_once(
+                lambda camera, k: detect_features(self.dataset.grey(camera, k), contrast=FAINT_CONTRAST),
+                MAX_IMAGES,
+            )
         )
         """The features of an image, including those of moving objects."""
         self.at_rest = computed_once(self._at_rest, MAX_INSTANTS)
@@ -28,9 +33,6 @@ class SceneFeatures:
     def middle(self) -> dict[str, Features]:
         """The features at rest at the middle of the session."""
         return self.at_rest(len(self.dataset.instants_ns) // 2)
-
-    def _detect(self, camera: str, instant: int) -> Features:
-        return detect_features(self.dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
 
     def _at_rest(self, instant: int) -> dict[str, Features]:
         there = {name: self.dataset.instants(name) for name in self.dataset.cameras}

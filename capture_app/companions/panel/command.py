@@ -11,7 +11,8 @@ import click
 
 from capture_app.commands.shared_options import ANY_PATH, FOLDER, run_until_stopped
 from capture_app.common.errors import SimulshotError
-from capture_app.common.text import count, duration, pretty_json
+from capture_app.common.templates import render_lines
+from capture_app.common.text import duration, pretty_json
 from capture_app.companions.panel.screen import DEFAULT_PORT
 from capture_app.console.terminal import (
     FiniteRange,
@@ -24,12 +25,10 @@ from capture_app.console.terminal import (
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.companions.panel.pair_errors import Held, PairTable, SessionErrors
+    from capture_app.companions.panel.pair_errors import PairTable, SessionErrors
     from capture_app.companions.panel.session_times import SessionTimes
 
 RESULT = "panel.json"
-RATE_LIMIT_PPM = 3_000.0
-"""Maximum rate difference of panel and session; beyond it the markers name another panel."""
 
 
 @click.command(
@@ -67,7 +66,11 @@ def read(session: Path, out: Path | None, apply: bool, as_json: bool) -> None:
         figures["applied"] = {
             name: msgspec.to_builtins(correction) for name, correction in apply_panel(opened, times).items()
         }
-        figures["words"]["remarks"] += _corrections(figures["applied"])
+        figures["words"]["remarks"] += [
+            f"{name}: times corrected by {of['offset_ns'] / 1e6:+.2f} ± {of['uncertainty_ns'] / 1e6:.2f} ms"
+            for name, of in figures["applied"].items()
+            if of.get("uncertainty_ns")
+        ]
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
             (output.folder / RESULT).write_bytes(pretty_json(figures))
@@ -108,39 +111,29 @@ def _as_json(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
 
 def _words(times: "SessionTimes", errors: "SessionErrors") -> dict[str, Any]:
     """Return the verdict, tables and notes of a panel reading, as the terminal and the screen show them."""
-    panel = times.panel
-    apart = f"{panel.name}: time differences (phase: by timestamps; clock: the rest)"
-    ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
+    name = times.panel.name
     tables = [
-        (apart, ("error", "mean abs", "std", "largest", "mean", "instants"), _apart(errors)),
         (
-            f"{panel.name} in the pictures",
+            f"{name}: time differences (phase: by timestamps; clock: the rest)",
+            ("error", "mean abs", "std", "largest", "mean", "instants"),
+            _apart(errors),
+        ),
+        (
+            f"{name} in the pictures",
             ("read", "refused", "95 % error", "exposure", "row time"),
-            [_camera_row(times, name) for name in times.cameras],
+            [_camera_row(times, camera) for camera in times.cameras],
         ),
     ]
+    verdict, *remarks = render_lines("reading.txt", __package__, times=times, errors=errors)
     return {
-        "verdict": _verdict(errors),
+        "verdict": verdict,
         "tables": [
             {"caption": caption, "groups": [""] * len(columns), "columns": columns, "rows": rows}
             for caption, columns, rows in tables
             if rows
         ],
-        "remarks": [
-            f"panel {panel.name}: a tick lasts {ticks}, and the pattern repeats after {cycle}",
-            *(f"{image.camera}, instant {image.instant}, refused: {why}" for image, why in times.refusals),
-            *_judgement(times, errors),
-        ],
+        "remarks": remarks,
     }
-
-
-def _corrections(applied: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return a line for each camera whose times were corrected."""
-    return [
-        f"{name}: times corrected by {times['offset_ns'] / 1e6:+.2f} ± {times['uncertainty_ns'] / 1e6:.2f} ms"
-        for name, times in applied.items()
-        if times.get("uncertainty_ns")
-    ]
 
 
 def _lines(words: Mapping[str, Any]) -> Iterator[str]:
@@ -155,19 +148,6 @@ def _apart(errors: "SessionErrors") -> "list[tuple[str, ...]]":
     tables = [(" - ".join(pair.cameras), pair) for pair in errors.pairs]
     every = [("all pairs", errors.all)] if len(errors.pairs) > 1 and errors.all is not None else []
     return [row for name, pairs in tables + every for row in _rows(name, pairs)]
-
-
-def _verdict(errors: "SessionErrors") -> str:
-    """Return the time differences in a sentence."""
-    every, held = errors.all, errors.within_uncertainty
-    if every is None:
-        return "No instant has two readable pictures, so no cameras can be compared."
-    largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
-    bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
-    return (
-        f"{duration(every.total.mean_abs_ns)} apart{largest}; "
-        f"the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
-    )
 
 
 def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:
@@ -200,44 +180,6 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
         )
         for kind, summary in kinds
     ]
-
-
-def _judgement(times: "SessionTimes", errors: "SessionErrors") -> Iterator[str]:
-    if errors.all is None:
-        return
-    tick_ns = times.panel.tick_ns
-    yield f"The panel resolves differences of ±{duration(errors.all.reading_uncertainty_ns)} (95 %)."
-    if times.panel.is_screen:
-        yield (
-            f"A screen of {1e9 / tick_ns:.0f} Hz changes every {duration(tick_ns)}, row by row; "
-            "a panel of LEDs resolves microseconds."
-        )
-    if not times.exposures_known:
-        yield (
-            "The session lacks exposures or row times. Timestamps may then refer to another moment than "
-            "mid-exposure, and that difference is counted as clock error."
-        )
-    if errors.within_uncertainty is None:
-        yield "The session has no error bars to compare with."
-    else:
-        yield f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}."
-    if errors.within_bound is not None:
-        yield f"Inside its hard bounds: {_of(errors.within_bound)}."
-    if errors.totals_near_truth is not None and errors.largest_reading_error_ns is not None:
-        yield (
-            f"By the ground truth, totals are off by at most {duration(errors.largest_reading_error_ns)}; "
-            f"inside the panel's error bars {_of(errors.totals_near_truth)}."
-        )
-    rate_ppm = errors.rate_error_ppm or 0.0
-    if abs(rate_ppm) > RATE_LIMIT_PPM + (errors.rate_uncertainty_ppm or 0.0):
-        yield (
-            f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: check that it is the "
-            "panel named by its markers, at that rate. Otherwise these figures are wrong."
-        )
-
-
-def _of(held: "Held") -> str:
-    return f"{held.held} of {count(held.count, 'pair')}"
 
 
 @click.command(epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"))

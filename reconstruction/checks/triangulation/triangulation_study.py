@@ -172,8 +172,6 @@ class TriangulationStudy(Score):
     needs_calibration = True
     packages = ("pycolmap",)
 
-    cameras: tuple[str, ...] = ()
-
     @property
     def steps(self) -> int:
         """Number of progress lines: one for the choice of cameras, and one for each instant."""
@@ -295,8 +293,7 @@ class TriangulationStudy(Score):
             hidden[mine] = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)[rows, columns]
             truth = self.dataset.ground_truth(camera, instant) if self.scene.unit == "m" else None
             if truth is not None:
-                view = self.scene.views[camera]
-                depth = (found.points[found.point[mine]] @ view.rotation.T + view.translation)[:, 2]
+                _, depth = _depth_at(self.scene.views[camera], found, place)
                 true = truth[0][rows, columns]
                 right[mine], known[mine] = right_depth(depth, true), true > 0
 

@@ -140,8 +140,7 @@ def stitch(given: Input, folder: Path) -> PanoramaResult:
         }
     cameras = {name: view.to_calibration() for name, view in stitcher.views.items()}
     write_atomic(folder / REGISTRATION, pretty_json(Calibration(cameras=cameras, unit="arbitrary")))
-    left_out = given.facts["left_out"] | stitcher.left_out
-    facts = given.facts | {"left_out": left_out}
+    facts = given.facts | {"left_out": given.facts["left_out"] | stitcher.left_out}
     return PanoramaResult(used=stitcher.used, synced=made["synced"], offset=made.get("offset"), **facts)
 
 

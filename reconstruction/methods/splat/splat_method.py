@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from capture_app.common.text import count
 from reconstruction.methods.splat.splat_options import SplatOptions
 from reconstruction.scene.conditions import Condition
 
@@ -81,22 +80,3 @@ class SplatMethod(SplatOptions, frozen=True, kw_only=True):
             progress=self.progress,
         )
         yield from optimize_moments(seen, len(chosen), self)
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the number of splats and their size, and how well they match; see `Method.lines`."""
-        judged = [one.held_out_psnr for one in result.instants if one.held_out_psnr is not None]
-        match = (
-            f"at least {min(judged):.1f} dB to the picture of {result.held_out}, which was left out"
-            if judged
-            else f"at least {min(one.psnr for one in result.instants):.1f} dB to the pictures they were made "
-            "from; no camera was left out to judge them"
-        )
-        number = sum(instant.gaussians for instant in result.instants) // len(result.instants)
-        yield f"{count(len(result.instants), 'splat')} of {number:,} Gaussians in {result.seconds:.1f} s"
-        yield match
-        yield from (f"splat: {out / instant.file}" for instant in result.instants[:1])
-        if self.page:
-            from reconstruction.pages.walk_page import PAGE
-
-            yield f"page: {out / PAGE}"
-        yield from super().lines(result, out)

@@ -108,8 +108,7 @@ def follow(
             " the cameras see different things move, or one too fast for their rate",
             hint="leave one moving object in view, or choose --instants in which there is one",
         )
-    of_moment = [float(rays.times_s[moments == number].mean()) for number in range(int(moments[-1]) + 1)]
-    seen_s = np.array(of_moment)
+    seen_s = np.array([rays.times_s[moments == number].mean() for number in range(int(moments[-1]) + 1)])
     places, bars = path.at(seen_s), SIGMAS_95 * sd_px * path.sd_at(seen_s)
     points = tuple(
         PathPoint(int(at_ns[0]) + round(s * 1e9), (float(x), float(y), float(z)), float(bar))

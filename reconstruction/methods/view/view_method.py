@@ -1,13 +1,12 @@
 """Views of a moment from places without a camera: the method, its options and its words."""
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
-from capture_app.common.text import count
 from reconstruction.methods.view.view_options import ViewOptions
 from reconstruction.scene.conditions import Condition
 
@@ -68,15 +67,3 @@ class ViewMethod(ViewOptions, frozen=True, kw_only=True):
         from reconstruction.methods.view.view_run import render_views
 
         return render_views(scene, condition, output.folder, self)
-
-    def lines(self, result: Any, out: Path) -> Iterator[str]:
-        """Yield the number of views, and how much of them was seen; see `Method.lines`."""
-        what = "instant" if result.steps == 1 else "moment"
-        instants = f", {count(len(result.instants), what)}" if len(result.instants) > 1 else ""
-        views = f"{count(result.frames, 'view')} of {count(len(result.cameras), 'camera')}{instants}"
-        yield f"{views}; {100 * result.seen:.0f} % of their pixels seen by a camera"
-        if self.page:
-            from reconstruction.pages.walk_page import PAGE
-
-            yield f"page: {out / PAGE}"
-        yield from super().lines(result, out)

@@ -11,11 +11,16 @@ from reconstruction.method.timing import (
     with_planned_delay,
     without_common_times,
 )
-from reconstruction.report.findings import sentences, timing_sentences
+from reconstruction.report.findings import sentences
 from reconstruction.time_offsets.crossings import InstantOffset, OffsetFit
 
 FRAME_MS = 33.3
 PAIR = ("L", "R")
+
+
+def timing_sentences(timing: Timing) -> str:
+    """Return what a report says of the second camera's time offset."""
+    return sentences("timing.txt", timing=timing)
 
 
 def judged(offset_ms: float, sd_ms: float, *instants_ms: float, apart_ms: float = 0.0) -> Timing:

@@ -69,6 +69,18 @@ def test_show_says_how_far_apart_the_images_are_in_truth(session: Session, capsy
     )
 
 
+def test_show_leaves_out_the_truth_of_a_camera_that_the_session_lacks(
+    session: Session, capsys: Capture
+) -> None:
+    path = session.folder / TIMES
+    truth = json.loads(path.read_text())
+    left = truth["images"][0]
+    truth["images"] += [{**left, "camera": name, "true_ns": left["true_ns"]} for name in ("right", "gone")]
+    path.write_text(json.dumps(truth))
+    assert run(["sessions", "show", str(session.folder)]) == 0
+    assert "by the ground truth they are 0 ns apart" in capsys.readouterr().out
+
+
 def test_show_says_whose_stamps_nobody_has_measured(session: Session, capsys: Capture) -> None:
     stamp = {"bias_ns": 21_000_000, "uncertainty_ns": 20_000, "source": "assumed"}
     edit_manifest(session, lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak
-from reconstruction.report.findings import timing_sentences
 from reconstruction.time_offsets.crossings import Crossings, fit_offset
 from reconstruction.time_offsets.instant_votes import Change, Step
+from tests.unit.reconstruction.test_timing import timing_sentences
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS, crossings
 
 INSTANTS = 24

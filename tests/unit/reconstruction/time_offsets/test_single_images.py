@@ -10,13 +10,13 @@ from capture_app.session.format.common_times import REFERENCE
 from reconstruction.common.geometry import Array
 from reconstruction.common.templates import render_lines
 from reconstruction.method.timing import Timing, judge_timing, with_curve_peak, with_repeats
-from reconstruction.report.findings import timing_sentences
 from reconstruction.scene.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit, fit_offset
 from reconstruction.time_offsets.rig_offsets import adjust_offsets, with_changes
 from reconstruction.time_offsets.session_offsets import TimeResult
 from reconstruction.time_offsets.single_images import SingleImages, stalled_images
+from tests.unit.reconstruction.test_timing import timing_sentences
 from tests.unit.reconstruction.time_offsets.test_instant_votes import INSTANTS, take
 from tests.unit.reconstruction.time_offsets.test_offset_fit import NOTHING_STILL, PERIOD_MS
 

@@ -53,5 +53,6 @@ def faults(run: Run) -> list[str]:
 
 
 def _explains(line: str) -> bool:
-    """Whether a line on stderr says what of a batch has no result, or why a camera is left out."""
-    return any(said in line for said in (": failed: ", ": not applicable: ", " is left out: "))
+    """Whether a line says what of a batch has no result, why a camera is left out, or what was found."""
+    explained = (": failed: ", ": not applicable: ", " is left out: ", " this one was found: ")
+    return any(said in line for said in explained)

@@ -23,7 +23,7 @@ TERMS = {
     "syncing": "a camera measures its clock",
     "aligning": "a camera moves its frames onto the instants",
     "instant": "a common time at which every camera takes a frame",
-    "burst": "frames at successive instants, saved as a folder: its session",
+    "burst": "frames at successive instants, saved as a session's folder",
     "phase": "time from the rig's common frame times to a camera's frames",
     "error": "uncertainty (95 %) of a camera's frame times",
     "degraded": "synchronized, but less accurately than requested",
@@ -31,7 +31,7 @@ TERMS = {
     "↔": "spread: time from the first to the last image of an instant",
     "late": "an image off its instant by more than the tolerance",
     "exposure": "also gain: capture-app cameras set exposure=4000 gain=2",
-    "calibrate": "capture-app coverage, a take of the board, reconstruct calibrate",
+    "calibrate": "capture-app coverage, a burst, then reconstruct calibrate",
 }
 """Words that a newcomer may not know, or look for in vain on the screen."""
 

@@ -23,15 +23,17 @@ TERMS = {
     "syncing": "a camera measures its clock",
     "aligning": "a camera moves its frames onto the instants",
     "instant": "a common time at which every camera takes a frame",
-    "burst": "frames of all cameras at successive instants; its session is the folder",
+    "burst": "frames at successive instants, saved as a session's folder",
     "phase": "time from the rig's common frame times to a camera's frames",
     "error": "uncertainty (95 %) of a camera's frame times",
     "degraded": "synchronized, but less accurately than requested",
     "drops": "frames that a camera did not deliver",
     "↔": "spread: time from the first to the last image of an instant",
     "late": "an image off its instant by more than the tolerance",
+    "exposure": "also gain: capture-app cameras set exposure=4000 gain=2",
+    "calibrate": "capture-app coverage, a burst, then reconstruct calibrate",
 }
-"""Words of the screen that a newcomer may not know."""
+"""Words that a newcomer may not know, or look for in vain on the screen."""
 
 
 def known_actions() -> dict[str, Binding]:

@@ -129,7 +129,13 @@ class TextQuestion(BoxDialog[str | None]):
         self._check = check
         self._wrong = Static("", classes="wrong")
         self._line, self._value = Input(), value
-        super().__init__(title, Static(Content(printable(text)), classes="question"), self._line, self._wrong)
+        super().__init__(
+            title,
+            Static(Content(printable(text)), classes="question"),
+            self._line,
+            self._wrong,
+            subtitle="enter accepts · esc cancels",
+        )
 
     def on_mount(self) -> None:
         """Show the initial text, selected, so that typing replaces it."""

@@ -75,7 +75,7 @@ class JobsView(ModeView):
     def on_mount(self) -> None:
         """Start following the runs."""
         self.set_interval(LOOK_EVERY_S, self._follow)
-        hint = "In Sessions (key 3): c compares a take, e exports it, a lists all commands."
+        hint = "In Sessions (key 3): c compares a take, e exports it, A starts other computations."
         self._empty.show([Content("No job yet."), Content(hint)])
 
     def focus_first(self) -> None:

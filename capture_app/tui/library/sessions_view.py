@@ -442,6 +442,7 @@ class SessionsView(ModeView):
         """Restore the session trashed last."""
         with showing_errors(self):
             restored = await asyncio.to_thread(restore_session, self._listing.root)
+            self.app.clear_notifications()  # "u restores it" is over
             self.post_message(SessionMoved(restored, restored))
             self._look_for(restored)
         await self._runs.read()

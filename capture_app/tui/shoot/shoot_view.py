@@ -1,6 +1,7 @@
 """Mode Shoot: Space takes; live previews beside the plan, followed by the contact sheet of the take."""
 
 import asyncio
+from collections.abc import Sequence
 from contextlib import aclosing
 from pathlib import Path, PurePath
 from typing import ClassVar
@@ -304,7 +305,8 @@ class ShootView(ModeView):
     @work(group="asking")
     async def action_cancel_burst(self) -> None:
         """Ask which burst to cancel, and cancel it."""
-        offers = {} if self._record.status is None else cancellable_bursts(self._record.status)
+        status = self._record.status
+        offers = {} if status is None else cancellable_bursts(status, self.takes)
         if not offers:
             self.notify("no burst is scheduled or being saved")
             return
@@ -489,12 +491,22 @@ class ShootView(ModeView):
     on_mode_hidden = _want_previews
 
 
-def cancellable_bursts(status: RigStatus) -> dict[int, str]:
-    """Return the cancellable bursts in words, by number: the one being saved, then the scheduled ones."""
-    offers, newest = {}, status.burst
-    if newest is not None and newest.burst and not newest.done:
-        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images received"
-    for burst in sorted(status.ahead, key=lambda burst: burst.first_leader_ns):
-        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
-        offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
-    return offers
+def cancellable_bursts(status: RigStatus, takes: Sequence[Take]) -> dict[int, str]:
+    """Return the cancellable bursts in words, by number: those being saved, then the scheduled ones.
+
+    Of those being saved, the status has the newest; the progress of earlier `takes` is followed here if they
+    were ordered here.
+    """
+    followed = [take.status for take in takes if take.plan is not None and not take.problem]
+    saving = {
+        of.burst: f"{of.name}: {of.received} of {of.expected} images received"
+        for of in (*followed, *filter(None, [status.burst]))
+        if of.burst and not of.done
+    }
+    scheduled = {
+        of.burst: f"{of.name}: begins in "
+        f"{clock_offset(max(0, of.first_leader_ns - status.now_ns), signed=False)}"
+        f", {count(of.instants, 'frame')}"
+        for of in sorted(status.ahead, key=lambda of: of.first_leader_ns)
+    }
+    return saving | scheduled

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 from textual.containers import VerticalScroll
 from textual.content import Content
@@ -86,14 +87,18 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
 def progress_words(take: Take, now_s: float, takes: Sequence[Take] = ()) -> str:
     """Return the progress of a take that is not done, in words; it may wait for another one of `takes`."""
     status, seconds = take.status, take.length_s(now_s)
+    # Cameras send one take after the other.
+    before = [
+        of.name
+        for of in takewhile(lambda each: each is not take, takes)
+        if of.status.recording and not of.status.done
+    ]
+    if before and not status.received and (take.ended_s is not None or not status.recording):
+        what = f"recorded {_minutes(seconds)}" if status.recording else f"taken {seconds:.0f} s ago"
+        return f"{what}; waits until {printable(before[-1])} is saved"
     if status.recording and not status.done:
         length = _minutes(seconds)
         if take.ended_s is not None:
-            before = [
-                of.name for of in takes if of is not take and of.status.recording and not of.status.done
-            ]
-            if before and not status.received:
-                return f"recorded {length}; waits until {printable(before[-1])} is saved"
             left_s = take.left_s(now_s)
             left = "" if left_s is None else f", some {left_s:.0f} s left"
             return f"recorded {length}; {status.received} of {status.expected} frames saved{left}"

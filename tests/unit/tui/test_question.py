@@ -65,6 +65,7 @@ async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
 
     app = AskingApp(TextQuestion("Name?", "a", check=check))
     async with app.run_test(size=(80, 24)) as pilot:
+        assert "enter accepts" in app.export_screenshot().replace("&#160;", " ")
         await pilot.press("end", "b", "c", "d", "enter")
         await pilot.pause()
         assert app.answers == []

@@ -1,5 +1,6 @@
 """The mode Jobs: what is seen of jobs, and what its keys do."""
 
+import re
 import webbrowser
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -15,6 +16,7 @@ from capture_app.protocol.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.jobs.run import COMMANDS, RunState
+from capture_app.tui.key_bindings import known_actions
 from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, SharpTerminal
@@ -65,6 +67,14 @@ def text(pilot: Any) -> str:
 
 def log(pilot: Any) -> str:
     return "\n".join(view(pilot).query_one("#job-lines", Lines).plain)
+
+
+async def test_without_a_job_it_names_keys_that_start_one(root: Path) -> None:
+    async with jobs_mode(root) as pilot:
+        hint = view(pilot).query_one("#jobs-empty", Lines).plain[-1]
+        named = re.findall(r"\b(\w) (?:compares|exports|starts)", hint)
+        actions = ("compare", "export", "analyse")
+        assert named == [known_actions()[f"sessions.{action}"].key for action in actions]
 
 
 async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:

@@ -27,6 +27,7 @@ async def test_no_explanation_is_cut_at_80_columns(sessions: Path) -> None:
             options = pilot.app.screen.query_one(OptionList)
             width = options.scrollable_content_region.width
             assert all(option.prompt.cell_length <= width - 2 for option in options.options)
+            assert options.max_scroll_y == 0, "no format is out of sight"
             await pilot.press("escape")
             await settle(pilot)
 

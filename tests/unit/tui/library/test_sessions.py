@@ -58,6 +58,16 @@ async def test_undo_with_an_empty_trash_says_so(sessions: Path) -> None:
         await until(pilot, lambda: any("is empty" in toast for toast in toasts(pilot.app)))
 
 
+async def test_a_restored_session_is_not_called_trashed(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("delete")
+        await until(pilot, lambda: any("one is in the trash" in toast for toast in toasts(pilot.app)))
+        await pilot.press("u")
+        await until(pilot, lambda: "one" in names(pilot))
+        await until(pilot, lambda: not toasts(pilot.app))
+
+
 async def test_the_cursor_begins_on_the_newest_that_is_saved(sessions: Path) -> None:
     writer = SessionWriter.create(sessions, "four")
     writer.add_image(b"x", camera="cam00", instant=0, leader_ns=5)

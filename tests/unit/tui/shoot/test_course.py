@@ -19,9 +19,10 @@ from capture_app.common.errors import BadInputError, DiskFullError, IncompleteEr
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
-from capture_app.protocol.status import BurstStatus, CameraTransfer
+from capture_app.protocol.status import BurstStatus, CameraTransfer, RigStatus
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
+from capture_app.tui.shoot.shoot_view import cancellable_bursts
 from capture_app.tui.shoot.takes import Take, progress_words
 from capture_app.tui.widgets.lines import Lines
 from tests.unit.tui.driving import toasts, until
@@ -257,6 +258,23 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
         await studio.settle(pilot)
 
 
+def test_a_recording_in_the_way_of_a_newer_take_can_be_cancelled() -> None:
+    walk = BurstStatus(
+        burst=1, name="walk", recording=True, cameras=2, instants=90, received=7, expected=180, ended=True
+    )
+    newest = BurstStatus(burst=2, name="burst-001", cameras=2, instants=8, received=0, expected=16)
+    takes = [Take(walk, TakePlan(video=True)), Take(newest, TakePlan())]
+    status = RigStatus(leader="a:1", now_ns=0, period_ns=None, burst=newest)
+    assert cancellable_bursts(status, takes) == {
+        1: "walk: 7 of 180 images received",
+        2: "burst-001: 0 of 16 images received",
+    }
+    takes[0].problem = "the leader was lost"
+    assert list(cancellable_bursts(status, takes)) == [2], "another leader's burst has that number"
+    takes[0] = Take(replace_fields(walk, done=True), TakePlan(video=True))
+    assert list(cancellable_bursts(status, takes)) == [2]
+
+
 async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
     rig = ready_rig(2)
     studio = Studio(rig, tmp_path)
@@ -315,6 +333,9 @@ def test_a_wait_says_for_what_and_how_long() -> None:
     )
     takes = [first, second]
     assert progress_words(second, 106.0, takes) == "recorded 0:05; waits until walk is saved"
+    picture = Take(replace_fields(status, name="burst-001", recording=False), begun_s=100.0)
+    assert progress_words(picture, 130.0, [first, picture]) == "taken 30 s ago; waits until walk is saved"
+    assert progress_words(picture, 130.0, [picture, first]) == "taken; cameras are saving, 30 s"
     first.status = replace_fields(first.status, done=True)
     for now_s, received in ((110.0, 20), (120.0, 60)):
         second.status = replace_fields(second.status, received=received)

@@ -38,6 +38,8 @@ LONE_INSTANT_SENTENCE = (
 )
 MAX_MISSING = 1 / 3
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
+MIN_NAMED = 10
+"""Missing images from which a camera is named, if it has more than half of them."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -109,7 +111,7 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
     instants = manifest.burst.ordered or len(sync.spread_ns)
     expected = (len(manifest.cameras) + len(manifest.burst.absent)) * instants
     missing = expected - len(manifest.images)
-    completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, sync))))
+    completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, manifest, sync))))
     if arriving:
         completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
     headline = f"{purpose}; {completeness}"
@@ -211,9 +213,11 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"
 
 
-def _completeness(missing: int, expected: int, sync: SyncRecord) -> str:
+def _completeness(missing: int, expected: int, manifest: Manifest, sync: SyncRecord) -> str:
     images = count(expected, "image")
+    (name, most), *_ = Counter(gap.camera for gap in manifest.missing).most_common(1) or [("", 0)]
     notes = (
+        (most if most >= MIN_NAMED and most > missing / 2 else 0, f"of them {name}'s"),
         (missing and sync.dropped, "dropped by the camera"),
         (sync.substituted, "from the frame beside it"),
         (sync.late, "off the instant"),

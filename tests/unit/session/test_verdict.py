@@ -125,6 +125,37 @@ def test_a_verdict_is_about_the_rig_and_not_about_who_is_left(cameras: int, grad
     assert b"absent" not in msgspec.json.encode(whole), "as the sessions of before, which still open"
 
 
+@pytest.mark.parametrize(
+    ("lacks", "said"),
+    [
+        ({"left": 2, "right": 12}, "14 of 60 images missing, 12 of them right's"),
+        ({"left": 12, "right": 12}, "24 of 60 images missing;"),
+        ({"left": 0, "right": 3}, "3 of 60 images missing;"),
+    ],
+)
+def test_a_camera_that_lacks_most_of_what_is_missing_is_named(lacks: dict[str, int], said: str) -> None:
+    whole = take()
+    instants_ns = tuple(33 * MS * number for number in range(30))
+    images = [
+        replace(image(camera, 0, 0), instant=number, leader_ns=at_ns)
+        for number, at_ns in enumerate(instants_ns)
+        for camera in lacks
+        if number >= lacks[camera]
+    ]
+    missing = [
+        MissingImage(camera=camera, instant=number, reason="?")
+        for camera, gone in lacks.items()
+        for number in range(gone)
+    ]
+    manifest = replace(
+        whole,
+        burst=replace(whole.burst, instants_ns=instants_ns),
+        images=tuple(images),
+        missing=tuple(missing),
+    )
+    assert said in judge(manifest).headline + ";"
+
+
 def test_a_camera_without_an_image_is_named_first() -> None:
     """Its process was killed, and the take of the others was called good."""
     verdict = judge(take(*(image("left", instant, 0) for instant in (0, 1))))

@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,14 @@ from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples, write_plugins
 from capture_app.session.alignment.alignment_method import GROUP as ALIGNMENTS
-from capture_app.session.exporting.exporter import GROUP, Option, load_exporters, own_options
+from capture_app.session.exporting.exporter import (
+    GROUP,
+    Exporter,
+    Option,
+    load_exporter,
+    load_exporters,
+    own_options,
+)
 from capture_app.session.reading.reader import Session
 
 _KINDS: dict[type[Any], dict[str, Any]] = {
@@ -30,6 +37,8 @@ _KINDS: dict[type[Any], dict[str, Any]] = {
 """How an exporter's option is typed, by the type of its value."""
 _OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
 """What people ask for that `splats` writes: COLMAP models for trainers, D-NeRF's layout, `cameras.gltf`."""
+
+_LOADED = f"{__name__}.loaded"
 
 
 class _ImportCommand(click.Command):
@@ -259,7 +268,20 @@ class _Format(click.Choice[str]):
 
 
 class _ExportCommand(click.Command):
-    """Command with the options of all formats."""
+    """Command with the options of the named format, or of all formats for help and errors."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Load the exporter that is named, and all others only where an option is not one of its own."""
+        words = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--to=") else [arg])]
+        named = [name for option, name in pairwise(words) if option == "--to"]
+        if len(named) != 1 or named[0] not in plugin_names(GROUP) or {"-h", "--help"} & set(args):
+            return super().parse_args(ctx, args)
+        ctx.meta[_LOADED] = {named[0]: load_exporter(named[0])}
+        try:
+            return super().parse_args(ctx, list(args))
+        except click.NoSuchOption:
+            del ctx.meta[_LOADED]
+            return super().parse_args(ctx, args)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return the parameters: general ones first, then the options of the formats."""
@@ -268,7 +290,7 @@ class _ExportCommand(click.Command):
         )
         stated: dict[str, tuple[type[Any], Option]] = {}
         formats: dict[str, list[str]] = {}
-        for name, exporter in load_exporters().items():
+        for name, exporter in self._exporters(ctx).items():
             for option, kind in own_options(exporter).items():
                 stated.setdefault(option, kind)
                 formats.setdefault(option, []).append(name)
@@ -288,9 +310,15 @@ class _ExportCommand(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the formats, then the examples."""
         write_plugins(
-            formatter, "Formats", [(name, exporter.help) for name, exporter in load_exporters().items()]
+            formatter, "Formats", [(name, exporter.help) for name, exporter in self._exporters(ctx).items()]
         )
         super().format_epilog(ctx, formatter)
+
+    def _exporters(self, ctx: click.Context) -> dict[str, Exporter]:
+        if _LOADED not in ctx.meta:
+            ctx.meta[_LOADED] = load_exporters()
+        loaded: dict[str, Exporter] = ctx.meta[_LOADED]
+        return loaded
 
 
 @click.command(

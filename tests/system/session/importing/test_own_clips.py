@@ -38,7 +38,7 @@ def test_own_clips(shared: Path, tmp_path: Path) -> None:
     asked = ("time", "out/clips"), ("compare", "out/clips", "--study", "panorama", "--out", "report")
     said = [run(tmp_path, "reconstruct", *arguments) for arguments in asked]
     # Each finds the calibration anew, and the same one.
-    first, second = ([line for line in text.splitlines() if "was found" in line] for text in said)
+    first, second = ([line for line in text.splitlines() if "this one was found" in line] for text in said)
     assert first == second
     printed += "".join(said) + (tmp_path / "report" / "report.html").read_text()
     assert "off by up to" not in printed

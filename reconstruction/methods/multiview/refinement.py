@@ -104,9 +104,9 @@ def _point(views: Mapping[str, View], track: Track) -> Array:
 def _model(pycolmap: Any, views: Mapping[str, View], tracks: list[Track]) -> Any:
     """Return COLMAP's model of undistorted cameras and points."""
     pixels: dict[str, list[Array]] = {name: [] for name in views}
-    points = []
+    numbers, points = {name: number for number, name in enumerate(views, 1)}, []
     for track in tracks:
-        points.append((_point(views, track), {1 + [*views].index(n): len(pixels[n]) for n in track}))
+        points.append((_point(views, track), {numbers[name]: len(pixels[name]) for name in track}))
         for name, at in track.items():
             pixels[name].append(at)
     keypoints = {name: view.undistort(np.array(pixels[name])) for name, view in views.items()}

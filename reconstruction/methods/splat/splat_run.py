@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,11 @@ class MadeSplat(Made[SplatResult]):
     def render(self, camera: CameraCalibration, instant: int | None = None) -> Array:
         """Return what a camera would see of a splat, uint8 height x width x 3, BGR, without distortion."""
         view = View.from_calibration(camera, camera.width, camera.height).undistorted
-        return render_gaussians(self.gaussians(instant), view)
+        return render_gaussians(self._first if instant is None else self.gaussians(instant), view)
+
+    @cached_property
+    def _first(self) -> Gaussians:
+        return self.gaussians()
 
 
 def middle_camera(views: Mapping[str, View]) -> str:

@@ -1,6 +1,7 @@
 """Rendering of views along a path, and their film."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, write_image
 from reconstruction.common.outputs import Made
 from reconstruction.depth.backdrop import add_backdrop
-from reconstruction.depth.seen_moment import find_subject, load_moment, save_moment
+from reconstruction.depth.seen_moment import Moment, find_subject, load_moment, save_moment
 from reconstruction.depth.view_blending import render
 from reconstruction.method.moments import see_moments
 from reconstruction.methods.view.view_options import ViewOptions
@@ -69,8 +70,11 @@ class MadeView(Made[ViewResult]):
         `instant` is one of the result's; None = the first.
         """
         view = View.from_calibration(camera, camera.width, camera.height).undistorted
-        shown = self.result.instants[0] if instant is None else instant
-        return render(view, load_moment(self.folder / MAPS / f"{shown:06d}")).colours
+        return render(view, self._moments[self.result.instants[0] if instant is None else instant]).colours
+
+    @cached_property
+    def _moments(self) -> dict[int, Moment]:
+        return {k: load_moment(self.folder / MAPS / f"{k:06d}") for k in self.result.instants}
 
 
 def render_views(scene: Scene, condition: Condition, folder: Path, options: ViewOptions) -> ViewResult:

@@ -114,6 +114,11 @@ class SpoolFolder:
             return not self.folder.exists()
 
 
+def folder_name(report: CameraReport) -> str:
+    """Return the name of a burst's folder in any spool."""
+    return f"{report.leader:08x}-{report.burst:06d}"
+
+
 def _spool_roots(spool: Path) -> Iterator[Path]:
     """Yield SPOOL, SPOOL/.2, SPOOL/.3 ..., where rigs of one machine may have a camera of one name each.
 
@@ -171,10 +176,11 @@ class Spool:
             ) from error
         return [SpoolFolder(folder) for folder in sorted(bursts, key=lambda folder: folder.stat().st_mtime)]
 
-    def adopt(self) -> list[SpoolFolder]:
+    def adopt(self, under_way: Collection[str] = ()) -> list[SpoolFolder]:
         """Move bursts here that ended nodes of this name left in the other spools of this machine.
 
-        Return their folders. A burst of which there are images here stays for later. Blocks on the disk.
+        Return their folders. A burst that is `under_way` here, by its folder's name, stays for later. Blocks
+        on the disk.
         """
         moved = []
         for root in itertools.takewhile(lambda root: (root / self.camera).is_dir(), _spool_roots(self._root)):
@@ -185,7 +191,7 @@ class Spool:
                 try:
                     for report in (root / self.camera).glob(f"*/{REPORT}"):
                         folder = self.folder / report.parent.name
-                        if not folder.exists():
+                        if folder.name not in under_way and not folder.exists():
                             report.parent.rename(folder)
                             moved.append(SpoolFolder(folder))
                 finally:
@@ -197,7 +203,7 @@ class Spool:
 
         Raises DiskFullError, SimulshotError.
         """
-        burst = SpoolFolder(self.folder / f"{report.leader:08x}-{report.burst:06d}")
+        burst = SpoolFolder(self.folder / folder_name(report))
         try:
             burst.folder.mkdir(exist_ok=True)
             write_atomic(burst.folder / REPORT, msgspec.json.encode(report), synced=False)

@@ -25,7 +25,7 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
-from capture_app.node.camera.burst_upload import Spool, SpoolFolder, Upload, encode_frame
+from capture_app.node.camera.burst_upload import Spool, SpoolFolder, Upload, encode_frame, folder_name
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     MAX_BATCH_IMAGES,
@@ -567,7 +567,9 @@ class Uploader:
                         if self._space_is_due:
                             self._space_is_due = False
                             if self.spool is not None:
-                                adopted = await asyncio.to_thread(self.spool.adopt)
+                                # Two uploads of one burst would write into one folder.
+                                under_way = {folder_name(burst.report) for burst in self._bursts}
+                                adopted = await asyncio.to_thread(self.spool.adopt, under_way)
                                 self._waiting.extend(await asyncio.to_thread(self._read, adopted))
                                 await sender.ask(await asyncio.to_thread(self.spool.look))
                         else:

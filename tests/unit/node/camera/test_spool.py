@@ -84,6 +84,8 @@ def test_bursts_of_ended_nodes_are_moved_to_one_that_runs(tmp_path: Path) -> Non
     assert free_spool(tmp_path, "b") == tmp_path
     assert second.adopt() == [], "their nodes run"
     first.close()
+    left = next(report.parent.name for report in (tmp_path / "a").glob("*/report.json"))
+    assert second.adopt({left}) == [], "it is under way here, and two uploads would write into one folder"
     assert [burst.folder.parent for burst in second.adopt()] == [second.folder]
     third.close()
     assert free_spool(tmp_path, "a") == tmp_path

@@ -11,7 +11,7 @@ from capture_app.commands.take import require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
-from capture_app.common.templates import render_lines
+from capture_app.common.templates import render_rows
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples
 
@@ -133,5 +133,4 @@ def _rows_of(
     from capture_app.common.camera_facts import describe_stamp
 
     view = {"found": found, "orders": orders, "saved": saved, "describe_stamp": describe_stamp}
-    lines = render_lines("measured_times.txt", __package__, **view)
-    return [tuple(line.split(": ", 1)) for line in lines]
+    return render_rows("measured_times.txt", __package__, **view)

@@ -14,7 +14,7 @@ from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import CAMERA_COMMANDS, load_plugins
-from capture_app.common.templates import render_lines
+from capture_app.common.templates import render_rows
 from capture_app.common.text import UNREADABLE, megabytes, pretty_json
 from capture_app.console.terminal import answer, json_option, table, talk
 from capture_app.console.usage import examples, write_plugins
@@ -108,7 +108,7 @@ def match(camera: str, leader: Address, as_json: bool) -> None:
     """
     from capture_app.rig.rig_link import match_cameras
 
-    _answer(as_json, asyncio.run(match_cameras(leader, camera, list(Control))))
+    _answer(as_json, asyncio.run(match_cameras(leader, camera)))
 
 
 def _read_profile(file: Path) -> Profile:
@@ -280,5 +280,4 @@ def show(name: str, leader: Address, as_json: bool) -> None:
 
 
 def _facts(detail: "NodeDetail") -> list[tuple[str, ...]]:
-    lines = render_lines("camera.txt", __package__, detail=detail, megabytes=megabytes)
-    return [tuple(line.split(": ", 1)) for line in lines]
+    return render_rows("camera.txt", __package__, detail=detail, megabytes=megabytes)

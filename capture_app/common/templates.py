@@ -17,6 +17,11 @@ def render_lines(template: str, package: str, **view: object) -> list[str]:
     return lines_of(environment_of(package).get_template(template).render(view))
 
 
+def render_rows(template: str, package: str, **view: object) -> list[tuple[str, ...]]:
+    """Render the rows of a table, each a line "NAME: TEXT" of a template, as `render_lines` does."""
+    return [tuple(line.split(": ", 1)) for line in render_lines(template, package, **view)]
+
+
 def lines_of(text: str) -> list[str]:
     """Return the lines of rendered text that are not blank."""
     return [line.rstrip() for line in text.split("\n") if line.strip()]

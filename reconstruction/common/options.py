@@ -33,6 +33,18 @@ def command_flag(*names: str, **settings: Any) -> msgspec.Meta:
     return flag(*names, own=True, **settings)
 
 
+Masks = Annotated[
+    str | None,
+    command_flag(
+        "--masks",
+        metavar="DIR",
+        help="Show only what is white in the masks DIR/CAMERA/INSTANT.png, such as those of "
+        "`reconstruct movers`.",
+    ),
+]
+"""A folder of masks, as an option of a method's command."""
+
+
 class Described(NamedTuple):
     """One option of a field: its type (without None), names, bounds, and click's other settings."""
 

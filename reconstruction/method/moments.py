@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
+from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.format.camera_labels import pair_labels
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import read_image
@@ -66,7 +67,7 @@ def read_mask(scene: Scene, masks: str, camera: str, instant: int) -> Array:
     """
     view, folder = scene.views[camera], Path(masks)
     labels = pair_labels(sorted(one.name for one in folder.glob("*/")), scene.dataset.cameras)
-    path = folder / labels.get(camera, camera) / f"{instant:06d}.png"
+    path = mask_path(folder, labels.get(camera, camera), instant)
     if not path.is_file():
         raise BadInputError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
     mask = view.undistort_image(cv2.resize(read_image(path), (view.width, view.height)))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.common.templates import render_lines
+from capture_app.common.templates import render_rows
 from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
 from capture_app.console.usage import examples
 
@@ -51,5 +51,4 @@ def _rows(found: "Character") -> list[tuple[str, ...]]:
     from capture_app.common.camera_facts import describe_stamp
 
     stamps = describe_stamp(found.camera.stamp_accuracy)
-    lines = render_lines("character.txt", __package__, found=found, stamps=stamps)
-    return [tuple(line.split(": ", 1)) for line in lines]
+    return render_rows("character.txt", __package__, found=found, stamps=stamps)

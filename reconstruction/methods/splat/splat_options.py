@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from reconstruction.common.options import command_flag, flag
+from reconstruction.common.options import Masks, command_flag, flag
 from reconstruction.method.interface import Method
 
 
@@ -21,15 +21,7 @@ class SplatOptions(Method, frozen=True, kw_only=True):
     without: Annotated[
         tuple[str, ...], command_flag("--without", metavar="CAMERA,...", help="Leave these cameras out.")
     ] = ()
-    masks: Annotated[
-        str | None,
-        command_flag(
-            "--masks",
-            metavar="DIR",
-            help="Show only what is white in the masks DIR/CAMERA/INSTANT.png, such as those of "
-            "`reconstruct movers`.",
-        ),
-    ] = None
+    masks: Masks = None
     iterations: Annotated[
         int,
         command_flag(

@@ -3,7 +3,7 @@
 from typing import Annotated
 
 from capture_app.session.format.calibration import CameraCalibration
-from reconstruction.common.options import command_flag
+from reconstruction.common.options import Masks, command_flag
 from reconstruction.method.interface import Method
 
 
@@ -44,15 +44,7 @@ class ViewOptions(Method, frozen=True, kw_only=True):
         ),
     ] = None
     """Instants in order, empty = all; None = `instant` alone."""
-    masks: Annotated[
-        str | None,
-        command_flag(
-            "--masks",
-            metavar="DIR",
-            help="Show only what is white in the masks DIR/CAMERA/INSTANT.png, such as those of "
-            "`reconstruct movers`.",
-        ),
-    ] = None
+    masks: Masks = None
     quick: Annotated[
         bool, command_flag("--quick", help="Take half the time; thin parts and edges are less accurate.")
     ] = False

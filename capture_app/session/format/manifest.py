@@ -172,12 +172,10 @@ class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     @property
     def absence(self) -> str:
         """What was ordered and not taken, in words: "cam02 missing: lost 12 s before"; empty for nothing."""
-        cut = (
-            []
-            if self.ordered is None
-            else [f"cut off after {len(self.instants_ns)} of {self.ordered} instants"]
-        )
-        return ", ".join([*cut, *(f"{camera.name} missing: {camera.reason}" for camera in self.absent)])
+        lacks = [f"{camera.name} missing: {camera.reason}" for camera in self.absent]
+        if self.ordered is not None:
+            lacks.insert(0, f"cut off after {len(self.instants_ns)} of {self.ordered} instants")
+        return ", ".join(lacks)
 
 
 class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -287,6 +285,12 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     note: str = ""
     videos: tuple[VideoRecord, ...] = ()
     """Videos of a recording, one for each camera; their frames are images, but are not listed in `images`."""
+
+    @property
+    def expected_images(self) -> int:
+        """Number of images that were ordered, also of absent cameras and of instants that were not taken."""
+        instants = self.burst.ordered or len(self.burst.instants_ns)
+        return (len(self.cameras) + len(self.burst.absent)) * instants
 
     @property
     def is_staggered(self) -> bool:

@@ -152,6 +152,7 @@ def read_card(folder: Path) -> SessionCard:
         )
     sync, times, instants = manifest.sync, manifest.burst.common_times, len(manifest.burst.instants_ns)
     unsynchronized = times is not None and times.unknown
+    images = len(manifest.images) + sum(video.frames for video in manifest.videos)
     comparable = sync is not None and len(names) > 1 and not unsynchronized
     return SessionCard(
         folder=folder,
@@ -159,10 +160,8 @@ def read_card(folder: Path) -> SessionCard:
         origin=manifest.origin,
         cameras=names,
         instants=instants,
-        images=len(manifest.images) + sum(video.frames for video in manifest.videos),
-        missing=len(manifest.missing)
-        + len(manifest.burst.absent) * instants
-        + len(names) * ((manifest.burst.ordered or instants) - instants),
+        images=images,
+        missing=manifest.expected_images - images,
         absent=manifest.burst.absence,
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,

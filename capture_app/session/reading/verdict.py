@@ -108,8 +108,7 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
         sentence = UNSYNCHRONIZED_SENTENCE if len(sync.spread_ns) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync, staggered=manifest.is_staggered)
-    instants = manifest.burst.ordered or len(sync.spread_ns)
-    expected = (len(manifest.cameras) + len(manifest.burst.absent)) * instants
+    expected = manifest.expected_images
     missing = expected - len(manifest.images)
     completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, manifest, sync))))
     if arriving:

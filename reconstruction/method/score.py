@@ -22,7 +22,7 @@ from reconstruction.common.options import Pair, checked, compare_keywords
 from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, scored
-from reconstruction.method.phrases import EACH_DELAYED, late_text
+from reconstruction.method.phrases import CLEAR_FRACTION, EACH_DELAYED, late_text
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
 from reconstruction.method.words import StudyText
@@ -149,6 +149,7 @@ class Score:
             together=result.together(found.cameras),
             late=late_text(result),
             each_delayed=EACH_DELAYED,
+            clear_fraction=CLEAR_FRACTION,
         )
 
     @classmethod

@@ -99,7 +99,7 @@ class StudyText:
     """Template of its sentence of the verdict, empty where the conditions do not clearly differ.
 
     It reads `found`, the whole `result`, whether the images are `together` in time, and the delays in words:
-    `late` of a pair, `each_delayed` of all cameras.
+    `late` of a pair, `each_delayed` of all cameras. From `clear_fraction` on, a loss is clear.
     """
     as_recorded: str = ""
     """The same of images that were not synchronized; if there is none, the verdict is said of them too."""

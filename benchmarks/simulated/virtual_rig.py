@@ -127,7 +127,6 @@ class VirtualRig:
         seed: int,
         period_ns: int | None = None,
         align_row: float | None = None,
-        max_delay_ns: int = 0,
         stagger: Stagger | None = None,
         exchanges_per_s: float | None = None,
     ) -> None:
@@ -139,9 +138,7 @@ class VirtualRig:
         self._slept_ns = 0
         self._asleep_true_ns: int | None = None
         self._leader_timer = Timer(self._time, self._pump_leader)
-        rig = RequestedConfig(
-            period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns, stagger=stagger
-        )
+        rig = RequestedConfig(period_ns=period_ns, align_row=align_row, stagger=stagger)
         self._config = LeaderConfig(0, 0, rig)
         if exchanges_per_s is not None:
             self._config = replace(self._config, exchanges_per_s=exchanges_per_s)

@@ -66,7 +66,6 @@ class LeaderNode(PortEndpoint):
                 rig=RequestedConfig(
                     period_ns=options.period_ns,
                     align_row=options.align_row,
-                    max_delay_ns=options.max_delay_ns,
                     stagger=options.stagger,
                 ),
                 continues=None if continued is None else continued.upstream_map,

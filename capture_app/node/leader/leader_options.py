@@ -24,8 +24,6 @@ class LeaderOptions(PortOptions):
     """Frame period; None: the period that most cameras have."""
     align_row: float | None = None
     """Row whose middle of exposure is aligned, as a fraction of the height; None: the first row's start."""
-    max_delay_ns: int = 0
-    """Maximum delay of a burst that is requested for now, to reach the best predicted alignment."""
     stagger: Stagger | None = None
     """Planned order of the cameras' frames; None: all at the same instant."""
     resume: Sequence[Path] | None = None

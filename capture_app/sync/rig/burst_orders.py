@@ -18,12 +18,10 @@ from capture_app.sync.rig.frame_selection import (
     burst_limits,
     is_possible_burst,
 )
-from capture_app.sync.rig.roster import Member, Roster, camera_phases
+from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.datagrams import Trigger, TriggerAck
 
-MAX_CANDIDATES = 200
-"""Instants among which the best one is searched: of a minute, one each 0.3 s."""
 TRIGGER_LEAD_NS = 500_000_000
 """Delay before a burst that is requested for now begins, so that every client receives its trigger first."""
 TRIGGER_AGAIN_NS = 50_000_000
@@ -48,20 +46,6 @@ def peak_to_peak_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns
         if (frame_ns := phase.frame_leader_ns) is not None and abs(ppm) < MAX_DRIFT_PPM:
             errors.append(grid.phase_error(frame_ns) + ppm * 1e-6 * (at_leader_ns - frame_ns))
     return max(errors) - min(errors) if errors else 0.0
-
-
-def instant_of_min_scatter(
-    grid: FrameGrid, phases: Sequence[CameraPhase], from_leader_ns: int, within_ns: int
-) -> int:
-    """Return the grid instant with the smallest predicted `peak_to_peak_ns`.
-
-    The search begins at a leader time and covers `within_ns`. The earliest wins a tie. At most
-    MAX_CANDIDATES evenly spaced instants are evaluated.
-    """
-    first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
-    step = max(1, -(-(last - first) // MAX_CANDIDATES))
-    instants = [grid.instant(index) for index in range(first, last + 1, step)]
-    return min(instants, key=lambda instant_ns: peak_to_peak_ns(grid, phases, instant_ns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,26 +112,19 @@ class Orders:
             )
         return grid
 
-    def place(self, grid: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
-        """Order a burst of all cameras on the rig's grid.
-
-        A burst without a start time may be delayed by `max_delay_ns` to reach the best predicted alignment.
-        Raises as `check` does.
-        """
+    def place(self, grid: FrameGrid | None, now_ns: int, order: BurstOrder) -> Burst:
+        """Order a burst of all cameras on the rig's grid. Raises as `check` does."""
         grid, cameras = self.check(grid, order), self._cameras(order)
         asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
-        first_ns = asked_ns
         if abs(asked_ns - now_ns) > MAX_LEAD_NS:
             raise BadInputError(
                 f"a burst at {asked_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
                 hint=f"at most {MAX_LEAD_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
-        if max_delay_ns > 0 and order.at_leader_ns is None:
-            first_ns = instant_of_min_scatter(grid, camera_phases(cameras), first_ns, max_delay_ns)
         step_ns, frames, spare = order.spacing * grid.period_ns, order.frames, 0
         if not order.streamed:
             spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
-        instants_ns = burst_instants(grid, first_ns, frames + spare, order.spacing)
+        instants_ns = burst_instants(grid, asked_ns, frames + spare, order.spacing)
         number = self._bursts = self._bursts + 1 if order.number is None else order.number
         burst = Burst(
             number,

@@ -255,7 +255,7 @@ class Leader:
 
     def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
         """Order a burst on the rig's grid. Raises as `Orders.check` does."""
-        return self.orders.place(self.grid, now_ns, order, self.config.rig.max_delay_ns)
+        return self.orders.place(self.grid, now_ns, order)
 
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""

@@ -77,9 +77,9 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--timestamps",
-    type=ANY_PATH,
-    metavar="CSV",
-    help="Table of frame times with the columns camera, time, and frame or sync_index.",
+    metavar="[NAME=]CSV",
+    multiple=True,
+    help="Table of frame times with the columns camera, time, and frame or sync_index; or one a camera.",
 )
 @click.option(
     "--times",
@@ -157,6 +157,7 @@ def import_command(
     name: str | None,
     out: Path,
     shifts: tuple[str, ...],
+    timestamps: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -175,7 +176,8 @@ def import_command(
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
-    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), **options)
+    tables = [split_name(table) for table in timestamps]
+    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), timestamps=tables, **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
     made = [_aligned_by_motion(session) for session in written]
     result = [

@@ -16,12 +16,11 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import Talk, count
 from capture_app.session.importing.clip_pairs import Clip, Heard, Key, is_counted, pair_clips, take_keys
+from capture_app.session.importing.folder_tree import folders_below
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.recording_sources import images_in, videos_in
+from capture_app.session.importing.recording_sources import videos_in
 from capture_app.session.importing.video_tracks import open_container
 
-_DEPTH = 4
-"""Maximum folder depth on a camera's card, such as CAMERA/DCIM/100GOPRO."""
 _CAMERA = re.compile(
     r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
 )
@@ -69,9 +68,6 @@ def find_shoots(
     elif inner:
         left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
         shoots = _of_folders(inner, left_out, talk, heard)
-    if shoots:
-        beside = [path for path in sorted(folder.iterdir()) if path.is_dir() and images_in(path)]
-        left_out += [f"{path.name}: images beside videos" for path in beside]
     return shoots, left_out
 
 
@@ -115,13 +111,8 @@ def _date_s(text: str) -> float:
         return 0.0
 
 
-def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list[Clip]:
-    if not folder.is_dir() or folder.name.startswith(".") or not depth:
-        return []
-    clips = _usable(videos_in(folder), left_out)
-    for path in sorted(folder.iterdir()):
-        clips += _clips_below(path, left_out, depth - 1)
-    return clips
+def _clips_below(folder: Path, left_out: list[str]) -> list[Clip]:
+    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), left_out)]
 
 
 def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: Heard) -> list[Shoot]:

@@ -8,6 +8,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import Talk, count
 from capture_app.session.importing.aligning import heard_together
 from capture_app.session.importing.clips import find_calibration, find_shoots
+from capture_app.session.importing.folder_tree import describe_unused
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.importer import (
     camera_importer,
@@ -16,7 +17,7 @@ from capture_app.session.importing.importer import (
     recordings_in,
     split_name,
 )
-from capture_app.session.importing.recording_sources import Layout
+from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Layout
 from capture_app.session.importing.times.tables import find_tables
 
 Found = tuple[str, Layout]
@@ -63,9 +64,20 @@ def _find_takes(folder: Path, options: ImportOptions, talk: Talk) -> list[Found]
         (take, replace(open_recording(cameras, options, talk), beside=beside))
         for take, cameras in takes or [("", [str(folder)])]
     ]
-    if options.states_times:
-        return found
-    return [(take, _with_tables(layout, folder, talk)) for take, layout in found]
+    if not options.states_times:
+        found = [(take, _with_tables(layout, folder, talk)) for take, layout in found]
+    used = [path for _, layout in found for path in _used(layout)]
+    # What becomes of each video was said above.
+    if said := describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ()):
+        talk(said)
+    return found
+
+
+def _used(layout: Layout) -> list[Path]:
+    """Return the files and folders that a recording is read from."""
+    tables = (path for _, path in layout.timestamps)
+    calibrations = filter(None, (layout.calibration, layout.beside))
+    return [*(source.path for source in layout.sources), *tables, *calibrations]
 
 
 def _with_tables(layout: Layout, folder: Path, talk: Talk) -> Layout:

@@ -4,6 +4,7 @@ import statistics
 from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -137,7 +138,9 @@ def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
 
 def middle(frames: Mapping[str, TimedFrame]) -> int:
     """Return the median of the frames' times, in ns."""
-    return round(statistics.median(frame.leader_ns for frame in frames.values()))
+    times_ns = [frame.leader_ns for frame in frames.values()]
+    # Exact: times since 1970 in ns have more digits than a float.
+    return round(Fraction(statistics.median_low(times_ns) + statistics.median_high(times_ns), 2))
 
 
 def nearest(times_ns: Sequence[int], at_ns: int) -> int:

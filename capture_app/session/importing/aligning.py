@@ -16,6 +16,8 @@ from capture_app.session.importing.frame_matching import TimedFrame, Timeline, t
 from capture_app.session.importing.recording_sources import Source, Video
 from capture_app.session.importing.times.rules import Times
 
+MOTION = "motion"
+"""Alignment by what moves, which is the reconstruction's, on the session as it is written."""
 SOUND_M_PER_S = 343.0
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
@@ -70,9 +72,21 @@ def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptio
         talk=talk,
     )
     if not common.cameras:
+        if may_be_triggered(sources):
+            talk(
+                f"{len(sources)} videos of equal length and rate: if one trigger or recorder took their "
+                "frames, import again with --synchronized, which takes equal numbers as one instant"
+            )
         return Aligned(sources, times.timeline, common)
     left = [source for source in sources if source.name in common.cameras]
     return Aligned(left, trim(with_common_times(times.timeline, common), talk), common)
+
+
+def may_be_triggered(sources: Sequence[Source]) -> bool:
+    """Return whether the sources are videos of equal counts and rates, which proves nothing."""
+    videos = [source for source in sources if isinstance(source, Video)]
+    lengths = {(len(video.numbers), round(video.fps, 2)) for video in videos}
+    return len(videos) == len(sources) and len(lengths) == 1
 
 
 def align_recording(
@@ -97,8 +111,8 @@ def align_recording(
     requested method does not apply to these sources.
     """
     videos = [source for source in sources if isinstance(source, Video)]
-    if by == "none" or len(videos) < len(sources):
-        if by not in ("auto", "none"):
+    if by in ("none", MOTION) or len(videos) < len(sources):
+        if by not in ("auto", "none", MOTION):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     methods = alignment_methods(by)

@@ -14,7 +14,7 @@ from capture_app.common.errors import NotAvailableError
 DISTRIBUTION = "simulshot"
 RECONSTRUCTION = "reconstruction"
 _OPEN3D = "open3d-cpu"
-"""Open3D without CUDA. Both distributions hold the module `open3d`, and pip would write one over the other."""
+"""Open3D without CUDA; it and the distribution `open3d` hold the same module, and pip overwrites either."""
 _SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
 
 

@@ -15,6 +15,7 @@ import click
 
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.common.text import ProgressStep, pretty_json, printable, terminal_json
+from capture_app.console.known_words import advise
 from capture_app.console.output import finish_output
 from capture_app.console.usage import Verbosity, set_verbosity, verbosity
 
@@ -225,9 +226,12 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
         code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
     except SimulshotError as error:
         return _fail(name, str(error), error.exit_code, error)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return ExitCode.USAGE
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx is not None else name
-        return _fail(name, f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
+        return _fail(name, f"{advise(error)} (see {where} --help)", ExitCode.USAGE)
     except click.ClickException as error:
         return _fail(name, error.format_message(), error.exit_code)
     except (KeyboardInterrupt, click.Abort):

@@ -39,7 +39,7 @@ LONE_INSTANT_SENTENCE = (
 MAX_MISSING = 1 / 3
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
 LOSS_LIMITS: tuple[tuple[float, Grade], ...] = ((0.01, "excellent"), (0.1, "good"), (1.0, "fair"))
-"""The best grade by the fraction of frames that the worst camera lacks, up to each limit; 1 is all of them."""
+"""The best grade up to each fraction of frames that the worst camera lacks; 1 is all of them."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -161,7 +161,7 @@ def frames_lost(manifest: Manifest) -> dict[str, int]:
     """Return the number of ordered frames that each camera lacks; an absent one lacks all."""
     images = Counter(image.camera for image in manifest.images)
     images.update({video.camera: video.frames for video in manifest.videos if video.camera not in images})
-    cameras = [camera.name for camera in (*manifest.cameras, *manifest.burst.absent)]
+    cameras = [*(camera.name for camera in manifest.cameras), *(of.name for of in manifest.burst.absent)]
     return {camera: manifest.ordered_instants - images[camera] for camera in cameras}
 
 

@@ -56,6 +56,11 @@ class Take:
         """Length of this recording as ordered here; None if it lasts until it is stopped."""
         return self.plan.seconds if self.plan is not None and self.status.recording else None
 
+    @property
+    def is_recording(self) -> bool:
+        """Whether this recording is under way: no end was ordered or reported."""
+        return self.status.recording and not self.status.done and self.ended_s is None
+
     def length_s(self, now_s: float) -> float:
         """Return the length of this recording until now, at most until its end."""
         length_s = (now_s if self.ended_s is None else self.ended_s) - self.begun_s
@@ -104,7 +109,7 @@ def progress_words(take: Take, now_s: float, takes: Sequence[Take] = ()) -> str:
             return f"recorded {length}; {status.received} of {status.expected} frames saved{left}"
         of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""
-        return f"recording {length}{of}: {status.received} frames{lacking}; Space stops"
+        return f"recording {length}{of}: {status.received} frames{lacking}"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images{after}"

@@ -26,7 +26,7 @@ DECIDED = (
 )
 """Modules of which every number carries a verdict."""
 TECHNICAL = {"likely_line.LONG_AGO_NS", "verdict.PX_PER_S", "verdict._LIMITS_PX"}
-"""Numbers without which the same is computed, or that define the grades themselves (docs/session-format.md)."""
+"""Numbers without which the same is computed, or that define the grades (docs/session-format.md)."""
 
 
 def module_file(stem: str) -> Path:

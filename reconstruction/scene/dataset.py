@@ -284,7 +284,7 @@ class Dataset:
 
     @property
     def imported_error(self) -> tuple[float, str] | None:
-        """The 95 % error of an imported session's times, us, and its source in words; None if it is unknown."""
+        """The 95 % error of an imported session's times, us, with its source; None if it is unknown."""
         errors_ns = [record.uncertainty_ns for record in self._records.values()]
         times, known = self.session.manifest.burst.common_times, [ns for ns in errors_ns if ns is not None]
         if times is None or times.unknown or not known or len(known) < len(errors_ns):

@@ -20,6 +20,7 @@ DECIDED = (
     "gap_watch",
     "instant_votes",
     "likely_line",
+    "phrases",
     "time_map",
     "timing",
     "verdict",

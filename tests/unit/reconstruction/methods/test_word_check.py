@@ -15,21 +15,12 @@ from reconstruction.report.comparison_report import write_report
 from reconstruction.report.findings import verdict
 from tests.unit.reconstruction.report.results import whole_result
 
-SPLAT = {
-    "instant": 3,
-    "reference": "cam1",
-    "made_from": ("cam2",),
-    "iterations": 9,
-    "gaussians": {},
-    "picture": "",
-}
+SPLAT = SplatFacts(instant=3, reference="cam1", made_from=("cam2",), iterations=9, gaussians={}, picture="")
 
 
 @pytest.mark.parametrize("name", study_reports())
 def test_the_words_of_every_installed_score_can_be_said(name: str, tmp_path: Path) -> None:
-    facts = {found.name: found.facts for found in whole_result(tmp_path).studies} | {
-        "splat": SplatFacts(**SPLAT)
-    }
+    facts = {"splat": SPLAT} | {found.name: found.facts for found in whole_result(tmp_path).studies}
     check_words(study_reports()[name], facts.get(name))
 
 

@@ -66,6 +66,32 @@ async def test_the_palette_does_what_a_key_does() -> None:
         assert app.screen.query_one("#start").display
 
 
+async def test_the_palette_knows_the_actions_of_all_modes() -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        offered = {command.title: command for command in app.get_system_commands(app.screen)}
+        for title, where in (("Analyse", "in Sessions, key A"), ("Trash", "in Sessions, key del")):
+            assert offered[title].help == where
+        assert offered["Take"].help == "in Shoot, key space"
+        await offered["Name"].callback()
+        await settle(pilot)
+        assert app.current_mode in ("shoot", "sessions")
+
+
+async def test_a_recording_under_way_is_spoken_of_as_one() -> None:
+    rig = own_rig()
+    status = BurstStatus(burst=1, name="walk", cameras=2, instants=5, received=3, expected=10, recording=True)
+    rig.burst_status = status
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        said = " ".join(str(app.screen.query_one(".question").render()).split())
+        assert "walk is recording, and goes on if the rig is left running" in said
+
+
 def test_every_action_has_a_name_and_words() -> None:
     assert {"app.quit", "rig.remove", "start.simulate"} <= set(known_actions())
     assert all(action.description and action.key for action in known_actions().values())

@@ -141,6 +141,8 @@ class Progress:
         """Create a progress of `total` steps; a `silent` one only counts, as part of another."""
         self.total = total
         self.done = 0
+        self.later = 0
+        """Steps that the caller adds after those which a part of its work counts."""
         self.silent = silent
 
     def step(self, text: str) -> None:
@@ -151,8 +153,8 @@ class Progress:
             show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
-        """Show the last step; those that were skipped are not counted."""
-        self.total = self.done + 1
+        """Show the last step as the last of all, also if others were skipped."""
+        self.done = self.total - 1
         self.step(text)
 
 

@@ -34,6 +34,7 @@ from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import MODES, ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionMoved, SessionsRequested
 from capture_app.tui.screen_settings import KEYS_FILE, Settings
@@ -300,9 +301,15 @@ class SimulshotApp(App[None]):
                     )
         yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
 
+    async def action_switch_mode(self, mode: str) -> None:
+        """Show a mode itself: a single camera that was open there is closed."""
+        await self.switch_mode(mode)
+        if isinstance(self.screen, CameraScreen):
+            self.screen.action_leave()
+
     async def _run_in_mode(self, mode: str, action: str) -> None:
         """Switch to a mode and run an action of its view there."""
-        await self.switch_mode(mode)
+        await self.action_switch_mode(mode)
         await self.run_action(action, self._views[mode])
 
     # Quitting

@@ -15,6 +15,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from tests.project import ROOT
 from tests.unit.tui.driving import make_app, screen_of, settle, text, toasts, until
@@ -77,6 +78,19 @@ async def test_the_palette_knows_the_actions_of_all_modes() -> None:
         await offered["Name"].callback()
         await settle(pilot)
         assert app.current_mode in ("shoot", "sessions")
+
+
+async def test_the_key_of_a_mode_shows_the_mode_and_not_what_was_open_in_it() -> None:
+    app = make_app(FakeRig(3))
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        await pilot.press("enter")
+        await settle(pilot)
+        assert isinstance(app.screen, CameraScreen)
+        await pilot.press("2", "1")
+        await settle(pilot)
+        assert app.current_mode == "rig"
+        assert "rig.add" in {each.binding.id for each in app.active_bindings.values()}
 
 
 async def test_a_recording_under_way_is_spoken_of_as_one() -> None:

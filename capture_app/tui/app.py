@@ -295,10 +295,15 @@ class SimulshotApp(App[None]):
                     seen.add(one.id)
                     key = self._settings.keys.get(one.id, one.key).partition(",")[0]
                     yield SystemCommand(
-                        one.description,
+                        f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
                         f"in {MODES[mode]}, key {one.key_display or key}",
                         partial(self._run_in_mode, mode, one.action),
                     )
+        yield SystemCommand(
+            "Exposure, gain, white balance, focus",
+            "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
+            partial(self.action_switch_mode, "rig"),
+        )
         yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
 
     async def action_switch_mode(self, mode: str) -> None:

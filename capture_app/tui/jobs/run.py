@@ -110,7 +110,7 @@ _STUDIES = (
     Command(
         "splat",
         "Splat",
-        "Gaussian splats, and such a page",
+        "Gaussian splats, and a page of them",
         RECONSTRUCT,
         ("splat",),
         "--instant 0 --quick",

@@ -23,7 +23,7 @@ from capture_app.protocol.status import BurstStatus, CameraTransfer, RigStatus
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.shoot_view import cancellable_bursts
-from capture_app.tui.shoot.takes import Take, progress_words
+from capture_app.tui.shoot.takes import Take, progress_words, transfer_line
 from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from tests.unit.tui.driving import toasts, until
@@ -520,3 +520,12 @@ async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_save
         rig.tell()
         await until(pilot, lambda: "burst-001  ● excellent" in studio.view.take_panel.plain)
         assert "burst-002\n◔ taken" in studio.view.take_panel.plain
+
+
+def test_a_bar_leaves_its_numbers_on_its_line() -> None:
+    transfer = CameraTransfer(camera="cam00", received=1234, expected=1800)
+    for columns in (25, 36, 60):
+        line = transfer_line(transfer, columns)
+        assert line.cell_length <= columns
+        assert line.plain.endswith(" 1234/1800")
+    assert transfer_line(transfer, 60).plain.count("█") == 6

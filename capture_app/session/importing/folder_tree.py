@@ -19,8 +19,10 @@ def folders_below(
     folder: Path, depth: int = MAX_DEPTH, seen: frozenset[Path] = frozenset()
 ) -> Iterator[Path]:
     """Yield a folder and all below it in order, without hidden ones, and each only once along links."""
-    own = folder.resolve()
-    if not folder.is_dir() or folder.name.startswith(".") or own in seen or not depth:
+    # A link that leads in a circle is no folder, and has no real path.
+    if not folder.is_dir() or folder.name.startswith(".") or not depth:
+        return
+    if (own := folder.resolve()) in seen:
         return
     yield folder
     for path in sorted(folder.iterdir(), key=lambda path: natural_order(path.name)):

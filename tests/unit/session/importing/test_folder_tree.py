@@ -72,4 +72,5 @@ def test_what_is_not_used_is_one_line(tmp_path: Path, make_images: Callable[...,
 def test_links_in_a_circle_end(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "again").symlink_to(tmp_path)
+    (tmp_path / "a" / "itself").symlink_to(tmp_path / "a" / "itself")
     assert list(folders_below(tmp_path)) == [tmp_path, tmp_path / "a"]

@@ -65,26 +65,17 @@ def _find_takes(folder: Path, options: ImportOptions, talk: Talk) -> list[Found]
         for take, cameras in takes or [("", [str(folder)])]
     ]
     if not options.states_times:
-        found = [(take, _with_tables(layout, folder, talk)) for take, layout in found]
-    used = [path for _, layout in found for path in _used(layout)]
+        found = [
+            (take, replace(layout, timestamps=find_tables(layout.sources, folder, talk)))
+            for take, layout in found
+        ]
+    used = [source.path for _, layout in found for source in layout.sources]
+    used += [table for _, layout in found for _, table in layout.timestamps]
+    used += [path for _, layout in found for path in (layout.calibration, layout.beside) if path]
     # What becomes of each video was said above.
     if said := describe_unused(folder, used, VIDEO_SUFFIXES if shoots else ()):
         talk(said)
     return found
-
-
-def _used(layout: Layout) -> list[Path]:
-    """Return the files and folders that a recording is read from."""
-    tables = (path for _, path in layout.timestamps)
-    calibrations = filter(None, (layout.calibration, layout.beside))
-    return [*(source.path for source in layout.sources), *tables, *calibrations]
-
-
-def _with_tables(layout: Layout, folder: Path, talk: Talk) -> Layout:
-    found = find_tables(layout.sources, folder)
-    for note in found.notes:
-        talk(note)
-    return replace(layout, timestamps=found.tables)
 
 
 def open_recording(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout:

@@ -45,7 +45,6 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:")
 class _Row:
     """A row of a table: its camera, and what its cells state; None for an empty cell or no such column."""
 
-    path: Path
     camera: str
     frame: int | None
     group: str | None
@@ -195,7 +194,7 @@ def _read_table(
         if files and image and (number := files.get(image)) is None:
             continue
         at_ns = _parse(where, line[time], ns)
-        yield _Row(path, names[label], number, (line[group] or "").strip() if group else None, at_ns)
+        yield _Row(names[label], number, (line[group] or "").strip() if group else None, at_ns)
 
 
 def read_columns(path: Path) -> tuple[dict[str, str], list[tuple[str, dict[str, str]]]]:

@@ -82,6 +82,11 @@ class _Recording:
         return [source for source in self.sources if isinstance(source, Video)]
 
     @property
+    def of_other_rate(self) -> list[Video]:
+        fps = self.options.fps
+        return [video for video in self.videos if fps and video.fps and abs(fps / video.fps - 1) > OTHER_FPS]
+
+    @property
     def numbers(self) -> str:
         return BY_PLACE if numbers_of_frames(self.sources) is None else EQUAL_NUMBERS
 
@@ -115,7 +120,12 @@ def make_times(layout: Layout, options: TimeOptions, talk: Talk) -> Times:
     timeline = made if isinstance(made, Timeline) else None
     if timeline is None or options.offsets_ms:
         frames = made.cameras() if isinstance(made, Timeline) else made
-        timeline = timeline_by_times("the recording", _shifted(frames, options.offsets_ms))
+        shifts_ns = {name: round(ms * 1e6) for name, ms in options.offsets_ms.items()}
+        shifted = {
+            name: [replace(frame, leader_ns=frame.leader_ns + shifts_ns.get(name, 0)) for frame in own]
+            for name, own in frames.items()
+        }
+        timeline = timeline_by_times("the recording", shifted)
     require_overlap(timeline)
     common = None if len(sources) < 2 else _known(rule.state, rule.sentence(recording), options)
     gaps = () if layout.record else describe_gaps(sources, timeline, by_numbers=rule.by_rate)
@@ -157,45 +167,21 @@ def _check_options(recording: _Recording) -> None:
             f"--synchronized pairs frames of equal number, {other} pairs them by their times",
             hint=f"leave out --synchronized, or {other}",
         )
-    if options.fps is not None:
-        _check_rates(recording.videos, options.fps, synchronized=options.synchronized)
-
-
-def _shifted(cameras: _Frames, offsets_ms: Mapping[str, float]) -> dict[str, list[TimedFrame]]:
-    """Return the frames with the user's shift added to their times."""
-    return {
-        name: [
-            replace(frame, leader_ns=frame.leader_ns + round(offsets_ms.get(name, 0.0) * 1e6))
-            for frame in frames
-        ]
-        for name, frames in cameras.items()
-    }
-
-
-def _check_rates(videos: Sequence[Video], fps: float, *, synchronized: bool) -> None:
-    """Raise BadInputError if videos state other rates than the user's, and not one of their own."""
-    rates = [video.fps for video in videos]
-    if (others := _of_other_rate(videos, fps)) and not synchronized and _differ(rates):
-        said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in others)
+    rates = [video.fps for video in recording.videos]
+    differing = recording.of_other_rate
+    # Videos of one rate, which is not the user's, may be slow motion.
+    if differing and not options.synchronized and max(rates) > (1 + OTHER_FPS) * min(rates):
+        said = ", ".join(f"{video.path.name} {video.fps:.4g}" for video in differing)
         raise BadInputError(
-            f"the files state other rates than {fps:g} frames a second: {said}",
+            f"the files state other rates than {options.fps:g} frames a second: {said}",
             hint="leave out --fps, which takes the videos' own times; --synchronized if one clock "
             "triggered all frames",
         )
 
 
-def _differ(rates: Sequence[float]) -> bool:
-    return max(rates) > (1 + OTHER_FPS) * min(rates)
-
-
-def _of_other_rate(videos: Sequence[Video], fps: float) -> list[Video]:
-    return [video for video in videos if video.fps and abs(fps / video.fps - 1) > OTHER_FPS]
-
-
 def _by_given_rate(recording: _Recording) -> _Made:
-    fps = recording.options.fps or ASSUMED_FPS
-    notes = []
-    for video in _of_other_rate(recording.videos, fps):
+    fps, notes = recording.options.fps or ASSUMED_FPS, []
+    for video in recording.of_other_rate:
         lengths = " become ".join(f"{len(video.numbers) / rate:.1f} s" for rate in (video.fps, fps))
         notes.append(f"{video.path.name} states {video.fps:.4g} frames a second: with {fps:g}, its {lengths}")
     by_rate = times_by_rate if recording.options.offsets_ms else timeline_by_rate
@@ -250,11 +236,6 @@ def _by_videos(recording: _Recording) -> _Made:
     return frames, notes
 
 
-def _by_program(recording: _Recording) -> _Made:
-    assert recording.layout.timeline is not None
-    return recording.layout.timeline, ()
-
-
 def _embedded(recording: _Recording) -> _Frames:
     return {
         source.name: times for source in recording.sources if (times := source.embedded_times()) is not None
@@ -283,14 +264,6 @@ def _named_by_time(source: Images) -> bool:
     return False
 
 
-def _is_photo(source: Source) -> bool:
-    return isinstance(source, Images) and source.kind == FOLDER and len(source.files) == 1
-
-
-def _say(text: str) -> Callable[[_Recording], str]:
-    return lambda recording: text
-
-
 def _say_tables(tables: Sequence[Table]) -> str:
     return f"the table{'s' * (len(tables) > 1)} {', '.join(path.name for _, path in tables)}"
 
@@ -312,21 +285,25 @@ RULES = (
     ),
     # The rate of videos does not determine when each started.
     Rule(
-        lambda one: one.options.fps is not None, _by_given_rate, "unknown", _say(OWN_BEGINNING), by_rate=True
+        lambda one: one.options.fps is not None,
+        _by_given_rate,
+        "unknown",
+        lambda one: OWN_BEGINNING,
+        by_rate=True,
     ),
     Rule(
         lambda one: one.options.times == "name",
         lambda one: _by_images(one, name_time_ns),
         "given",
-        _say("the times in file names are taken as of one clock"),
+        lambda one: "the times in file names are taken as of one clock",
     ),
     Rule(
         lambda one: one.options.times == "exif",
         lambda one: _by_images(one, exif_time_ns),
         "unknown",
-        _say("EXIF times are by each camera's own clock"),
+        lambda one: "EXIF times are by each camera's own clock",
     ),
-    Rule(lambda one: one.options.times == "video", _by_videos, "unknown", _say(OWN_BEGINNING)),
+    Rule(lambda one: one.options.times == "video", _by_videos, "unknown", lambda one: OWN_BEGINNING),
     Rule(lambda one: one.options.synchronized, _by_numbers, "given", lambda one: one.numbers, by_rate=True),
     # What lies with the recording.
     Rule(
@@ -337,7 +314,7 @@ RULES = (
     ),
     Rule(
         lambda one: one.layout.timeline,
-        _by_program,
+        lambda one: (one.layout.timeline or {}, ()),
         "recorded",
         lambda one: (
             f"times of {one.layout.times_of}" if one.layout.times_of else "the times that its program wrote"
@@ -347,7 +324,7 @@ RULES = (
         lambda one: len(_embedded(one)) == len(one.sources),
         lambda one: (_embedded(one), ()),
         "recorded",
-        _say("the recording's own table of times"),
+        lambda one: "the recording's own table of times",
     ),
     Rule(
         lambda one: one.layout.same_frames and not one.options.offsets_ms,
@@ -356,13 +333,16 @@ RULES = (
         lambda one: one.numbers,
         by_rate=True,
     ),
-    Rule(lambda one: len(one.videos) == len(one.sources), _by_videos, "unknown", _say(OWN_BEGINNING)),
+    Rule(lambda one: len(one.videos) == len(one.sources), _by_videos, "unknown", lambda one: OWN_BEGINNING),
     Rule(
-        lambda one: all(map(_is_photo, one.sources)),
+        lambda one: all(
+            isinstance(source, Images) and source.kind == FOLDER and len(source.files) == 1
+            for source in one.sources
+        ),
         lambda one: ({source.name: [TimedFrame(0, 0)] for source in one.sources}, ()),
         "unknown",
-        _say("these images have no times"),
+        lambda one: "these images have no times",
     ),
-    Rule(lambda one: True, _refuse, "unknown", _say("")),
+    Rule(lambda one: True, _refuse, "unknown", lambda one: ""),
 )
 """All rules, in the order in which they are tried."""

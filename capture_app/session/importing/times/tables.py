@@ -1,15 +1,16 @@
 """Tables of times that lie beside a recording: found, tried, and taken only if one clock gave them."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from shlex import quote
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
+from capture_app.common.text import Talk
 from capture_app.session.format.camera_labels import pair_labels
-from capture_app.session.importing.frame_matching import Timeline, require_overlap
+from capture_app.session.importing.frame_matching import require_overlap
 from capture_app.session.importing.recording_sources import Source
 from capture_app.session.importing.times.rate_or_table import (
     CAMERA_COLUMNS,
@@ -28,34 +29,21 @@ _SINCE_1970_NS = 946_684_800_000_000_000
 """Later times, from the year 2000 on, are dates; earlier ones count from some start."""
 
 
-@dataclass(frozen=True, slots=True)
-class FoundTables:
-    """The tables to take, and what to say of all that were found."""
-
-    tables: Sequence[Table]
-    notes: Sequence[str]
-
-
-def find_tables(sources: Sequence[Source], root: Path) -> FoundTables:
+def find_tables(sources: Sequence[Source], root: Path, talk: Talk) -> Sequence[Table]:
     """Return the tables of times in the sources' folders, or in folders above up to `root`, if they fit.
 
     One table with a column of cameras is taken. Tables of one camera each are taken if their times are dates
-    that overlap. Otherwise each may count from its own start, which only the user can know.
+    that overlap. Otherwise each may count from its own start, which only the user can know. `talk` receives
+    what was found.
     """
-    notes: list[str] = []
-    common: list[Path] = []
-    own: list[Path] = []
+    columns: dict[Path, Collection[str]] = {}
     for path in _files_near(sources, root):
-        try:
-            columns, _ = read_columns(path)
-        except BadInputError:
-            continue
-        if TIME_COLUMNS.keys() & columns.keys():
-            (common if columns.keys() & set(CAMERA_COLUMNS) else own).append(path)
-    for tables in (*([("", path)] for path in common), _of_cameras(own, sources)):
-        if tables and (taken := _try(sources, tables, notes)):
-            return FoundTables(taken, notes)
-    return FoundTables((), notes)
+        with suppress(BadInputError):
+            columns[path] = read_columns(path)[0].keys()
+    timed = [path for path, names in columns.items() if not TIME_COLUMNS.keys().isdisjoint(names)]
+    own = [path for path in timed if set(CAMERA_COLUMNS).isdisjoint(columns[path])]
+    tried = (*([("", path)] for path in timed if path not in own), _of_cameras(own, sources))
+    return next((tables for tables in tried if tables and _fit(sources, tables, talk)), ())
 
 
 def name_tables(tables: Sequence[Table], sources: Sequence[Source]) -> list[Table]:
@@ -65,84 +53,66 @@ def name_tables(tables: Sequence[Table], sources: Sequence[Source]) -> list[Tabl
     return _of_cameras([path for _, path in tables], sources) or list(tables)
 
 
-def _try(sources: Sequence[Source], tables: Sequence[Table], notes: list[str]) -> Sequence[Table]:
-    """Return the tables if they fit the recording and one clock gave them; note what was found."""
+def _fit(sources: Sequence[Source], tables: Sequence[Table], talk: Talk) -> bool:
+    """Return whether tables fit the recording, and one clock gave them; report it."""
     names = ", ".join(path.name for _, path in tables)
     try:
         timeline, _ = timeline_by_tables(sources, tables)
         require_overlap(timeline)
     except BadInputError as error:
-        notes.append(f"times: {names}: not taken: {error}")
-        return ()
+        talk(f"times: {names}: not taken: {error}")
+        return False
     cameras = timeline.cameras()
     counts = {f"{len(cameras[one.name])} of {len(one.numbers)} frames": one.name for one in sources}
     fits = "; ".join(counts if len(counts) == 1 else (f"{name}: {text}" for text, name in counts.items()))
-    if why := _why_not_common(timeline, tables):
+    # Only tables can tell whether their times are of one clock.
+    firsts_ns = [min(frame.leader_ns for frame in frames) for frames in cameras.values()]
+    why = ""
+    if len(firsts_ns) > 1 and not any(firsts_ns):
+        why = "each camera counts from 0 in it"
+    elif len(tables) > 1 and min(firsts_ns) < _SINCE_1970_NS:
+        why = "each may count from its camera's own start"
+    if why:
         given = " ".join(
             f"--timestamps {quote(f'{name}={path}' if name else str(path))}" for name, path in tables
         )
-        notes.append(f"times: {names}: {fits}, not taken: {why}; if one clock gave them: {given}")
-        return ()
-    notes.append(f"times: {names}, {fits}")
-    return tables
-
-
-def _why_not_common(timeline: Timeline, tables: Sequence[Table]) -> str:
-    """Return why the times may be of several clocks; empty if the tables tell that they are of one."""
-    firsts_ns = [min(frame.leader_ns for frame in frames) for frames in timeline.cameras().values()]
-    if len(firsts_ns) < 2:
-        return ""
-    if not any(firsts_ns):
-        return "each camera counts from 0 in it"
-    if len(tables) > 1 and min(firsts_ns) < _SINCE_1970_NS:
-        return "each may count from its camera's own start"
-    return ""
+        fits += f", not taken: {why}; if one clock gave them: {given}"
+    talk(f"times: {names}{': ' if why else ', '}{fits}")
+    return not why
 
 
 def _files_near(sources: Sequence[Source], root: Path) -> Iterator[Path]:
     """Yield the table files in the folders of the sources and above, up to `root`; the nearest first."""
-    top = root.resolve()
-    depths: dict[Path, int] = {}
-    for source in sources:
-        folder = source.path.resolve()
-        for depth, above in enumerate((folder, *folder.parents)):
-            if above.is_dir():
-                depths[above] = min(depth, depths.get(above, depth))
-            if above == top or top not in above.parents:
-                break
-    for folder in sorted(depths, key=lambda one: (depths[one], natural_order(str(one)))):
+    near = sorted(
+        (depth, natural_order(str(above)), above)
+        for source in sources
+        for depth, above in enumerate(_with_parents(source.path))
+        if root.resolve() in _with_parents(above) and above.is_dir()
+    )
+    for folder in dict.fromkeys(above for *_, above in near):
         yield from sorted(
             path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file()
         )
+
+
+def _with_parents(path: Path) -> tuple[Path, ...]:
+    return (path.resolve(), *path.resolve().parents)
 
 
 def _of_cameras(paths: Sequence[Path], sources: Sequence[Source]) -> list[Table]:
     """Return one table for each camera, by its file's name or its folder; none if a camera has none."""
     names = [source.name for source in sources]
     stems = {_OF_TIMES.sub("", path.stem) or path.parent.name: path for path in paths}
-    by_stem = pair_labels(stems, [Path(source.path.name).stem for source in sources])
-    named = {
-        source.name: stems[by_stem[stem]]
-        for source in sources
-        if (stem := Path(source.path.name).stem) in by_stem
+    for own in ([Path(source.path.name).stem for source in sources], names):
+        labels = pair_labels(stems, own)
+        # Two videos of one name do not tell which table is whose.
+        if len(labels) == len(sources):
+            return [(name, stems[labels[label]]) for name, label in zip(names, own, strict=True)]
+    # A table that lies alone in its camera's folder; in the deepest one, if there are several.
+    folders = sorted({path.resolve().parent for path in paths}, key=lambda folder: len(folder.parts))
+    inside = {folder: [path for path in paths if path.resolve().parent == folder] for folder in folders}
+    of = {folder: [one.name for one in sources if folder in _with_parents(one.path)] for folder in folders}
+    alone = {
+        of[folder][0]: inside[folder][0] for folder in folders if len(inside[folder]) == len(of[folder]) == 1
     }
-    if len(named) < len(names):
-        labels = pair_labels(stems, names)
-        named = {name: stems[label] for name, label in labels.items()}
-    if len(named) < len(names):
-        named = dict(_alone_in_folder(paths, sources))
-    return [(name, named[name]) for name in names] if len(named) == len(names) else []
-
-
-def _alone_in_folder(paths: Sequence[Path], sources: Sequence[Source]) -> Mapping[str, Path]:
-    """Return the table of each camera that lies alone in its camera's folder."""
-    found: dict[str, Path] = {}
-    for source in sources:
-        folder = source.path.resolve()
-        for place in (folder, folder.parent):
-            shared = any(one is not source and place in one.path.resolve().parents for one in sources)
-            inside = [path for path in paths if path.parent == place]
-            if len(inside) == 1 and not shared:
-                found[source.name] = inside[0]
-                break
-    return found
+    return [(name, alone[name]) for name in names] if len(alone) == len(names) else []

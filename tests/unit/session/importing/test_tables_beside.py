@@ -76,10 +76,11 @@ def test_dates_of_each_camera_are_taken(tmp_path: Path, files: Sequence[str]) ->
     assert numbers_of(session) == LATE
 
 
-def test_a_table_in_each_cameras_folder_is_taken(tmp_path: Path) -> None:
+@pytest.mark.parametrize("file", ["frames.csv", "video.csv"])
+def test_a_table_in_each_cameras_folder_is_taken(tmp_path: Path, file: str) -> None:
     for name, late_s in (("a", 0), ("b", 0.101)):
         clips(tmp_path / "rec" / name, ("video",))
-        (tmp_path / "rec" / name / "frames.csv").write_text(rows(EPOCH_S + late_s))
+        (tmp_path / "rec" / name / file).write_text(rows(EPOCH_S + late_s))
     session, _ = imported(tmp_path / "rec")
     assert (common(session).state, numbers_of(session)) == ("recorded", LATE)
 

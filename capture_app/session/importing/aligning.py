@@ -29,7 +29,7 @@ class AlignmentOptions:
     """How cameras without common times are aligned."""
 
     align: str = "auto"
-    """Method that aligns a recording without common times: see `align_recording`."""
+    """Method that aligns a recording without common times: a method's name, none, motion, or auto."""
     sound_distance_m: float = SOUND_DISTANCE_M
     """Maximum difference between the cameras' distances to a sound, m."""
     sound_delay_ms: float = SOUND_DELAY_MS
@@ -49,67 +49,40 @@ class Aligned:
     timeline: Timeline
     common: CommonTimes | None
 
-    @property
-    def own_times(self) -> bool:
-        """Whether the frames' times are each camera's own."""
-        return self.common is not None and self.common.unknown
-
 
 def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptions, talk: Talk) -> Aligned:
     """Align a recording whose times are unknown, by the method that the user names, or by any.
 
-    Raises as `align_recording`.
+    Cameras that cannot be aligned are left out, if at least two others can. `talk` receives what each method
+    found for the cameras, unless the state's reason has it. Raises as `_measure`.
     """
     if times.common is None or not times.common.unknown:
         return Aligned(sources, times.timeline, times.common)
-    common = align_recording(
-        sources,
-        times.timeline,
-        times.common,
-        options.align,
-        sound_error_s=options.sound_error_s,
-        rate_given=times.by_rate,
-        talk=talk,
-    )
-    if not common.cameras:
-        if may_be_triggered(sources):
-            talk(
-                f"{len(sources)} videos of equal length and rate: if one trigger or recorder took their "
-                "frames, import again with --synchronized, which takes equal numbers as one instant"
-            )
-        return Aligned(sources, times.timeline, common)
-    left = [source for source in sources if source.name in common.cameras]
-    return Aligned(left, trim(with_common_times(times.timeline, common), talk), common)
-
-
-def may_be_triggered(sources: Sequence[Source]) -> bool:
-    """Return whether the sources are videos of equal counts and rates, which proves nothing."""
+    common = _measure(sources, times, times.common, options, talk)
+    if common.cameras:
+        left = [source for source in sources if source.name in common.cameras]
+        return Aligned(left, trim(with_common_times(times.timeline, common), talk), common)
     videos = [source for source in sources if isinstance(source, Video)]
     lengths = {(len(video.numbers), round(video.fps, 2)) for video in videos}
-    return len(videos) == len(sources) and len(lengths) == 1
+    # Equal counts and rates prove nothing.
+    if len(videos) == len(sources) and len(lengths) == 1:
+        talk(
+            f"{len(sources)} videos of equal length and rate: if one trigger or recorder took their "
+            "frames, import again with --synchronized, which takes equal numbers as one instant"
+        )
+    return Aligned(sources, times.timeline, common)
 
 
-def align_recording(
-    sources: Sequence[Source],
-    timeline: Timeline,
-    unknown: CommonTimes,
-    by: str,
-    *,
-    sound_error_s: float,
-    rate_given: bool = False,
-    talk: Talk,
+def _measure(
+    sources: Sequence[Source], times: Times, unknown: CommonTimes, options: AlignmentOptions, talk: Talk
 ) -> CommonTimes:
-    """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
+    """Return the state of a recording's times with each camera's offset, `unknown` without any.
 
-    `by`: a method's name, none, or auto, which takes the smallest uncertainty for each pair of cameras. auto
-    takes a result in doubt, see `AlignmentMethod.doubt`, only if another method confirms it. Cameras that
-    cannot be aligned are not in the result, if at least two others can.
-
-    `talk` receives what each method found for the cameras, unless the state's reason has it. `sound_error_s`
-    (95 %): possible offset between two cameras' sounds while their images are simultaneous. `rate_given`:
-    frames are timed by a rate, not by their videos, so sound has different times. Raises BadInputError if the
-    requested method does not apply to these sources.
+    auto takes the smallest uncertainty for each pair of cameras, and a result in doubt, see
+    `AlignmentMethod.doubt`, only if another method confirms it. Raises BadInputError if the requested method
+    does not apply to these sources.
     """
+    by = options.align
     videos = [source for source in sources if isinstance(source, Video)]
     if by in ("none", MOTION) or len(videos) < len(sources):
         if by not in ("auto", "none", MOTION):
@@ -117,14 +90,14 @@ def align_recording(
         return unknown
     methods = alignment_methods(by)
     timed = [name for name, method in methods.items() if method.of_video_times]
-    if by in timed and rate_given:
+    if by in timed and times.by_rate:
         raise BadInputError(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
         )
     measured = {
         method: against
-        for method, against in _measurements(methods, videos, timeline, sound_error_s).items()
-        if not (method in timed and rate_given)
+        for method, against in _measurements(methods, videos, times.timeline, options.sound_error_s).items()
+        if not (method in timed and times.by_rate)
     }
     cameras = _largest_chain(
         [source.name for source in videos],
@@ -138,7 +111,10 @@ def align_recording(
         reasons = [
             unknown.reason,
             *(f"not aligned by {method}: {text}" for method, text in said.items()),
-            *([f"by {', '.join(timed)} not tried: that takes the videos' own times, not --fps"] * rate_given),
+            *(
+                [f"by {', '.join(timed)} not tried: that takes the videos' own times, not --fps"]
+                * times.by_rate
+            ),
         ]
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():

@@ -22,6 +22,7 @@ from capture_app.session.importing.frame_matching import (
     Timeline,
     check_order,
     middle,
+    periods_of,
     timeline_by_times,
 )
 from capture_app.session.importing.name_numbers import frame_numbers
@@ -102,10 +103,7 @@ def timeline_by_tables(sources: Sequence[Source], tables: Sequence[Table]) -> tu
     counts = {source.name: len(source.numbers) for source in sources}
     rows = _positions(where, rows, counts, notes)
     timed = {name: _timed_frames(where, name, rows, count) for name, count in counts.items()}
-    periods = {name: _period(where, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
-    cameras = {
-        name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
-    }
+    cameras = {name: [frame for _, frame in of] for name, of in timed.items()}
     if any(row.group is None for row in rows):
         return timeline_by_times(where, cameras), notes
     for name, frames in cameras.items():
@@ -117,6 +115,7 @@ def timeline_by_tables(sources: Sequence[Source], tables: Sequence[Table]) -> tu
                 f"{where}: two instants are at the same time, {after.leader_ns} ns",
                 hint="give each instant its own sync_index and time",
             )
+    periods = periods_of(cameras)
     return Timeline(instants, round(statistics.median(periods.values())), periods), notes
 
 
@@ -290,17 +289,13 @@ def _timed_frames(where: str, name: str, rows: Sequence[_Row], count: int) -> _T
         raise BadInputError(
             f"{where} names a frame of camera {name} twice", hint="remove one of the two rows"
         )
-    return [(row.group, TimedFrame(n, row.at_ns or 0)) for n, row in zip(numbers, own, strict=True)]
-
-
-def _period(where: str, name: str, times_ns: Sequence[int]) -> int:
-    steps = [after - before for before, after in pairwise(sorted(times_ns))]
-    if min(steps, default=0) <= 0:
+    if (times := len({row.at_ns for row in own})) < max(2, len(own)):
         raise BadInputError(
-            f"{where}: camera {name} has {'a time twice' if steps else 'only one time'}",
+            f"{where}: camera {name} has {'only one time' if times == 1 == len(own) else 'a time twice'}",
             hint="each camera needs two different times or more",
         )
-    return round(statistics.median(steps))
+    timed = ((row.group, TimedFrame(n, row.at_ns or 0)) for n, row in zip(numbers, own, strict=True))
+    return sorted(timed, key=lambda one: one[1].index)
 
 
 def _by_group(where: str, rows: Sequence[_Row], timed: Mapping[str, _Timed]) -> list[Instant]:

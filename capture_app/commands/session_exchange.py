@@ -240,10 +240,8 @@ def _say_next(session: Session) -> None:
         raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
     calibrated = session.calibration() is not None
-    if len(session.manifest.cameras) < 2:
-        step = f"capture-app sessions sheet {session.folder}"
-    elif _are_times_uncertain(session):
-        # Alignment was tried; to look at the pictures works whatever they show.
+    # Where alignment was tried in vain, to look at the pictures works whatever they show.
+    if len(session.manifest.cameras) < 2 or _are_times_uncertain(session):
         step = f"capture-app sessions sheet {session.folder}"
     elif not calibrated:
         step = f"reconstruct calibrate {session.folder}"

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from capture_app.common.bounds import CENTURY_NS
 from capture_app.session.format.manifest import (
     CALIBRATION,
+    IMAGE_SUFFIXES,
     JOURNAL,
     MANIFEST,
     FrameRecord,
@@ -23,6 +24,7 @@ from capture_app.session.format.manifest import (
     session_schema_text,
 )
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
+from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, _clock_error, verify
 from tests.project import ROOT
@@ -183,6 +185,20 @@ LIES: dict[ProblemKind, dict[str, tuple[Callable[[Session], Any], str]]] = {
         "calibration of another size": (calibrate("left", 99), "99x12"),
     },
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", IMAGE_SUFFIXES)
+def test_an_eighth_of_the_size_fails_where_the_whole_does(suffix: str) -> None:
+    """Verification decodes at an eighth of the size: a file that is cut off or changed must not pass so."""
+    image = decode_image(jpeg(1), colour=True)
+    assert image is not None
+    data = encode_image(image.repeat(8, axis=0).repeat(8, axis=1), suffix)
+    step = max(1, len(data) // 40)
+    spoiled = [data[:place] for place in range(0, len(data), step)]
+    spoiled += [data[:place] + bytes(step) + data[place + step :] for place in range(0, len(data), step)]
+    refused = [decode_image(part) is None for part in spoiled]
+    assert [decode_image(part, colour=True, min_width=1) is None for part in spoiled] == refused
+    assert any(refused)
 
 
 def test_an_honest_session_has_no_problems(session: Session) -> None:

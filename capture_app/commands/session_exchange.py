@@ -40,6 +40,8 @@ _OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
 
 _MOTION_S, _MAX_MOTION_S = 0.25, 30.0
 """Processor time of an alignment by motion, s an image (110 s for 4 x 100 of 1080 x 1920); its budget, s."""
+_COMPARED_NS = 66_000_000
+"""Delay that `reconstruct compare` looks for between two frames, to within half of their interval."""
 _LOADED = f"{__name__}.loaded"
 
 
@@ -240,14 +242,17 @@ def _say_next(session: Session) -> None:
         raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
     calibrated = session.calibration() is not None
+    times_ns = session.manifest.burst.instants_ns
+    step_ns = min((after - before for before, after in pairwise(times_ns)), default=0)
+    too_far = step_ns > 2 * _COMPARED_NS or 0 < times_ns[-1] - times_ns[0] < _COMPARED_NS - step_ns / 2
     # Where alignment was tried in vain, to look at the pictures works whatever they show.
-    if len(session.manifest.cameras) < 2 or _are_times_uncertain(session):
+    if len(session.manifest.cameras) < 2 or _are_times_uncertain(session) or (calibrated and too_far):
         step = f"capture-app sessions sheet {session.folder}"
     elif not calibrated:
         step = f"reconstruct calibrate {session.folder}"
     else:
         # One instant has no other to compare it with.
-        command = "multiview" if len(session.manifest.burst.instants_ns) < 2 else "compare"
+        command = "multiview" if len(times_ns) < 2 else "compare"
         step = f"reconstruct {command} {session.folder} --out {session.folder.name}-{command}"
     talk(f"next: {step}")
 

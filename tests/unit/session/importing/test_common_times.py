@@ -107,3 +107,23 @@ def test_numbered_images_and_tables_have_common_times(
 def test_one_camera_needs_no_common_times(tmp_path: Path) -> None:
     write_video(tmp_path / "rec" / "only.mp4", [0, 40_000])
     assert imported(tmp_path / "rec", "--times", "video").manifest.burst.common_times is None
+
+
+@pytest.mark.parametrize(
+    ("period_ms", "count", "step"), [(166, 5, "sheet"), (33, 5, "compare"), (33, 2, "sheet")]
+)
+def test_a_comparison_is_next_only_where_frames_are_as_far_apart_as_it_needs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], period_ms: int, count: int, step: str
+) -> None:
+    """Caliscope's recordings have six frames a second: `reconstruct compare` refuses them."""
+    for name in ("cam_0", "cam_1"):
+        write_video(tmp_path / "rec" / f"{name}.mp4", [period_ms * 1000 * n for n in range(count)])
+    size = "size = [64, 48]\nmatrix = [[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]\n"
+    pose = (
+        "distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [{}, 0.0, 0.0]\n"
+    )
+    cameras = [f'[cam_{n}]\nname = "cam_{n}"\n{size}{pose.format(n / 10)}' for n in range(2)]
+    (tmp_path / "rec" / "calibration.toml").write_text("\n".join(cameras))
+    command = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]
+    assert run([*command, "--synchronized", "--fit", "scale"]) == ExitCode.OK
+    assert f" {step} " in capsys.readouterr().err.splitlines()[-1]

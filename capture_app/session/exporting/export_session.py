@@ -22,7 +22,8 @@ from capture_app.session.exporting.exporter import (
 )
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.files.untrusted_files import encode_checked, indented
-from capture_app.session.format.calibration import METRES, Calibration, check_lens
+from capture_app.session.format.calibration import METRES, Calibration
+from capture_app.session.format.calibration_judge import check_lens
 from capture_app.session.format.export_record import RECORD, ExportRecord, with_images_listed
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session

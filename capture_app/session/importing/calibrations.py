@@ -14,10 +14,10 @@ from capture_app.session.format.calibration import (
     Calibration,
     CameraCalibration,
     Matrix3,
-    check_lens,
 )
+from capture_app.session.format.calibration_judge import check_lens, rig_faults
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
-from capture_app.session.format.lens import Array
+from capture_app.session.format.lens import Array, distortion_of
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 
@@ -83,7 +83,13 @@ def fit_calibration(
         )
         for name, size in sizes.items()
     }
-    return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
+    given = "m" if given in METRES else given
+    for name, why in rig_faults(cameras, given):
+        if not name or len(cameras) <= 2:
+            raise BadInputError(f"{views.source}: {why}", hint="state the unit of its lengths: --unit mm")
+        talk(f"{name} is left out of the calibration: {why}")
+        del cameras[name]
+    return Calibration(cameras=cameras, unit=given, source=views.source)
 
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
@@ -100,8 +106,8 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
         rotation=_rows(view.rotation),
         translation=(*(view.translation.ravel() * metres).tolist(),),
         distortion=(*view.distortion.ravel().tolist(),),
+        model="fisheye" if view.is_fisheye else msgspec.UNSET,
     )
-    check_lens(where, camera)
     if abs(skew) > 0.01:
         raise BadInputError(
             f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported",
@@ -110,15 +116,13 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
         raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
     x, y = _factors(where, view, size, fit)
+    camera = msgspec.structs.replace(
+        camera, fx=fx * x, fy=fy * y, cx=(cx + 0.5) * x - 0.5, cy=(cy + 0.5) * y - 0.5
+    )
+    check_lens(where, camera)
     left, _, right = np.linalg.svd(view.rotation)
     return msgspec.structs.replace(
-        camera,
-        fx=fx * x,
-        fy=fy * y,
-        cx=(cx + 0.5) * x - 0.5,
-        cy=(cy + 0.5) * y - 0.5,
-        rotation=_rows(left @ right),
-        distortion=(*camera.distortion, *[0.0] * 5)[:5],
+        camera, rotation=_rows(left @ right), distortion=(*distortion_of(camera).tolist(),)
     )
 
 

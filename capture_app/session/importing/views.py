@@ -35,6 +35,8 @@ class View:
     size: tuple[int, int] | None = None
     turned: str = ""
     """What the file says of images that are turned after the lens was calibrated; empty if nothing."""
+    is_fisheye: bool = False
+    """Whether `distortion` is k1 to k4 of OpenCV's fisheye model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,6 +142,7 @@ def _same_view(one: View, other: View, extent: float) -> bool:
     """Return whether two views have one pose and lens; `extent` is the rig's, in the translations' unit."""
     return (
         one.size == other.size
+        and one.is_fisheye == other.is_fisheye
         and np.array_equal(one.matrix, other.matrix)
         and np.array_equal(one.distortion, other.distortion)
         and bool(np.abs(one.rotation - other.rotation).max() <= SAME_ROTATION)

@@ -17,6 +17,7 @@ from capture_app.common.text import pretty_json
 from capture_app.console.terminal import talk
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration_judge import camera_fault
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import View
@@ -28,7 +29,6 @@ from reconstruction.scene.calibration.consistency import (
 )
 from reconstruction.scene.calibration.soundness import (
     calibrated_views,
-    impossible,
     refuse_faults,
     sound_views,
 )
@@ -139,7 +139,7 @@ def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict
     return {
         name: View.from_calibration(camera, modes[name].width, modes[name].height)
         for name, camera in cameras.items()
-        if not impossible(camera)
+        if not camera_fault(camera)
     }
 
 

@@ -1,7 +1,7 @@
 """`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
@@ -19,7 +19,9 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from reconstruction.common.geometry import View, angle_deg
+from reconstruction.scene.calibration.board_bundle import CameraErrors
 from reconstruction.scene.calibration.board_calibration import (
+    LensModel,
     calibrate_from_board,
     count_coverage,
     detect_board,
@@ -94,6 +96,8 @@ class CalibrateOptions:
     recordings: tuple[Path, ...] = ()
     lens_recordings: tuple[Path, ...] = ()
     """Sessions in which single cameras see the board, for their lenses."""
+    lens: LensModel = LensModel.AUTO
+    """For a board: the model of the lenses."""
     field_of_view_deg: float | None = None
     """Horizontal field of view, for structure from motion; None = from EXIF, else unknown."""
     distance: tuple[Marks, float] | None = None
@@ -133,6 +137,8 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """Check for moved cameras; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
     """For a board: the image parts that it covered, and what would improve the calibration."""
+    errors: dict[str, CameraErrors] = {}
+    """For a board: the 95 % errors of each camera."""
     stored: bool
     kept: bool = False
     """Whether it was stored for the rig's later sessions."""
@@ -152,9 +158,15 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    calibration, shared, board, check = _candidate(scene, options)
-    views = calibrated_views(dataset, calibration)
-    quality = judge_calibration(views, shared)
+    found = _candidate(scene, options)
+    calibration, board, check = found.calibration, found.board, found.check
+    views, faults = sound_views(dataset, calibration)
+    refuse_faults(dataset, views, faults)
+    for name, text in faults:
+        talk(f"{name} is left out: {text}")
+    sound = {n: camera for n, camera in calibration.cameras.items() if n in views or n not in dataset.cameras}
+    calibration = msgspec.structs.replace(calibration, cameras=sound)
+    quality = judge_calibration(views, found.shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(
             quality, len(dataset.cameras), f", {GIVE_LENSES}" if GUESS in calibration.source else ""
@@ -178,6 +190,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         quality=quality,
         check=check,
         board=board,
+        errors={name: errors for name, errors in found.errors.items() if name in views},
         stored=stores,
         kept=keeps and _keep(dataset, calibration),
     )
@@ -194,28 +207,31 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
     return count_coverage(dataset, options.board, corners)
 
 
-def _candidate(
-    scene: Scene, options: CalibrateOptions
-) -> tuple[Calibration, SharedPoints, BoardCoverage | None, CalibrationCheck | None]:
-    """Return a calibration, and pixels of points that pairs of cameras share, by which it is judged.
+@dataclass(frozen=True, kw_only=True)
+class _Candidate:
+    """A calibration, and the pixels of points that pairs of cameras share, by which it is judged."""
 
-    Also returns what a board covered, and for a calibration not computed here a check for moved cameras.
-    """
+    calibration: Calibration
+    shared: SharedPoints
+    board: BoardCoverage | None = None
+    errors: Mapping[str, CameraErrors] = field(default_factory=dict)
+    check: CalibrationCheck | None = None
+    """Check for moved cameras; only for a calibration that was not computed here."""
+
+
+def _candidate(scene: Scene, options: CalibrateOptions) -> _Candidate:
     match options.source:
         case CalibrationSource.BOARD | CalibrationSource.CHARUCO:
-            return *_from_board(scene.dataset, options), None
+            return _from_board(scene.dataset, options)
         case CalibrationSource.SFM:
             calibration = calibrate_from_images(scene.motion, options.field_of_view_deg)
             views = calibrated_views(scene.dataset, calibration)
-            return calibration, _still_points(scene.features.middle, views), None, None
+            return _Candidate(calibration=calibration, shared=_still_points(scene.features.middle, views))
         case _:
-            calibration, shared, check = _from_elsewhere(scene, options.source)
-            return calibration, shared, None, check
+            return _from_elsewhere(scene, options.source)
 
 
-def _from_board(
-    dataset: Dataset, options: CalibrateOptions
-) -> tuple[Calibration, SharedPoints, BoardCoverage]:
+def _from_board(dataset: Dataset, options: CalibrateOptions) -> _Candidate:
     """Calibrate from recordings of a board, or from the session itself; its corners judge the result."""
     board, recordings = options.board, open_recordings(dataset, options.recordings)
     if not (corners := detect_board(recordings, board)):
@@ -225,11 +241,13 @@ def _from_board(
             f"a checkerboard of {board.shape} squares looks the same upside down: it is taken to be held the "
             "same way up in all cameras' pictures (one with an odd and an even side can be held in any way)"
         )
-    lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings))
-    return (
-        calibrate_from_board(recordings[0], board, corners, lenses),
-        shared_corners(corners),
-        count_coverage(dataset, board, corners),
+    lenses = lenses_of_recordings(dataset, board, _opened(options.lens_recordings), options.lens)
+    found = calibrate_from_board(recordings[0], board, corners, lenses, options.lens)
+    return _Candidate(
+        calibration=found.calibration,
+        errors=found.errors,
+        shared=shared_corners(corners),
+        board=count_coverage(dataset, board, corners),
     )
 
 
@@ -287,9 +305,7 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
                 )
 
 
-def _from_elsewhere(
-    scene: Scene, source: CalibrationSource | Path
-) -> tuple[Calibration, SharedPoints, CalibrationCheck]:
+def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidate:
     """Load a calibration of the session, its rig or another session, and check it against static points."""
     dataset = scene.dataset
     if source is CalibrationSource.SESSION:
@@ -308,7 +324,8 @@ def _from_elsewhere(
     features, (views, faults) = scene.features.middle, sound_views(dataset, calibration)
     # A calibration that is judged, and may be stored, must have no fault at all.
     refuse_faults(dataset, (), faults)
-    return calibration, _still_points(features, views), check_rig(views, features)
+    shared = _still_points(features, views)
+    return _Candidate(calibration=calibration, shared=shared, check=check_rig(views, features))
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:

@@ -1,5 +1,6 @@
 """`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -290,6 +291,7 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
     """Raise BadInputError if the images show another board, or this one with columns and rows exchanged."""
     turned = f"{board.down}x{board.across}"
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
+    shapes: Counter[tuple[int, int]] = Counter()
     for name in dataset.cameras:
         for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
             grey = dataset.grey(name, instant)
@@ -298,11 +300,17 @@ def _refuse_other_board(dataset: Dataset, board: Board) -> None:
                     f"{name} shows a board of {turned} squares, not {board.shape}", hint=f"--board {turned}"
                 )
             if (seen := squares_seen(grey)) is not None:
-                alike = "it looks the same from all four sides: use one with more squares one way"
-                raise BadInputError(
-                    f"{name} shows a board without markers of {seen[0]}x{seen[1]} squares, not {board.shape}",
-                    hint=alike if seen[0] == seen[1] else f"--dictionary {PLAIN} --board {seen[0]}x{seen[1]}",
-                )
+                shapes[seen] += 1
+    if not shapes:
+        return
+    # A board that is partly hidden seems smaller: the shape of most images counts, of these the largest.
+    (across, down), times = max(shapes.items(), key=lambda one: (one[1], one[0][0] * one[0][1]))
+    alike = "it looks the same from all four sides: use one with more squares one way"
+    raise BadInputError(
+        f"{count(times, 'image')} of {dataset.name} show a board without markers of {across}x{down} squares, "
+        f"not {'one with markers' if board.shape == f'{across}x{down}' else board.shape}",
+        hint=alike if across == down else f"--dictionary {PLAIN} --board {across}x{down}",
+    )
 
 
 def _from_elsewhere(scene: Scene, source: CalibrationSource | Path) -> _Candidate:
@@ -341,8 +349,11 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
     if (calibration := other.session.calibration()) is None:
         raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
     ours, theirs = camera_modes(dataset), camera_modes(other)
+    # Imports know no modes: of images and videos of one size, the background decides whether they are alike.
+    imported = any(one.session.manifest.origin == "imported" for one in (dataset, other))
     for name in ours.keys() & theirs.keys():
-        if ours[name] != theirs[name]:
+        alike = imported and dataset.size_on_disk(name) == other.size_on_disk(name)
+        if not alike and ours[name] != theirs[name]:
             what = ", ".join(
                 f"{mode.model} {mode.width}x{mode.height} in {where.name}"
                 for where, mode in ((dataset, ours[name]), (other, theirs[name]))

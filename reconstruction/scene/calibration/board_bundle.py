@@ -64,13 +64,13 @@ class CameraErrors(Struct, frozen=True, kw_only=True):
         """Describe the errors, and what would make them smaller."""
         remedies = ["tilt the board more" if self.focal_percent > LARGE_PERCENT else ""]
         remedies += ["move it to the corners of the picture" if self.border_px > LARGE_PX else ""]
-        advice = " and ".join(filter(None, remedies))
+        advice = f": {' and '.join(filter(None, remedies))}" if any(remedies) else ""
         pose = (
             f", turned ± {self.turn_deg:.2g} degrees, moved ± {self.move_mm:.2g} mm" if self.move_mm else ""
         )
         return (
             f"focal length ± {self.focal_percent:.2g} %, principal point ± {self.centre_px:.2g} px, "
-            f"distortion in the corner ± {self.border_px:.2g} px{pose} (95 %){f': {advice}' if advice else ''}"
+            f"distortion in the corner ± {self.border_px:.2g} px{pose} (95 %){advice}"
         )
 
 

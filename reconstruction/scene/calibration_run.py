@@ -151,7 +151,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     Raises:
         SimulshotError: the session cannot be read, has a calibration already, or none good enough is found.
     """
-    scene = Scene.open(session)
+    scene = Scene.open_raw(session)
     dataset = scene.dataset
     dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
@@ -203,7 +203,7 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
     Raises:
         SimulshotError: a session cannot be read, or is of other cameras.
     """
-    dataset = Scene.open(session).dataset
+    dataset = Scene.open_raw(session).dataset
     corners = detect_board(open_recordings(dataset, options.recordings), options.board)
     return count_coverage(dataset, options.board, corners)
 
@@ -385,7 +385,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
 
 
 def _opened(paths: Iterable[Path]) -> list[Dataset]:
-    return [Scene.open(path).dataset for path in paths]
+    return [Scene.open_raw(path).dataset for path in paths]
 
 
 def _still_points(features: Mapping[str, Features], views: Mapping[str, View]) -> SharedPoints:

@@ -128,6 +128,11 @@ def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Ca
                 hint=f"reconstruct calibrate {burst.session.folder}",
             )
         check_lens(where, lens)
+        if lens.is_fisheye and not exporter.fisheyes:
+            raise BadInputError(
+                f"{where} is a fisheye, which the export to {exporter.program} cannot have",
+                hint="export to splats, which redraws the images, or to colmap or nerfstudio",
+            )
     if exporter.unit and calibration.unit not in METRES:
         burst.notes.append(
             f"the calibration is in {calibration.unit!r}; it is written as if that were {exporter.unit}"

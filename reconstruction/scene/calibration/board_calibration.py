@@ -321,14 +321,14 @@ def _rig_poses(
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
-        rotation, translation = _relative_pose(
+        rotation, translation = relative_pose(
             [places[ids] for _, ids in together], (in_a, in_b), (lenses[a], lenses[b])
         )
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses
 
 
-def _relative_pose(
+def relative_pose(
     points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
 ) -> tuple[Array, Array]:
     """Return rotation (3, 3) and translation (3,) from the first camera to the second.

@@ -152,7 +152,6 @@ def test_toml_of_caliscope_and_of_anipose(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (("fisheye = false", "fisheye = true"), "camera 0 has a fisheye lens"),
         (("rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n", ""), "has a lens, but no pose yet"),
         (("size = [640, 480]", "size = [480, 640]"), r"turned by 90 degrees \(its rotation_count 1\)"),
     ],

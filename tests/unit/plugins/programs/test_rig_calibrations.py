@@ -101,8 +101,8 @@ def test_nerfstudios_transforms(tmp_path: Path) -> None:
 
 
 def test_nerfstudios_transforms_that_no_rig_of_ours_has(tmp_path: Path) -> None:
-    path = transforms(tmp_path / "transforms.json", camera_model="OPENCV_FISHEYE")
-    with pytest.raises(BadInputError, match="OPENCV_FISHEYE"):
+    path = transforms(tmp_path / "transforms.json", camera_model="EQUIRECTANGULAR")
+    with pytest.raises(BadInputError, match="EQUIRECTANGULAR"):
         read(path)
     with pytest.raises(BadInputError, match="no number fl_x"):
         read(transforms(path, fl_x=None))

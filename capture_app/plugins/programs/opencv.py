@@ -12,7 +12,7 @@ from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.views import View, Views, numbers, rotation_of
+from capture_app.session.importing.views import View, Views, numbers, root_of, rotation_of
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
 _MATRIX_NAMES = frozenset(_MATRIX)
@@ -40,6 +40,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     """
     first = paths[0][1]
     if not first.is_dir() and first.suffix.lower() not in _SUFFIXES:
+        return None
+    if first.suffix.lower() == ".xml" and root_of(first) not in ("", "opencv_storage"):
         return None
     own, rest = _assign(paths, cameras)
     contents = {name: _load(path) for name, path in own.items()}

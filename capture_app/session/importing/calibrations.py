@@ -19,7 +19,7 @@ from capture_app.session.format.calibration_judge import check_lens, rig_faults
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
 from capture_app.session.format.lens import Array, distortion_of
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, root_of
 
 Fit = Literal["exact", "crop", "scale"]
 """What to do if images do not have the size at which their camera was calibrated.
@@ -44,8 +44,9 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
             if len(paths) > 1 and not importer.calibration_per_camera:
                 raise BadInputError(f"{first} holds all cameras", hint="give that one only")
             return views
+    root = f" (its root is <{name}>)" if (name := root_of(first)) else ""
     raise BadInputError(
-        f"{first} is not a calibration of a known format",
+        f"{first} is not a calibration of a known format{root}",
         hint="capture-app sessions import --help lists the formats",
     )
 

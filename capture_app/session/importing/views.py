@@ -1,6 +1,7 @@
 """Format-independent cameras of a calibration file, matched to a rig by name or by image path."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -56,6 +57,17 @@ def read_json(path: Path) -> Any:
         return None
     with rejecting(f"{path} is not JSON", *UNREADABLE, hint=EXPORT_AGAIN):
         return msgspec.json.decode(read_text(path))
+
+
+def root_of(path: Path) -> str:
+    """Return the name of an XML file's first element; empty for any other file."""
+    if path.is_dir():
+        return ""
+    with path.open("rb") as file:
+        begin = file.read(4096)
+    # Declarations and comments begin with ? and !.
+    first = re.search(rb"<([A-Za-z_][\w.:-]*)", re.sub(rb"<!--.*?-->", b"", begin, flags=re.DOTALL))
+    return first[1].decode() if first and begin.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") else ""
 
 
 def numbers(

@@ -34,6 +34,7 @@
 # make bench NAME=any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench NAME=confidence   of depths said to be right with some probability, how many are (10 min; BENCH="--pose-error 0.5")
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
+# make bench NAME=board-errors   errors that board calibrations state, beside the true ones (17 min; BENCH="--rigs 20")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
@@ -154,6 +155,7 @@ BENCH_left-out := benchmarks.reconstruction.left_out_cameras
 BENCH_any-rig := benchmarks.reconstruction.any_rig
 BENCH_confidence := benchmarks.reconstruction.depth_confidence
 BENCH_pose-errors := benchmarks.reconstruction.pose_errors
+BENCH_board-errors := benchmarks.reconstruction.board_errors
 BENCH_pairs := benchmarks.reconstruction.stereo_pairs
 BENCH_verdicts := benchmarks.reconstruction.verdicts
 BENCH_time-words := benchmarks.reconstruction.time_words

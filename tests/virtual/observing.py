@@ -17,7 +17,10 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.rig import rig_time
 from capture_app.sync.phase import frame_line
+from capture_app.sync.rig.leader_engine import Leader
+from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping import poll_schedule
+from capture_app.sync.wire.datagrams import Heartbeat
 from tests.virtual.evidence import OrderedBurst
 from tests.virtual.world import process
 
@@ -58,6 +61,7 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
     evidence, world = rig.evidence, rig.world
     order, confirm = ActiveBursts.order, Upload.confirm
     add, sync = SpoolFolder.add, SpoolFolder.sync
+    heard = Leader._receive_heartbeat
     unsynced: WeakKeyDictionary[SpoolFolder, list[ImageUpload]] = WeakKeyDictionary()
 
     async def ordering(bursts: ActiveBursts, *arguments: Any, **options: Any) -> BurstSession:
@@ -105,6 +109,13 @@ def _observers(rig: "VirtualRig") -> Iterator[contextlib.AbstractContextManager[
             key = image.leader, image.burst, image.record.camera, image.record.instant
             evidence.synced.setdefault(key, (image.record.sha256, world.now_ns))
 
+    def hearing(leader: Leader, member: Member, message: Heartbeat, now_ns: int) -> None:
+        was_aligned, one = member.report.state.is_aligned, process.get()
+        heard(leader, member, message, now_ns)
+        if one is not None and message.report.state.is_aligned and not was_aligned:
+            evidence.aligned.append((member.name, one.machine, world.now_ns))
+
+    yield patch.object(Leader, "_receive_heartbeat", hearing)
     yield patch.object(ActiveBursts, "order", ordering)
     yield patch.object(Upload, "confirm", confirming)
     yield patch.object(SpoolFolder, "add", adding)

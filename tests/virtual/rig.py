@@ -503,19 +503,20 @@ class VirtualRig:
         self.evidence.takes.append(take)
         taking = Taking(RigLink(self._address()), plan)
         results = []
-        received = Counter[int]()
+        over: dict[int, BurstStatus] = {}
         try:
             async for event in taking:
                 if isinstance(event, Progress):
                     take.status = event.status
-                    received[event.number] = event.status.received if event.status.done else 0
+                    if event.status.done and "after its leader was lost" not in event.status.message:
+                        over[event.number] = event.status
                 if isinstance(event, Begun) and step.kind == "recording" and step.seconds:
                     self.world.loop.call_later(step.seconds, lambda: self._soon(self._end(taking)))
                 if isinstance(event, Begun) and step.kind == "cancel":
                     self._soon(self._cancel(taking))
                 if isinstance(event, Saved):
                     take.status = event.status
-                    take.told.append(_told(event, received[event.number]))
+                    take.told.append(_told(event, over.get(event.number)))
                     results.append("saved")
                 if isinstance(event, Failed):
                     results.append(f"{type(event.error).__name__}: {event.error}")
@@ -603,15 +604,16 @@ class VirtualRig:
         return (now_ns - max(ends, default=10**12)) / 1e9
 
 
-def _told(event: Saved, received: int) -> Told:
-    """Return what an operator is told, and what is on the disk now."""
+def _told(event: Saved, over: BurstStatus | None) -> Told:
+    """Return what an operator is told, `over` by the leader, and what is on the disk now."""
     images, missing, absent = 0, -1, tuple[str, ...]()
     with contextlib.suppress(SimulshotError):
         if (session := local_session(event.status)) is not None:
             manifest = session.manifest
             images, missing = len(manifest.images), len(manifest.missing)
             absent = tuple(camera.name for camera in manifest.burst.absent)
-    return Told(event.status, received, event.verdict, images, missing, absent)
+    counts = (0, 0) if over is None else (over.received, over.expected)
+    return Told(event.status, *counts, event.verdict, images, missing, absent)
 
 
 def _short(status: BurstStatus | None) -> str:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from typing import Literal
 
 from msgspec import Struct
@@ -222,7 +223,22 @@ def _completeness(missing: int, expected: int, manifest: Manifest, sync: SyncRec
         (sync.late, "off the instant"),
     )
     there = f"{missing} of {images} missing" if missing else f"all {images} there"
-    return ", ".join([there, *(f"{number} {what}" for number, what in notes if number)])
+    gaps = _common_gaps(manifest) if missing else ""
+    return ", ".join(
+        [there, *(f"{number} {what}" for number, what in notes if number), *filter(None, [gaps])]
+    )
+
+
+def _common_gaps(manifest: Manifest) -> str:
+    """Return in words when no camera has an image, for MIN_NAMED instants or more; empty for never."""
+    instants_ns, taken = manifest.burst.instants_ns, {image.instant for image in manifest.images}
+    gaps = []
+    for is_taken, numbers in groupby(range(len(instants_ns)), taken.__contains__):
+        gap = [] if is_taken else [*numbers]
+        if len(gap) >= MIN_NAMED:
+            from_s, until_s = ((instants_ns[n] - instants_ns[0]) * 1e-9 for n in (gap[0], gap[-1]))
+            gaps.append(f"{from_s:.1f} to {until_s:.1f} s")
+    return f"no camera delivered any from {' and '.join(gaps)}" if gaps and taken else ""
 
 
 def skipped_text(skipped: Sequence[SkippedInstant]) -> str:

@@ -30,7 +30,7 @@ async def bring(session: BurstSession, sent: ImageBatch, data: bytes) -> str:
 
 
 async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) -> None:
-    session = recording_of(tmp_path, "a")
+    session = recording_of(tmp_path, "a", frames=4)
     await begin(session, "a")
     sent = ImageBatch(images=(*part(0, 1).images, *part(2, data=OTHER).images))
     assert await bring(session, sent, IMAGE + IMAGE + OTHER) == sha256(OTHER).hexdigest()
@@ -43,7 +43,7 @@ async def test_frames_of_a_part_follow_each_other_in_the_film(tmp_path: Path) ->
 
 
 async def test_a_damaged_frame_costs_no_other_one(tmp_path: Path) -> None:
-    session = recording_of(tmp_path, "a")
+    session = recording_of(tmp_path, "a", frames=4)
     await begin(session, "a")
     sent = ImageBatch(images=(*part(0).images, *part(1, data=TORN).images, *part(2).images))
     with pytest.raises(DamagedImageError) as refused:

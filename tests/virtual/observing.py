@@ -22,6 +22,7 @@ from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.wire.datagrams import Heartbeat
 from tests.virtual.evidence import OrderedBurst
+from tests.virtual.plan import TWICE
 from tests.virtual.world import process
 
 if TYPE_CHECKING:
@@ -134,6 +135,9 @@ def _lies(rig: "VirtualRig") -> contextlib.AbstractContextManager[Any]:
             # It says again and again what it has, and sends nothing of it.
             await asyncio.sleep(5)
             await send(channel, reported[channel])
+        if lie == TWICE and isinstance(message, ImageBatch):
+            message = ImageBatch(images=(*message.images, message.images[-1]))
+            payloads = (*payloads, payloads[-1])
         is_short = isinstance(message, CameraReport) and message.plan.picked is None
         if lie in ("nothing", "partial") and is_short and not message.plan.picking:
             left = message.plan.instants[:1] if lie == "partial" else ()

@@ -70,6 +70,8 @@ class Plan:
         return replace(self, steps=kept, seconds=self.seconds if seconds is None else seconds)
 
 
+TWICE = "twice"
+"""A lie: each batch has its last image twice."""
 LIES = ("nothing", "partial", "silent", "huge", "cut-image", "wrong-size")
 _FAULTS: dict[str, tuple[float, tuple[float, float], tuple[float, float]]] = {
     # kind: weight, range of the value, range of the seconds
@@ -100,6 +102,8 @@ def draw(seed: int) -> Plan:
     behind = tuple(name for name in cameras if rng.random() < 0.6) if rng.random() < 0.2 else ()
     has_standby = rng.random() < 0.2
     liars = {cameras[-1]: rng.choice(LIES)} if rng.random() < 0.25 else {}
+    if not liars and random.Random(f"twice {seed}").random() < 0.08:
+        liars = {cameras[-1]: TWICE}
     seconds = rng.uniform(50, 90)
     machines = ["lead", *cameras, *(["relay"] if behind else []), *(["lead2"] if has_standby else [])]
     steps = [_fault(rng, rng.uniform(SETTLE_S, seconds), machines, cameras) for _ in range(rng.randint(2, 7))]

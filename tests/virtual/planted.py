@@ -18,7 +18,7 @@ from types import CodeType, FunctionType
 from typing import Any
 
 import capture_app
-from tests.virtual.plan import Plan, draw
+from tests.virtual.plan import TWICE, Plan, draw
 
 CHECKOUT = Path(capture_app.__file__).parents[1]
 TRIED = 100
@@ -359,6 +359,13 @@ FAULTS: dict[str, Fault] = {
         "        instants = self.burst.frames if is_ordered else self._recorded_instants\n",
         "        instants = self._recorded_instants\n",
         _restarts_all,
+    ),
+    "instant-twice": Fault(
+        "an instant that a batch has twice is saved twice",
+        "capture_app/session/writing/video_store.py",
+        "                waiting |= {instant} - {NO_INSTANT}\n",
+        "",
+        lambda plan: TWICE in plan.liars.values() and _has("recording")(plan),
     ),
     "late": Fault(
         "a frame that is too early for its instant does not count as off it",

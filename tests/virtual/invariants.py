@@ -88,6 +88,7 @@ def broken(rig: VirtualRig) -> Iterator[str]:
         _cancelled,
         _marked,
         _heard,
+        _left_alone,
     ):
         yield from look(rig, sessions)
     for folder, files in Counter(str(Path(file).parent) for file in rig.spooled(rig.absent_leaders)).items():
@@ -666,6 +667,13 @@ def _marked(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:
             # A take without any image leaves no session.
             if file.parent.exists() and mark.placed.mark not in marks_of(lines):
                 yield f"{mark.text} is not in {file.parent.name}/{file.name}, as its operator was told"
+
+
+def _left_alone(rig: VirtualRig, _: Sessions) -> Iterator[str]:
+    """No file of a spool is gone or changed that no node wrote, nor any behind a link there."""
+    for file, data in rig.foreign.items():
+        if not file.exists() or file.read_bytes() != data:
+            yield f"a file that no node wrote is gone or changed: {file.relative_to(rig.world.disks.root)}"
 
 
 def _heard(rig: VirtualRig, sessions: Sessions) -> Iterator[str]:

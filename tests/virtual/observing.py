@@ -12,7 +12,8 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.channel import Channel
 from capture_app.node import joining
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.camera.burst_upload import SpoolFolder, Upload
+from capture_app.node.camera.burst_upload import Upload
+from capture_app.node.camera.spool import SpoolFolder
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.protocol.messages import CameraReport, ImageBatch, ImageUpload
 from capture_app.rig import rig_time

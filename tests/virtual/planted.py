@@ -227,7 +227,7 @@ FAULTS: dict[str, Fault] = {
     ),
     "spool-sync": Fault(
         "the node's spool is never synced",
-        "capture_app/node/camera/burst_upload.py",
+        "capture_app/node/camera/spool.py",
         "sync_all(files).values()",
         "sync_all(()).values()",
         _befalls(("power",), "cam"),
@@ -366,6 +366,12 @@ FAULTS: dict[str, Fault] = {
         "                waiting |= {instant} - {NO_INSTANT}\n",
         "",
         lambda plan: TWICE in plan.liars.values() and _has("recording")(plan),
+    ),
+    "foreign-file": Fault(
+        "a node follows a link in its spool, and deletes what is behind it",
+        "capture_app/node/camera/spool.py",
+        " and folder.is_dir() and not folder.is_symlink()",
+        " and folder.is_dir() and all(file.unlink() is None for file in folder.iterdir())",
     ),
     "late": Fault(
         "a frame that is too early for its instant does not count as off it",

@@ -402,7 +402,7 @@ def _as_stored(status: BurstStatus, manifest: Manifest) -> BurstStatus:
     What a leader reported before it was lost counts neither.
     """
     images = Counter(image.camera for image in manifest.images)
-    ordered = manifest.burst.ordered or len(manifest.burst.instants_ns)
+    ordered = manifest.ordered_instants
     return replace(
         status,
         instants=ordered,

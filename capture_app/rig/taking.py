@@ -369,6 +369,8 @@ class Taking:
         Raises NetworkError on timeout.
         """
         self._note(number, replace(last, message=f"{error.what}; the take may go on there"))
+        # Another run of the leader has other numbers: an order to end this take would end another.
+        self._active[number] = replace(last, burst=0)
         now, wait_s = asyncio.get_running_loop().time, self.plan.wait_leader_s
         with suppress(TimeoutError):
             async with asyncio.timeout(wait_s) as limit, aclosing(self._link.another().updates()) as updates:

@@ -38,6 +38,8 @@ _KINDS: dict[type[Any], dict[str, Any]] = {
 _OF_SPLATS = {"3dgs", "gsplat", "gaussian-splatting", "blender", "gltf"}
 """What people ask for that `splats` writes: COLMAP models for trainers, D-NeRF's layout, `cameras.gltf`."""
 
+_MOTION_S, _MAX_MOTION_S = 0.25, 30.0
+"""Processor time of an alignment by motion, s an image (110 s for 4 x 100 of 1080 x 1920); its budget, s."""
 _LOADED = f"{__name__}.loaded"
 
 
@@ -77,9 +79,9 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--timestamps",
-    type=ANY_PATH,
-    metavar="CSV",
-    help="Table of frame times with the columns camera, time, and frame or sync_index.",
+    metavar="[NAME=]CSV",
+    multiple=True,
+    help="Table of frame times with the columns camera, time, and frame or sync_index; or one a camera.",
 )
 @click.option(
     "--times",
@@ -96,9 +98,9 @@ class _ImportCommand(click.Command):
 )
 @click.option(
     "--align",
-    type=click.Choice(["auto", "none", *plugin_names(ALIGNMENTS)]),
+    type=click.Choice(["auto", "none", "motion", *plugin_names(ALIGNMENTS)]),
     default="auto",
-    help="Method that aligns videos without common times. auto tries all.",
+    help="Method that aligns videos without common times. auto tries all, and motion for short takes.",
 )
 @click.option(
     "--sound-distance-m",
@@ -157,6 +159,7 @@ def import_command(
     name: str | None,
     out: Path,
     shifts: tuple[str, ...],
+    timestamps: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -175,9 +178,10 @@ def import_command(
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
-    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), **options)
+    tables = [split_name(table) for table in timestamps]
+    chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), timestamps=tables, **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
-    made = [_aligned_by_motion(session) for session in written]
+    made = [_aligned_by_motion(session, chosen.align) for session in written]
     result = [
         {
             "session": str(session.folder),
@@ -198,12 +202,19 @@ def import_command(
         _say_next(session)
 
 
-def _aligned_by_motion(session: Session) -> Session:
-    """Align a calibrated session by motion if its times are uncertain; return the session as it is then."""
+def _aligned_by_motion(session: Session, align: str) -> Session:
+    """Align a calibrated session by motion if its times are uncertain; return the session as it is then.
+
+    By default only within a budget of time; `align` may ask for it, or for another method only.
+    """
     from importlib.util import find_spec
 
     uncertain = _are_times_uncertain(session) and session.calibration() is not None
-    if not uncertain or find_spec(RECONSTRUCTION) is None:
+    if not uncertain or find_spec(RECONSTRUCTION) is None or align not in ("auto", "motion"):
+        return session
+    images = len(session.manifest.images)
+    if align == "auto" and (cost_s := images * _MOTION_S) > _MAX_MOTION_S:
+        talk(f"motion was not tried: {count(images, 'image')}, some {cost_s:.0f} s; --align motion does")
         return session
     talk("aligning by motion, as no other method applies")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
@@ -232,8 +243,8 @@ def _say_next(session: Session) -> None:
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
     elif _are_times_uncertain(session):
-        # Alignment of a calibrated session was tried just now.
-        step = f"{'capture-app sessions show' if calibrated else 'reconstruct time --apply'} {session.folder}"
+        # Alignment was tried; to look at the pictures works whatever they show.
+        step = f"capture-app sessions sheet {session.folder}"
     elif not calibrated:
         step = f"reconstruct calibrate {session.folder}"
     else:

@@ -14,8 +14,8 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importing.calibrations import read_views
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.importer import open_sources
-from capture_app.session.importing.rate_or_table import timeline_by_table
 from capture_app.session.importing.recording import import_recording
+from capture_app.session.importing.times.rate_or_table import timeline_by_tables
 from capture_app.session.reading.decoding import decode_image, read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session
@@ -62,7 +62,7 @@ def read_table(data: bytes, folder: Path) -> None:
         for number in range(3):
             put(folder / camera / f"{number}.jpg", jpeg(number))
     with suppress(SimulshotError):
-        timeline_by_table(open_sources([f"{camera}={folder / camera}" for camera in "ab"]), path)
+        timeline_by_tables(open_sources([f"{camera}={folder / camera}" for camera in "ab"]), [("", path)])
 
 
 def read_calibration(name: str) -> Reader:

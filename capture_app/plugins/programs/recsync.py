@@ -34,21 +34,21 @@ class PhoneVideo(Video):
                 f"{path} has no table of times",
                 hint="copy the .csv beside the video from the phone, or import with --fps RATE",
             )
-        self._table, self._rows = table, _rows(table)
+        self._table, rows = table, _rows(table)
+        self._rows = rows[: len(self.numbers)]
+        put_in = sum(filler for _, filler in self._rows)
+        notes = {
+            f"{table} has {len(rows)} times for {len(self.numbers)} frames: "
+            f"the first {len(self._rows)} are taken": len(rows) != len(self.numbers),
+            f"{table}: {put_in} of {len(self._rows)} frames are fillers and left out": put_in,
+        }
+        self.note = "; ".join(filter(None, (self.note, *(note for note, holds in notes.items() if holds))))
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """Return each frame's time; if table and video differ in length, only up to the shorter one's end."""
-        rows = self._rows[: len(self.numbers)]
-        if len(self._rows) != len(self.numbers):
-            self.note = (
-                f"{self._table} has {len(self._rows)} times for {len(self.numbers)} frames: "
-                f"the first {len(rows)} are taken"
-            )
-        frames = [TimedFrame(number, at_ns) for number, (at_ns, put_in) in enumerate(rows) if not put_in]
-        if len(frames) < len(rows):
-            self.note = (
-                f"{self._table}: {len(rows) - len(frames)} of {len(rows)} frames are fillers and left out"
-            )
+        frames = [
+            TimedFrame(number, at_ns) for number, (at_ns, filler) in enumerate(self._rows) if not filler
+        ]
         check_order(str(self._table), frames)
         return frames
 

@@ -38,7 +38,6 @@ def _open_export(folder: Path, png: bool) -> Layout:
         files = [file for file, _ in own.values()]
         if files[0].suffix.lower() in VIDEO_SUFFIXES:
             video = Video(camera.name, files[0], png=png)
-            video.use_embedded_times()
             sources.append(video)
             places |= {at: number for at, (_, number) in own.items()}
         else:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -11,8 +12,81 @@ from capture_app.common.text import Talk
 from capture_app.session.alignment.alignment_method import AlignmentMethod, alignment_methods
 from capture_app.session.alignment.clock_line import Against, chain_cameras, measure_pairs
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
-from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times, trim
 from capture_app.session.importing.recording_sources import Source, Video
+from capture_app.session.importing.times.rules import Times
+
+MOTION = "motion"
+"""Alignment by what moves, which is the reconstruction's, on the session as it is written."""
+SOUND_M_PER_S = 343.0
+SOUND_DISTANCE_M = 1.0
+SOUND_DELAY_MS = 20.0
+"""Assumed: there is no measurement of the cameras' sound delay."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignmentOptions:
+    """How cameras without common times are aligned."""
+
+    align: str = "auto"
+    """Method that aligns a recording without common times: see `align_recording`."""
+    sound_distance_m: float = SOUND_DISTANCE_M
+    """Maximum difference between the cameras' distances to a sound, m."""
+    sound_delay_ms: float = SOUND_DELAY_MS
+    """Maximum difference between two cameras' delays from image to sound, ms (95 %)."""
+
+    @property
+    def sound_error_s(self) -> float:
+        """Possible offset between two cameras' sounds while their images are simultaneous, s (95 %)."""
+        return self.sound_distance_m / SOUND_M_PER_S + self.sound_delay_ms / 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """The cameras that have common times, if any have; the timeline by these, and what is known of it."""
+
+    sources: Sequence[Source]
+    timeline: Timeline
+    common: CommonTimes | None
+
+    @property
+    def own_times(self) -> bool:
+        """Whether the frames' times are each camera's own."""
+        return self.common is not None and self.common.unknown
+
+
+def align_times(sources: Sequence[Source], times: Times, options: AlignmentOptions, talk: Talk) -> Aligned:
+    """Align a recording whose times are unknown, by the method that the user names, or by any.
+
+    Raises as `align_recording`.
+    """
+    if times.common is None or not times.common.unknown:
+        return Aligned(sources, times.timeline, times.common)
+    common = align_recording(
+        sources,
+        times.timeline,
+        times.common,
+        options.align,
+        sound_error_s=options.sound_error_s,
+        rate_given=times.by_rate,
+        talk=talk,
+    )
+    if not common.cameras:
+        if may_be_triggered(sources):
+            talk(
+                f"{len(sources)} videos of equal length and rate: if one trigger or recorder took their "
+                "frames, import again with --synchronized, which takes equal numbers as one instant"
+            )
+        return Aligned(sources, times.timeline, common)
+    left = [source for source in sources if source.name in common.cameras]
+    return Aligned(left, trim(with_common_times(times.timeline, common), talk), common)
+
+
+def may_be_triggered(sources: Sequence[Source]) -> bool:
+    """Return whether the sources are videos of equal counts and rates, which proves nothing."""
+    videos = [source for source in sources if isinstance(source, Video)]
+    lengths = {(len(video.numbers), round(video.fps, 2)) for video in videos}
+    return len(videos) == len(sources) and len(lengths) == 1
 
 
 def align_recording(
@@ -37,8 +111,8 @@ def align_recording(
     requested method does not apply to these sources.
     """
     videos = [source for source in sources if isinstance(source, Video)]
-    if by == "none" or len(videos) < len(sources):
-        if by not in ("auto", "none"):
+    if by in ("none", MOTION) or len(videos) < len(sources):
+        if by not in ("auto", "none", MOTION):
             raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
         return unknown
     methods = alignment_methods(by)

@@ -1,6 +1,7 @@
 """Calibrations of other programs, read by their importers and converted to this project's convention."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -17,8 +18,10 @@ from capture_app.session.format.calibration import (
 )
 from capture_app.session.format.calibration_judge import check_lens, rig_faults
 from capture_app.session.format.camera_labels import describe_pairs, pair_labels
+from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.lens import Array, distortion_of
-from capture_app.session.importing.importer import load_importers
+from capture_app.session.importing.importer import load_importers, split_name
+from capture_app.session.importing.recording_sources import Layout
 from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, root_of
 
 Fit = Literal["exact", "crop", "scale"]
@@ -28,6 +31,16 @@ exact   refuse them, unless the aspect ratio is the same: then scale
 crop    the images are the calibrated ones, cropped or extended at the right or the bottom
 scale   they are the calibrated ones, scaled separately along each axis
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """The calibration that is given, and how images relate to it."""
+
+    calibration: Sequence[str] = field(default_factory=tuple)
+    """PATH or NAME=PATH, see `read_views`."""
+    unit: str | None = None
+    fit: Fit = "exact"
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
@@ -157,3 +170,53 @@ def _factors(where: str, view: View, size: tuple[int, int], fit: Fit) -> tuple[f
 def _rows(matrix: Array) -> Matrix3:
     first, second, third = (tuple(row) for row in matrix.tolist())
     return first, second, third
+
+
+def choose_views(layout: Layout, options: ViewOptions, cameras: Sequence[str]) -> Views | None:
+    """Return the views of the user's calibration, otherwise those of the recording's program, or None.
+
+    Raises as `read_views`.
+    """
+    if options.calibration:
+        return read_views([split_name(text) for text in options.calibration], cameras)
+    return read_views([("", layout.calibration)], cameras) if layout.calibration else layout.views
+
+
+def choose_calibration(
+    layout: Layout,
+    views: Views | None,
+    sizes: Callable[[], Mapping[str, tuple[int, int]]],
+    options: ViewOptions,
+    talk: Talk,
+) -> Calibration | None:
+    """Return the calibration for images of these sizes: by views, the export's, or one beside that fits.
+
+    Raises BadInputError if the views do not fit; one that only lies beside is then reported and not used.
+    """
+    unit = options.unit or (None if options.calibration else layout.unit)
+    if views is not None:
+        return fit_calibration(views, sizes(), unit=unit, fit=options.fit, talk=talk)
+    if layout.record is not None:
+        return _exported(layout.record, sizes())
+    if layout.beside is None:
+        return None
+    try:
+        beside = read_views([("", layout.beside)], list(sizes()))
+        calibration = fit_calibration(beside, sizes(), unit=unit, fit=options.fit, talk=talk)
+    except BadInputError as error:
+        talk(f"calibration: {layout.beside} is not taken: {error}")
+        return None
+    talk(f"calibration: {layout.beside}")
+    return calibration
+
+
+def _exported(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:
+    """Return the exported calibration. Raises BadInputError if the images now have a different size."""
+    for name, camera in record.calibration.cameras.items() if record.calibration else ():
+        if sizes.get(name, (camera.width, camera.height)) != (camera.width, camera.height):
+            was, now = f"{camera.width}x{camera.height}", "x".join(map(str, sizes[name]))
+            raise BadInputError(
+                f"{name} was exported with {was} pixels and has {now} now",
+                hint="give one that fits: --calibration PATH",
+            )
+    return record.calibration

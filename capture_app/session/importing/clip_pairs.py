@@ -6,7 +6,8 @@ pairings, what was heard in both decides.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -34,20 +35,56 @@ class Clip:
         return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
 
 
+Key = tuple[str, ...]
 Pairs = tuple[tuple[Clip, Clip], ...]
 Heard = Callable[[Path, Path], bool]
 """Returns whether two videos recorded the same sound."""
 
 
+def take_keys(cameras: Mapping[str, Sequence[Clip]]) -> dict[Clip, Key]:
+    """Return the words of each clip's name with its camera's own one blanked: equal for clips of one take.
+
+    A camera's own word is its label, or a word that all of its clips have and no other camera's. Where two
+    clips of a camera have the same words, the types of file tell clips apart.
+    """
+    words = {clip: _words(clip) for clips in cameras.values() for clip in clips}
+    keys: dict[Clip, Key] = {}
+    for name, clips in cameras.items():
+        others = {word for clip, of in words.items() if clip not in clips for word in of}
+        common = set.intersection(*(set(words[clip]) for clip in clips))
+        learned = {word for word in common - others if not (word.isdecimal() or _COUNTER.fullmatch(word))}
+        own = common & {name.casefold()} or learned
+        for clip in clips:
+            key = tuple("" if word in own else word for word in words[clip])
+            # Without its learned word, a name must still say which take it is.
+            keys[clip] = key if any(key) or name.casefold() in own else words[clip]
+    twice = {key for clips in cameras.values() for key, n in Counter(keys[c] for c in clips).items() if n > 1}
+    return {clip: (*key, clip.path.suffix.casefold()) if key in twice else key for clip, key in keys.items()}
+
+
+def is_counted(clip: Clip) -> bool:
+    """Return whether a clip's name is one that cameras count, which says nothing of another camera's."""
+    return _COUNTER.fullmatch(clip.path.stem) is not None
+
+
+def _words(clip: Clip) -> Key:
+    return tuple(re.split(r"[\s_\-.]+", clip.path.stem.casefold()))
+
+
 def pair_clips(
-    names: tuple[str, str], first: Sequence[Clip], clips: Sequence[Clip], heard: Heard
+    names: tuple[str, str],
+    first: Sequence[Clip],
+    clips: Sequence[Clip],
+    heard: Heard,
+    keys: Mapping[Clip, Key] | None = None,
 ) -> tuple[Pairs, str]:
     """Return the clips of two cameras that belong together, and what this assumes; empty if nothing.
 
-    `names` are the cameras'. Clips of both are in the order of their names.
+    `names` are the cameras'. Clips of both are in the order of their names. `keys` are their `take_keys`.
     """
-    named = tuple((clip, other) for clip in first for other in clips if clip.path.stem == other.path.stem)
-    counted = all(_COUNTER.fullmatch(clip.path.stem) for clip, _ in named)
+    key = keys or take_keys({names[0]: first, names[1]: clips})
+    named = tuple((clip, other) for clip in first for other in clips if key[clip] == key[other])
+    counted = all(is_counted(clip) for clip, _ in named)
     if len(named) == min(len(first), len(clips)) and not counted:
         return named, ""
     if all(clip.began_s is not None for clip in (*first, *clips)):

@@ -15,13 +15,12 @@ from statistics import median
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import Talk, count
-from capture_app.session.importing.clip_pairs import Clip, Heard, pair_clips
+from capture_app.session.importing.clip_pairs import Clip, Heard, Key, is_counted, pair_clips, take_keys
+from capture_app.session.importing.folder_tree import folders_below
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.recording_sources import images_in, videos_in
+from capture_app.session.importing.recording_sources import videos_in
 from capture_app.session.importing.video_tracks import open_container
 
-_DEPTH = 4
-"""Maximum folder depth on a camera's card, such as CAMERA/DCIM/100GOPRO."""
 _CAMERA = re.compile(
     r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
 )
@@ -47,6 +46,14 @@ def find_shoots(
     left_out: list[str] = []
     own = _usable(videos_in(folder), left_out)
     inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, left_out))}
+    for path, clips in inner.items():
+        of_boards = [clip for clip in clips if _CALIBRATION.search(str(clip.path.parent.relative_to(path)))]
+        if 0 < len(of_boards) < len(clips):
+            inner[path] = [clip for clip in clips if clip not in of_boards]
+            left_out.append(
+                f"{path.name}: {count(len(of_boards), 'clip')} that look like calibration; "
+                "reconstruct calibrate takes them"
+            )
     boards = [path for path in inner if _CALIBRATION.search(path.name)]
     for path in boards if len(inner) > len(boards) or own else ():
         left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
@@ -61,9 +68,6 @@ def find_shoots(
     elif inner:
         left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
         shoots = _of_folders(inner, left_out, talk, heard)
-    if shoots:
-        beside = [path for path in sorted(folder.iterdir()) if path.is_dir() and images_in(path)]
-        left_out += [f"{path.name}: images beside videos" for path in beside]
     return shoots, left_out
 
 
@@ -107,13 +111,8 @@ def _date_s(text: str) -> float:
         return 0.0
 
 
-def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list[Clip]:
-    if not folder.is_dir() or folder.name.startswith(".") or not depth:
-        return []
-    clips = _usable(videos_in(folder), left_out)
-    for path in sorted(folder.iterdir()):
-        clips += _clips_below(path, left_out, depth - 1)
-    return clips
+def _clips_below(folder: Path, left_out: list[str]) -> list[Clip]:
+    return [clip for place in folders_below(folder) for clip in _usable(videos_in(place), left_out)]
 
 
 def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: Heard) -> list[Shoot]:
@@ -141,7 +140,7 @@ def _of_one_folder(clips: list[Clip], left_out: list[str], talk: Talk, heard: He
             if clip.began_s is not None and longer:
                 left_out.append(f"{clip.path.name}: of another date and another length")
                 clips = [other for other in clips if other is not clip]
-    return _by_names(clips) or [_shoot("", clips)]
+    return _by_names(clips, left_out) or [_shoot("", clips)]
 
 
 def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
@@ -164,8 +163,11 @@ def _by_counters(clips: Sequence[Clip]) -> dict[str, list[Clip]]:
     return cameras if counted and min(map(len, cameras.values())) > 1 < len(cameras) else {}
 
 
-def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
-    """Group clips whose two-part names form a complete grid of cameras and takes; none if they do not."""
+def _by_names(clips: Sequence[Clip], left_out: list[str]) -> list[Shoot]:
+    """Group clips whose two-part names form a grid of cameras and takes; none if they do not.
+
+    A grid with gaps must have one part that names takes, and one take of all cameras.
+    """
     words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
     varying = [k for k, column in enumerate(zip_longest(*words)) if len(set(column)) > 1]
     if len({len(own_words) for own_words in words}) != 1 or len(varying) != 2:
@@ -175,16 +177,26 @@ def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
         for own_words, clip in zip(words, clips, strict=True)
     }
     parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    if not len(grid) == len(clips) == len(parts[0]) * len(parts[1]):
-        return []
-    takes = 0 if _are_takes(parts[0]) and not _are_takes(parts[1]) else 1
-    return [
+    named = [_are_takes(part) for part in parts]
+    takes = 0 if named[0] and not named[1] else 1
+    shoots: list[Shoot] = [
         (
             take,
             {name_like(pair[1 - takes], "cam"): clip for pair, clip in grid.items() if pair[takes] == take},
         )
         for take in parts[takes]
     ]
+    whole = any(len(shoot) == len(parts[1 - takes]) for _, shoot in shoots)
+    gaps = len(clips) < len(parts[0]) * len(parts[1])
+    if len(grid) < len(clips) or (gaps and (named[0] == named[1] or not whole)):
+        return []
+    left_out += [
+        f"{clip.path.name}: nothing was taken with it"
+        for _, shoot in shoots
+        for clip in shoot.values()
+        if len(shoot) < 2 < len(clips)
+    ]
+    return [(take, shoot) for take, shoot in shoots if len(shoot) > 1] or shoots
 
 
 def _are_takes(names: Sequence[str]) -> bool:
@@ -214,18 +226,26 @@ def _of_cameras(
 ) -> list[Shoot]:
     """Group the clips of cameras into takes with the camera that has the most."""
     first = max(cameras, key=lambda name: len(cameras[name]))
+    keys = take_keys(cameras)
     takes = {clip: {first: clip} for clip in cameras[first]}
     for name, clips in cameras.items():
         if name != first:
-            pairs, note = pair_clips((first, name), cameras[first], clips, heard)
+            pairs, note = pair_clips((first, name), cameras[first], clips, heard, keys)
             for one, other in pairs:
                 takes[one][name] = other
             if note:
                 talk(note)
+    paired = {clip for take in takes.values() if len(take) > 1 for clip in take.values()}
+    # Takes that the camera with the most clips lacks.
+    rest: dict[Key, dict[str, Clip]] = {}
+    for name, clips in cameras.items():
+        for clip in clips:
+            if clip not in paired and not is_counted(clip):
+                rest.setdefault(keys[clip], {})[name] = clip
+    several = [take for take in (*takes.values(), *rest.values()) if len(take) > 1]
     shoots: list[Shoot] = [
-        (f"{number}", {name: take[name] for name in cameras if name in take})
-        for number, take in enumerate(takes.values(), 1)
-        if len(take) > 1
+        (f"{number}" if len(several) > 1 else "", {name: take[name] for name in cameras if name in take})
+        for number, take in enumerate(several, 1)
     ]
     taken = {clip.path for _, shoot in shoots for clip in shoot.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]

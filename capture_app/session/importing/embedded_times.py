@@ -146,7 +146,12 @@ def exif_time_ns(path: Path) -> int:
         exif = read_exif(read_input(path))
     if (match := _DATE.search(exif.date)) is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
-    return _date_ns(path, match, exif.part_of_second)
+    part = exif.part_of_second.strip()
+    if part and not (part.isascii() and part.isdigit()):
+        raise BadInputError(
+            f"{path}: SubSecTimeOriginal in its EXIF is {part!r}, which is not a number", hint=_OTHER_TIMES
+        )
+    return _date_ns(path, match, part)
 
 
 def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:

@@ -19,15 +19,15 @@ MIN_REGULAR = 0.7
 BY_NUMBERS = "; frames are matched by their numbers, so later ones are matched wrongly: take --times video"
 
 
-def describe_gaps(sources: Sequence[Source], timeline: Timeline) -> Iterator[str]:
+def describe_gaps(sources: Sequence[Source], timeline: Timeline, *, by_numbers: bool) -> Iterator[str]:
     """Yield a line for each camera that dropped or doubled frames, by its own times.
 
-    Videos are read for these, without decoding, where `timeline` goes by their frames' numbers.
+    Videos are read for these, without decoding, where the timeline is `by_numbers` of their frames.
     """
     cameras = timeline.cameras()
     for source in sources:
         times_ns, advice = sorted(frame.leader_ns for frame in cameras.get(source.name, ())), ""
-        if isinstance(source, Video) and not source.has_times:
+        if isinstance(source, Video) and by_numbers:
             with suppress(BadInputError):
                 times_ns, advice = video_times_ns(source.path), BY_NUMBERS
         if said := describe_times(times_ns):

@@ -1,19 +1,25 @@
 """Matching of frames to instants by their times alone."""
 
 import statistics
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from itertools import combinations, pairwise
 from typing import Any
 
 from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
+from capture_app.common.text import Talk, count
 
 LONE_PERIOD_NS = 33_333_333
 """Period that is assumed if every camera has only one frame."""
 NO_FRAME = "no frame within half a period"
+MAX_GAP_NS = 1_000_000_000
+"""Maximum time between the end of one camera and the beginning of another in one recording."""
+OTHER_RATE = 1.1
+"""Minimum ratio of frame periods for which one camera is slower. Below it, one lost frames, or drifts."""
 _CORRECT = "correct these times, or give the rate instead: --fps"
 
 
@@ -106,6 +112,19 @@ def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
             )
 
 
+def require_overlap(timeline: Timeline) -> None:
+    """Raise BadInputError if two cameras' times never meet."""
+    spans = {name: (frames[0].leader_ns, frames[-1].leader_ns) for name, frames in timeline.cameras().items()}
+    for (first, span), (second, other) in combinations(spans.items(), 2):
+        gap_ns = max(span[0], other[0]) - min(span[1], other[1])
+        if gap_ns > max(MAX_GAP_NS, 2 * timeline.period_ns):
+            raise BadInputError(
+                f"the times of {first} and {second} never meet: {gap_ns / 1e9:.1f} s pass between them, and "
+                f"{abs(span[0] - other[0]) / 1e9:.1f} s between their beginnings",
+                hint="if each counts from its own start, give the difference: --time-shift-ms CAMERA=MS",
+            )
+
+
 def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
     """Return the median frame interval of each camera in ns; a camera with one frame gets the others'."""
     steps = {
@@ -119,7 +138,9 @@ def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
 
 def middle(frames: Mapping[str, TimedFrame]) -> int:
     """Return the median of the frames' times, in ns."""
-    return round(statistics.median(frame.leader_ns for frame in frames.values()))
+    times_ns = [frame.leader_ns for frame in frames.values()]
+    # Exact: times since 1970 in ns have more digits than a float.
+    return round(Fraction(statistics.median_low(times_ns) + statistics.median_high(times_ns), 2))
 
 
 def nearest(times_ns: Sequence[int], at_ns: int) -> int:
@@ -138,3 +159,78 @@ def _group(frames: Sequence[tuple[int, str, TimedFrame]], period_ns: int) -> lis
             first_ns = at_ns
         groups[-1][name] = frame
     return groups
+
+
+def trim(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return the part of a timeline in which all cameras run, at the rate of the slowest."""
+    said: list[str] = []
+    timeline = at_slowest_rate(overlap(timeline, said.append), said.append)
+    if said:
+        talk("; ".join(said))
+    return timeline
+
+
+def overlap(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return the part of a timeline in which all cameras run; the whole one if there is none."""
+    cameras = timeline.cameras().values()
+    begin_ns = max(frames[0].leader_ns for frames in cameras) - timeline.period_ns // 2
+    end_ns = min(frames[-1].leader_ns for frames in cameras) + timeline.period_ns // 2
+    shared = [instant for instant in timeline.instants if begin_ns <= instant.leader_ns <= end_ns]
+    if not shared:
+        return timeline
+    if (rest := len(timeline.instants) - len(shared)) > 0:
+        talk(
+            f"all cameras run for {(end_ns - begin_ns) / 1e9:.1f} s; "
+            f"{count(rest, 'instant')} beside are left out"
+        )
+    return replace(timeline, instants=shared)
+
+
+def at_slowest_rate(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return a timeline whose instants are those of the slowest cameras, with the others' nearest frames.
+
+    Where the slowest lack a frame, an instant of the others remains in its place.
+    """
+    periods = timeline.camera_periods_ns
+    slowest_ns = max(periods.values())
+    if slowest_ns < OTHER_RATE * min(periods.values()):
+        return timeline
+    slow = {name for name, period_ns in periods.items() if period_ns > slowest_ns / OTHER_RATE}
+    slow_ns = [instant.leader_ns for instant in timeline.instants if not slow.isdisjoint(instant.frames)]
+    kept: list[Instant] = []
+    for one in timeline.instants:
+        after = bisect_right(slow_ns, one.leader_ns)
+        near_ns = [*(instant.leader_ns for instant in kept[-1:]), *slow_ns[after : after + 1]]
+        is_alone = all(abs(one.leader_ns - at_ns) > 0.7 * slowest_ns for at_ns in near_ns)
+        if is_alone or not slow.isdisjoint(one.frames):
+            kept.append(one)
+    # Of cameras that are little faster, a frame may have been nearest to an instant that is left out.
+    others = {name: frames for name, frames in timeline.cameras().items() if name not in slow}
+    paired = [_with_nearest(instant, others, slowest_ns) for instant in kept]
+    fast = ", ".join(
+        f"{name} {1e9 / period_ns:.4g}" for name, period_ns in periods.items() if name not in slow
+    )
+    talk(
+        f"{fast} frames a second, {', '.join(sorted(slow))} {1e9 / slowest_ns:.4g}: the nearest are taken, "
+        f"{count(len(timeline.instants) - len(kept), 'instant')} between are left out"
+    )
+    return replace(timeline, instants=paired, period_ns=slowest_ns)
+
+
+def _with_nearest(instant: Instant, cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> Instant:
+    """Return an instant with those cameras' nearest frames within half a period."""
+    near = {
+        name: frames[nearest([frame.leader_ns for frame in frames], instant.leader_ns)]
+        for name, frames in cameras.items()
+        if name not in instant.frames
+    }
+    frames = {
+        name: frame
+        for name, frame in (*instant.frames.items(), *near.items())
+        if name in instant.frames or is_same_instant(frame.leader_ns - instant.leader_ns, period_ns)
+    }
+    return replace(
+        instant,
+        frames=frames,
+        why_missing={name: why for name, why in instant.why_missing.items() if name not in frames},
+    )

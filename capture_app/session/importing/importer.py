@@ -18,6 +18,7 @@ from capture_app.common.names import is_name, name_like, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
+from capture_app.session.importing.folder_tree import folders_below, image_cameras
 from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
     Layout,
@@ -175,6 +176,8 @@ def _archive(path: Path) -> BadInputError:
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     if (importer := camera_importer(path)) is not None:
         return importer.open_camera(name, path, png=png, recording=recording)
+    if path.is_dir() and not images_in(path):
+        path = _camera_below(path)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return image_folder(name, path)
     if path.suffix.lower() in ARCHIVE_SUFFIXES:
@@ -182,11 +185,26 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     return Video(name, path, png=png)
 
 
+def _camera_below(folder: Path) -> Path:
+    """Return the only folder of images, or the only video, below a camera's folder without images.
+
+    Raises BadInputError if there are several; returns the folder itself if there is none.
+    """
+    places = [place for place in folders_below(folder) if place != folder and images_in(place)]
+    places += [video for place in folders_below(folder) for video in videos_in(place)]
+    if len(places) > 1:
+        raise BadInputError(
+            f"{folder} has several folders of images or videos: "
+            f"{', '.join(str(place.relative_to(folder)) for place in places[:3])}",
+            hint="name one of them: NAME=PATH",
+        )
+    return places[0] if places else folder
+
+
 def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
     videos = videos_in(folder)
-    folders = [
-        path for path in folder.iterdir() if path.is_dir() and (images_in(path) or camera_importer(path))
-    ]
+    folders = {path: path.name for path in folder.iterdir() if path.is_dir() and camera_importer(path)}
+    folders = folders or image_cameras(folder)
     if not videos and not folders:
         if images := images_in(folder):
             raise _flat_images(folder, images)
@@ -197,5 +215,5 @@ def _cameras_in(folder: Path) -> list[tuple[str, Path]]:
         )
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
-    named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]
+    named = [(path.stem, path) for path in videos] + [(name, path) for path, name in folders.items()]
     return [(name_like(name, f"cam{number}"), path) for number, (name, path) in enumerate(named)]

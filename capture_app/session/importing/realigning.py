@@ -12,7 +12,7 @@ from capture_app.session.format.common_times import REFERENCE, CameraTimes, Comm
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.importing.aligning import with_common_times
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importing.recording import missing_images
+from capture_app.session.importing.written import missing_images
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 

@@ -46,7 +46,7 @@ class Source(ABC):
     path: Path
     kind: str
     note: str = ""
-    """Note for the user about an assumption."""
+    """What its files hold that the user may not expect, noted when they are opened."""
     suffix: str
     """Suffix of the image files whose bytes `frames` yields."""
     numbers: Sequence[int]
@@ -154,8 +154,6 @@ class Video(Source):
             for chapter, own_times_ns in times_ns.items()
         }
         """The presentation times of each file's frames in ns, or their numbers."""
-        self.has_times = False
-        """Whether the frames' own times are the recording's."""
         self.numbers = range(sum(map(len, self._times_ns.values())))
         # The first frames of all videos belong together unless a table says otherwise.
         self.name_numbers = [(number,) for number in self.numbers]
@@ -166,11 +164,10 @@ class Video(Source):
         if not self.numbers:
             raise BadInputError(f"no frame of {path} can be decoded", hint=DAMAGED)
 
-    def use_embedded_times(self) -> Sequence[int]:
-        """Return the presentation times of all frames, ns, as the recording's; none if a file lacks them."""
+    def own_times_ns(self) -> Sequence[int]:
+        """Return the presentation times of all frames, ns; none if a file lacks them."""
         if not self._timed:
             return ()
-        self.has_times = True
         times_ns = self._times_ns
         shifts = chapter_shifts_ns([*times_ns.values()])
         return [at + shift for own, shift in zip(times_ns.values(), shifts, strict=True) for at in own]
@@ -243,11 +240,14 @@ class Layout:
     """Times that the program stored."""
     times_of: str = ""
     """What these are times of, if not those that the program means to store."""
-    timestamps: Path | None = None
-    """A table of those times."""
+    timestamps: Sequence[tuple[str, Path]] = ()
+    """Tables of those times, each with the name of its camera, or '' if it names the cameras."""
     same_frames: bool = False
     """Whether frames of equal number are one instant, at the videos' own rate."""
     calibration: Path | None = None
+    """The program's calibration of this recording."""
+    beside: Path | None = None
+    """A calibration that lies beside the recording, used if it fits."""
     views: Views | None = None
     """The calibration, if it is in the recording itself."""
     unit: str | None = None

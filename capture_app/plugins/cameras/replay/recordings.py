@@ -246,7 +246,7 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
         if (embedded := source.embedded_times()) is not None:
             return [frame.leader_ns for frame in embedded]
         if isinstance(source, Video):
-            if times_ns := source.use_embedded_times():
+            if times_ns := source.own_times_ns():
                 return times_ns
             fps = source.fps
     return [round(number * 1e9 / (fps or TYPICAL_FPS)) for number in range(len(source.numbers))]

@@ -26,7 +26,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         return Layout(
             path=path,
             sources=tuple(open_sources([str(path)], png=png)),
-            timestamps=path / _TABLE,
+            timestamps=(("", path / _TABLE),),
             calibration=next((array for array in arrays if array.is_file()), None),
         )
     if not ((path / _ARRAY).is_file() and (path / _RECORDINGS).is_dir()):

@@ -4,10 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.session.importing.rate_or_table import (
-    timeline_by_table,
-)
-from tests.unit.session.importing.test_rate_or_table import Numbers, frames_of
+from tests.unit.session.importing.test_rate_or_table import Numbers, frames_of, timeline_by_table
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans()), min_size=4, max_size=30), st.data())

@@ -57,7 +57,7 @@ def takes(folder: Path, length_s: int, ppm_of_late: float) -> tuple[Session, Pat
         rows += [f"{name},{n},{begin_s + at_s:.6f}" for n, at_s in enumerate(since_s)]
     (table := folder / "times.csv").write_text("\n".join(rows))
     sources = [f"{name}={path}" for name, path in paths.items()]
-    return import_recording(sources, folder, "take", ImportOptions(timestamps=table)), given
+    return import_recording(sources, folder, "take", ImportOptions(timestamps=[("", table)])), given
 
 
 def test_a_recording_of_another_take_is_refused(tmp_path: Path) -> None:

@@ -221,7 +221,7 @@ def test_caliscope_comes_back_through_our_import(make: Make, export: Export, tmp
     for number, camera in enumerate(cameras):
         assert len(frames(recording / f"cam_{number}.mp4")) == sum(name == camera for name, _ in times)
     array = str(tmp_path / "out" / "camera_array.toml")
-    options = ImportOptions(timestamps=recording / "timestamps.csv", calibration=(array,))
+    options = ImportOptions(timestamps=[("", recording / "timestamps.csv")], calibration=(array,))
     back = import_recording([str(recording)], tmp_path / "back", "back", options)
     again = back.calibration()
     assert again is not None

@@ -69,6 +69,23 @@ def test_what_the_user_says_of_the_times_is_kept_as_said(
     assert NOT_SYNCHRONIZED not in capsys.readouterr().out
 
 
+def test_equal_lengths_and_rates_are_a_question_and_the_next_command_works(
+    videos: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = imported(videos)
+    said = capsys.readouterr()
+    assert session.manifest.burst.common_times is not None
+    assert session.manifest.burst.common_times.unknown
+    assert "2 videos of equal length and rate: if one trigger or recorder took their frames" in said.err
+    assert "import again with --synchronized" in said.err
+    assert max(map(len, said.out.splitlines())) < 200
+    step = said.err.splitlines()[-1].removeprefix("next: capture-app ")
+    assert run([*step.split(), "--out", str(videos.parent / "sheet.jpg")]) == ExitCode.OK
+    write_video(videos / "right.mp4", [33_333 * n for n in range(5)])
+    assert run(["sessions", "import", str(videos), "--out", str(videos.parent), "--name", "t"]) == ExitCode.OK
+    assert "of equal length" not in capsys.readouterr().err
+
+
 def test_numbered_images_and_tables_have_common_times(
     tmp_path: Path, make_images: Callable[..., Path]
 ) -> None:

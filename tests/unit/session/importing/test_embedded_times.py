@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.importing.embedded_times import name_time_ns
-from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import at_slowest_rate, import_recording
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.unit.session.conftest import jpeg
@@ -67,6 +67,14 @@ def test_a_second_video_stream_is_said_not_dropped_in_silence(
     talk = capsys.readouterr().err
     assert "VID_1.insv has more than one video stream; the first is imported" in talk
     assert "ffmpeg -i VID_1.insv -map 0:v:1 -c copy VID_1-2.mp4" in talk
+    write_avi(tmp_path / "slow.avi", 24, 30)
+    cameras = [f"a={path}", f"b={tmp_path / 'slow.avi'}"]
+    assert (
+        run(["sessions", "import", *cameras, "--out", str(tmp_path / "t"), "--synchronized"]) == ExitCode.OK
+    )
+    talk = capsys.readouterr().err
+    assert "VID_1.insv has more than one video stream" in talk
+    assert "slow.avi has 24 frames a second and VID_1.insv 30" in talk
 
 
 def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:
@@ -199,6 +207,9 @@ def test_broken_or_absent_exif_says_so(tmp_path: Path) -> None:
         (folder / "1.jpg").write_bytes(broken)
         with pytest.raises(BadInputError, match="broken"):
             import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)
+    (folder / "1.jpg").write_bytes(with_exif(jpeg(0), "2026:01:31 14:25:30", "ab"))
+    with pytest.raises(BadInputError, match=r"1\.jpg: SubSecTimeOriginal in its EXIF is 'ab', which is not"):
+        import_recording([str(tmp_path / "rec")], tmp_path / "out", "s", options)
     assert not list((tmp_path / "out").glob("*"))
 
 
@@ -231,7 +242,7 @@ def test_a_table_whose_times_go_backwards_is_refused(
     table = tmp_path / "times.csv"
     table.write_text("camera,frame,time_ms\na,0,0\na,1,80\na,2,40\n")
     with pytest.raises(BadInputError, match="times go backwards: frame 2 is 40 ms before frame 1"):
-        import_recording([f"a={folder}"], tmp_path / "out", "s", ImportOptions(timestamps=table))
+        import_recording([f"a={folder}"], tmp_path / "out", "s", ImportOptions(timestamps=[("", table)]))
 
 
 @given(
@@ -341,13 +352,13 @@ def test_tables_that_never_meet_are_refused_with_their_distance(
     table = tmp_path / "ticks.csv"
     rows = [f"{name},{n},{start + n / 10}" for name, start in (("a", 20), ("b", 3806.5)) for n in range(3)]
     table.write_text("\n".join(["camera,frame,time", *rows]))
-    options = ImportOptions(timestamps=table)
+    options = ImportOptions(timestamps=[("", table)])
     with pytest.raises(
         BadInputError, match=r"never meet: 3786.3 s pass .* 3786.5 s between their beginn"
     ) as no:
         import_recording([str(folder)], tmp_path, "s", options)
     assert "--time-shift-ms" in str(no.value)
-    shifted = ImportOptions(timestamps=table, offsets_ms={"b": -3_786_500.0})
+    shifted = ImportOptions(timestamps=[("", table)], offsets_ms={"b": -3_786_500.0})
     assert not import_recording([str(folder)], tmp_path, "s", shifted).manifest.missing
 
 

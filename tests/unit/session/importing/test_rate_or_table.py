@@ -7,8 +7,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.frame_matching import Timeline
-from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table
 from capture_app.session.importing.recording_sources import Source
+from capture_app.session.importing.times.rate_or_table import timeline_by_rate, timeline_by_tables
 
 
 class Numbers(Source):
@@ -20,6 +20,10 @@ class Numbers(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         raise NotImplementedError
+
+
+def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
+    return timeline_by_tables(sources, [("", path)])[0]
 
 
 def frames_of(timeline: Timeline) -> list[dict[str, int]]:
@@ -88,6 +92,29 @@ def test_nanoseconds_are_exact_and_separators_vary(table: Callable[[str], Path])
     assert frames_of(timeline) == [{"a": 0, "b": 0}, {"a": 1, "b": 1}]
 
 
+@pytest.mark.parametrize("numbers", [(25, 26, 27), (1, 2, 3), (7, 9, 12)])
+def test_numbers_since_the_cameras_start_give_the_order(
+    table: Callable[[str], Path], numbers: Sequence[int]
+) -> None:
+    """As in Caliscope's frame_index: a's rows are not in order, b's first frame is late."""
+    rows = [f"a,{n},{k / 10}\nb,{n + 4},{k / 10 + 0.1}" for k, n in enumerate(numbers)]
+    path = table("\n".join(["camera,frame_index,time", *reversed(rows)]))
+    sources = [Numbers("a", range(3)), Numbers("b", range(3))]
+    timeline, notes = timeline_by_tables(sources, [("", path)])
+    assert frames_of(timeline) == [{"a": 0}, {"a": 1, "b": 0}, {"a": 2, "b": 1}, {"b": 2}]
+    assert f"(a {numbers[0]} to {numbers[-1]}, b" in notes[0]
+    assert notes[0].endswith("its rows are taken in order")
+
+
+def test_numbers_since_the_start_of_a_camera_with_more_frames_are_refused(
+    table: Callable[[str], Path],
+) -> None:
+    """Those of b could be positions, but a's show that they count from 1."""
+    path = table("camera,frame,time\na,1,0\na,2,1\nb,1,0\nb,2,1\n")
+    with pytest.raises(BadInputError, match="names frame 2 of camera a, which has 2 frames"):
+        timeline_by_tables([Numbers("a", range(2)), Numbers("b", range(3))], [("", path)])
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -96,7 +123,7 @@ def test_nanoseconds_are_exact_and_separators_vary(table: Callable[[str], Path])
         ("camera,frame,time\na,0,0\na,1,1\n", "no times of camera b"),
         ("camera,frame,time\na,0,soon\n", "line 2: 'soon' is not a time"),
         ("camera,frame,time\na,first,0\n", "line 2: 'first' is not a frame number"),
-        ("camera,frame,time\na,0,0\na,2,1\nb,0,0\nb,1,1\n", "names frame 2 of camera a"),
+        ("camera,frame,time\na,0,0\na,2,1\na,3,2\nb,0,0\nb,1,1\n", "names frame 2 of camera a"),
         ("camera,frame,time\na,0,0\na,0,1\nb,0,0\nb,1,1\n", "frame of camera a twice"),
         ("camera,frame,time\na,0,0\na,1,0\nb,0,0\nb,1,1\n", "camera a has a time twice"),
         ("camera,frame,time\na,0,0\nb,0,0\nb,1,1\n", "only one time"),

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importing import recording_sources
-from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importing.frame_matching import TimedFrame, at_slowest_rate, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
-from capture_app.session.importing.recording import at_slowest_rate, import_recording
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.decoding import encode_image
 from capture_app.session.reading.verify import verify
 
@@ -83,8 +83,8 @@ def test_an_unreadable_end_of_a_video_is_missing(video: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (ImportOptions(fps=30, timestamps=Path("x")), "--fps, or a table"),
-        (ImportOptions(timestamps=Path("nowhere.csv")), "nowhere.csv"),
+        (ImportOptions(fps=30, timestamps=[("", Path("x"))]), "--fps, or a table"),
+        (ImportOptions(timestamps=[("", Path("nowhere.csv"))]), "nowhere.csv"),
         (ImportOptions(fps=30, start=10), "10 instants, none from 10"),
         (ImportOptions(fps=30, calibration=("nowhere.npz",)), "no calibration at nowhere"),
     ],
@@ -136,7 +136,8 @@ def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_p
     refuse("nothing at", str(tmp_path / "nowhere"))
     refuse("2 images of one camera", str(folder))
     refuse("two cameras are named left", str(folder.parent), f"left={folder}")
-    refuse("no images in", f"a={tmp_path}")
+    (tmp_path / "empty").mkdir()
+    refuse("no images in", f"a={tmp_path / 'empty'}")
     (folder / "1.png").write_bytes(b"not an image")
     refuse(r"1\.png is not an image", str(folder.parent))
     make_images("other", ["0.png"], width=20)
@@ -163,7 +164,9 @@ def test_caliscope_points_project_where_they_were_seen(shared: Path, tmp_path: P
     folder = shared / "footage" / "caliscope_4cam"
     recording = folder / "calibration" / "extrinsic"
     options = ImportOptions(
-        timestamps=recording / "timestamps.csv", count=3, calibration=(str(folder / "camera_array.toml"),)
+        timestamps=[("", recording / "timestamps.csv")],
+        count=3,
+        calibration=(str(folder / "camera_array.toml"),),
     )
     session = import_recording([str(recording)], tmp_path, "board", options)
     assert len(session.manifest.images) == 12

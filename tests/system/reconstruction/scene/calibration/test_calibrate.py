@@ -51,7 +51,9 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     folder = shared / "footage" / "caliscope_4cam"
     recording = folder / "calibration" / "extrinsic"
     options = ImportOptions(
-        timestamps=recording / "timestamps.csv", every=4, calibration=(str(folder / "camera_array.toml"),)
+        timestamps=[("", recording / "timestamps.csv")],
+        every=4,
+        calibration=(str(folder / "camera_array.toml"),),
     )
     session = import_recording([str(recording)], tmp_path, "board", options)
     theirs = session.calibration()

@@ -31,16 +31,19 @@ class Positions(NamedTuple):
     """Cameras (cameras, n), bool, that a point is from."""
 
 
-def locate(projections: Array, pixels: Array, variances: Array) -> Positions:
+def locate(projections: Array, pixels: Array, variances: Array, start: Array | None = None) -> Positions:
     """Return the positions that fit pixels (cameras, n, 2) best, by their variances (cameras, n), px squared.
 
-    `projections` are (cameras, 3, 4), of pixels without distortion. Starts from the pair of cameras that most
-    others agree with, refines by Gauss-Newton, and leaves out what is farther off than `OUTLIER`.
+    `projections` are (cameras, 3, 4), of pixels without distortion. Starts from `start` (n, 3) where it is
+    known, else from the pair of cameras that most others agree with; refines by Gauss-Newton, and leaves out
+    what is farther off than `OUTLIER`.
     """
     seen = np.isfinite(pixels).all(axis=2) & np.isfinite(variances)
     variances = np.where(seen, np.maximum(variances, 1e-12), 1.0)
     pixels = np.where(seen[..., None], pixels, 0.0)
     points = _start(projections, pixels, variances, seen)
+    if start is not None:
+        points = np.where(np.isfinite(start), start, points)
     used = seen
     for _ in range(STEPS):
         residuals, jacobian, ahead = _project(projections, pixels, points)

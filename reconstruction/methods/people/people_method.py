@@ -18,7 +18,7 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
     """Joints of people, or of animals, at one instant by the time of each frame, with an error for each."""
 
     name = "people"
-    # study
+    study = f"{__package__}.people_study:PeopleStudy"
     made = f"{__package__}.people_result:MadePeople"
     help = (
         "Find the joints of people in SESSION in 3D: as tables, TRC, C3D, glTF and a page.\n\n"
@@ -38,6 +38,14 @@ class PeopleMethod(PeopleOptions, frozen=True, kw_only=True):
         from reconstruction.methods.people.people_result import OURS
 
         return OutputFolder(out, replaces_only(OURS | {self.result_file}))
+
+    def require(self) -> None:
+        """Refuse to begin without the packages that the files need; see `Method.require`."""
+        from capture_app.common.optional_packages import load_optional
+
+        load_optional("ezc3d", "people", "people in 3D")
+        if self.film:
+            load_optional("av", "export", "a film as MP4")
 
     def save(self, scene: "Scene", condition: Condition, output: "OutputFolder") -> "PeopleResult":
         """Locate people, and write them in all formats; see `Method.save`."""

@@ -9,9 +9,20 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import read_image
 from reconstruction.common.outputs import Made
-from reconstruction.methods.people.people_files import COLUMNS, rate_of, write_table, write_trc
+from reconstruction.methods.people.people_files import (
+    COLUMNS,
+    rate_of,
+    smoothed,
+    write_c3d,
+    write_table,
+    write_trc,
+)
+from reconstruction.methods.people.people_gltf import write_gltf
 from reconstruction.methods.people.people_options import PeopleOptions
+from reconstruction.methods.people.people_page import write_people_page
+from reconstruction.methods.people.people_pictures import write_films, write_pictures, write_plots
 from reconstruction.methods.people.people_run import PeopleFinder, PeopleInTime, Person
 from reconstruction.methods.people.people_scene import (
     UPS,
@@ -21,6 +32,7 @@ from reconstruction.methods.people.people_scene import (
     people_at,
     up_axes,
 )
+from reconstruction.pages.walk_page import PAGE
 from reconstruction.scene.conditions import Condition
 from reconstruction.scene.provenance import Provenance
 from reconstruction.scene.scene import Scene
@@ -28,7 +40,7 @@ from reconstruction.scene.scene import Scene
 TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS = (
     "people.csv", "trc", "c3d", "people.gltf", "smoothed", "pictures", "films", "plots",
 )  # fmt: skip
-OURS = {TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS, "walk.html"}
+OURS = {TABLE, TRC, C3D, GLTF, SMOOTHED, PICTURES, FILMS, PLOTS, PAGE}
 
 
 class PersonResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -115,7 +127,7 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     found = people_at(scene, finder, condition, method)
     method.progress.step(f"{count(len(found.people), 'individual')} at {len(found.times_s)} times")
     rotation = up_axes(scene, method.up)
-    _write(folder, scene.unit, found, rotation)
+    _write(folder, scene, found, rotation, method)
     return PeopleResult(
         session=scene.dataset.name,
         source=find_keypoints(scene, method).source,
@@ -135,12 +147,28 @@ def save_people(scene: Scene, condition: Condition, folder: Path, method: People
     )
 
 
-def _write(folder: Path, unit: str, found: PeopleInTime, rotation: Array) -> None:
-    write_table(folder / TABLE, found.times_s, found.skeleton, found.people)
-    (folder / TRC).mkdir()
-    for number, person in enumerate(found.people, 1):
-        upright = person.positions @ rotation.T
-        write_trc(folder / TRC / f"person{number}.trc", found.times_s, found.skeleton.joints, upright, unit)
+def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, options: PeopleOptions) -> None:
+    times_s, joints = found.times_s, found.skeleton.joints
+    write_table(folder / TABLE, times_s, found.skeleton, found.people)
+    upright = [person.positions @ rotation.T for person in found.people]
+    for name in (TRC, C3D, *([SMOOTHED] if options.smooth else [])):
+        (folder / name).mkdir()
+    for number, (positions, person) in enumerate(zip(upright, found.people, strict=True), 1):
+        name = f"person{number}"
+        write_trc(folder / TRC / f"{name}.trc", times_s, joints, positions, scene.unit)
+        write_c3d(folder / C3D / f"{name}.c3d", times_s, joints, positions, person.error, scene.unit)
+        if options.smooth:
+            smooth = smoothed(positions, rate_of(times_s), options.smooth)
+            write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)
+    write_gltf(folder / GLTF, times_s, found.skeleton, upright)
+    write_plots(folder / PLOTS, found, rotation[1], scene.unit)
+    write_pictures(folder / PICTURES, scene.dataset, scene.views, found)
+    if found.people:
+        still = read_image(next(iter(sorted((folder / PICTURES).iterdir()))))
+        write_people_page(folder, scene.dataset.name, found, scene.views, still)
+    if options.film:
+        options.progress.step("films")
+        write_films(folder / FILMS, scene.dataset, scene.views, found)
 
 
 def _summary(number: int, person: Person, times_s: Array) -> PersonResult:

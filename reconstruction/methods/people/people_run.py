@@ -1,5 +1,6 @@
 """People of a session in 3D, at its instants or at any other times."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,6 +30,8 @@ MATCHED_TIMES = 60
 SIGMAS_95 = 1.96
 FIRST_NOISE = 0.012
 """Standard deviation of a pixel before residuals show it, relative to the size of the individual."""
+AROUND = 4
+"""Times before and after one whose positions say which cameras to believe."""
 NOISE_ROUNDS = 4
 MIN_RESIDUALS = 20
 """Number of positions from which on a joint has a noise of its own."""
@@ -217,7 +220,13 @@ class PeopleFinder:
     def _person(self, seen: PixelsAt, noise: Array) -> Person:
         shape, variances = seen.confidence.shape, self._variances(seen, noise)
         cameras = shape[0]
-        found = locate(self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1))
+        given = self.projections, seen.pixels.reshape(cameras, -1, 2), variances.reshape(cameras, -1)
+        first = locate(*given).points
+        # Where cameras disagree, those are believed that agree with the times around.
+        near = _running_median(first.reshape(*shape[1:], 3)).reshape(-1, 3)
+        found = locate(*given, near)
+        if (lost := np.isnan(found.points[:, :1]) & np.isfinite(first)).any():
+            found = locate(*given, np.where(lost, first, near))
         away = found.points - self.middle
         covariance = found.covariance + self.scale_error**2 * away[:, :, None] * away[:, None]
         unknown = np.isnan(found.points[:, 0])
@@ -250,6 +259,16 @@ def _merged(parts: Sequence[PixelsAt], shape: tuple[int, int]) -> PixelsAt:
         for whole, own in zip(empty, part, strict=True):
             whole[known] = own[known]
     return empty
+
+
+def _running_median(points: Array) -> Array:
+    """Return the medians (times, joints, 3) of known points over `AROUND` times before and after each."""
+    padded = np.full((len(points) + 2 * AROUND, *points.shape[1:]), np.nan)
+    padded[AROUND : AROUND + len(points)] = points
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1, axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(windows, axis=3))
 
 
 def _is_somebody(person: Person) -> bool:

@@ -31,6 +31,7 @@ class PeopleInstant(NamedTuple):
     positions: Array
     error: Array
     residual_px: Array
+    cameras: Array
 
 
 def find_keypoints(scene: Scene, method: PeopleOptions) -> Keypoints:
@@ -113,6 +114,7 @@ def instants_of_people(scene: Scene, condition: Condition, method: PeopleOptions
             np.array([person.positions[number] for person in found.people]),
             np.array([person.error[number] for person in found.people]),
             np.array([person.residual_px[number] for person in found.people]),
+            np.array([person.cameras[number] for person in found.people]),
         )
 
 

@@ -36,7 +36,6 @@
 # make bench NAME=pose-errors   depth by the error of the cameras' poses, and with --refine (15 min; BENCH="--quick --error 2")
 # make bench NAME=pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench NAME=people   joints of a drawn figure whose cameras are in step, late, staggered or of unequal rates (8 min; BENCH="--cameras 4")
-# make bench NAME=people-recordings BENCH=FOLDER   joints in recordings of others beside their owners' (3 min)
 # make bench NAME=verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (30 min; BENCH="--fast --part 2")
 # make bench NAME=time-words   what reconstruct time says of forty takes of which single images are off, beside the truth (5 min)
 # make bench NAME=seeds   ten thousand rigs in virtual time, each with the faults and orders of its seed (hours; BENCH=0-299)
@@ -152,7 +151,6 @@ BENCH_two-steps := benchmarks.stagger.rendered_steps
 BENCH_stagger := benchmarks.stagger.rig_errors
 BENCH_multiview := benchmarks.reconstruction.multiview
 BENCH_people := benchmarks.people.time_of_frames
-BENCH_people-recordings := benchmarks.people.recordings
 BENCH_views := benchmarks.reconstruction.novel_views
 BENCH_left-out := benchmarks.reconstruction.left_out_cameras
 BENCH_any-rig := benchmarks.reconstruction.any_rig

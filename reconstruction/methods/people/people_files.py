@@ -51,21 +51,21 @@ def write_trc(path: Path, times_s: Array, joints: Sequence[str], positions: Arra
     write_atomic(path, ("\n".join(lines) + "\n").encode())
 
 
-def write_c3d(
-    path: Path, times_s: Array, joints: Sequence[str], positions: Array, error: Array, unit: str
-) -> None:
-    """Write positions (times, joints, 3) with y up as C3D; a gap's residual is -1, else the 95 % error.
+def write_c3d(path: Path, times_s: Array, joints: Sequence[str], positions: Array, unit: str) -> None:
+    """Write positions (times, joints, 3) with y up as C3D; a gap's residual is -1.
+
+    C3D stores residuals as whole numbers of its unit, so that errors are in the table alone.
 
     Raises:
         NotAvailableError: ezc3d is not installed.
     """
     ezc3d = load_optional("ezc3d", "people", "C3D")
-    known = np.isfinite(error)
+    known = np.isfinite(positions[..., 0])
     file = ezc3d.c3d()
     points = np.ones((4, len(joints), len(times_s)))
     points[:3] = positions.transpose(2, 1, 0)
     file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = np.where(known, error, -1).T[None]
+    file["data"]["meta_points"]["residuals"] = np.where(known, 0, -1).T[None]
     for name, value in (
         ("RATE", [rate_of(times_s)]),
         ("LABELS", tuple(joints)),

@@ -88,9 +88,8 @@ def write_plots(folder: Path, found: PeopleInTime, up: Array, unit: str) -> None
     """Write an SVG for each person: height and speed of the joints that move most, with their 95 % bands."""
     folder.mkdir()
     for number, person in enumerate(found.people, 1):
-        extent = np.nan_to_num(
-            np.nanstd(np.where(np.isfinite(person.positions), person.positions, np.nan), axis=0)
-        ).sum(axis=1)
+        known = [path[np.isfinite(path[:, 0])] for path in person.positions.transpose(1, 0, 2)]
+        extent = np.array([float(path.var(axis=0).sum()) if len(path) else 0.0 for path in known])
         rows = []
         for joint in np.argsort(-extent)[:PLOTTED]:
             height, error = person.positions[:, joint] @ up, person.error[:, joint]

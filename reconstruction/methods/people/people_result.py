@@ -153,10 +153,10 @@ def _write(folder: Path, scene: Scene, found: PeopleInTime, rotation: Array, opt
     upright = [person.positions @ rotation.T for person in found.people]
     for name in (TRC, C3D, *([SMOOTHED] if options.smooth else [])):
         (folder / name).mkdir()
-    for number, (positions, person) in enumerate(zip(upright, found.people, strict=True), 1):
+    for number, positions in enumerate(upright, 1):
         name = f"person{number}"
         write_trc(folder / TRC / f"{name}.trc", times_s, joints, positions, scene.unit)
-        write_c3d(folder / C3D / f"{name}.c3d", times_s, joints, positions, person.error, scene.unit)
+        write_c3d(folder / C3D / f"{name}.c3d", times_s, joints, positions, scene.unit)
         if options.smooth:
             smooth = smoothed(positions, rate_of(times_s), options.smooth)
             write_trc(folder / SMOOTHED / f"{name}.trc", times_s, joints, smooth, scene.unit)

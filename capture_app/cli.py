@@ -61,13 +61,11 @@ class LazyGroup(click.Group):
         if cmd_name in COMMANDS:
             module = importlib.import_module(f"capture_app.commands.{MODULES.get(cmd_name, cmd_name)}")
             command = getattr(module, cmd_name)
-        elif cmd_name in (names := self.list_commands(ctx)):
+        elif cmd_name in self.list_commands(ctx):
             command = load_plugin(PLUGIN_COMMANDS, cmd_name, "get_short_help_str")
         else:
             if cmd_name in importlib.import_module("capture_app.commands.sessions").sessions.commands:
                 raise click.UsageError(f"No such command '{cmd_name}': it is capture-app sessions {cmd_name}")
-            # Click's suggestions for a mistyped name come from this attribute.
-            self.commands = {name: click.Command(name) for name in names}
             return None
         assert isinstance(command, click.Command)
         return add_verbosity(command)

@@ -19,6 +19,7 @@ from capture_app.console.usage import silence
 from capture_app.session.reading.array_access import OpenSession
 from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
+from reconstruction.common.options import described
 from reconstruction.common.outputs import Made
 from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.depth.live_depth import LiveDepth
@@ -60,7 +61,7 @@ class ReconstructedSession(OpenSession):
             """Return the method of this name, bound to the session; AttributeError if there is none."""
             if name.startswith("_") or not (method := methods().get(name)):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            return partial(self._run, method)
+            return _documented(partial(self._run, method), method)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *methods()]
@@ -125,6 +126,26 @@ def open_session(session: str | PathLike[str] | Session) -> ReconstructedSession
     Raises BadInputError if it is not a session, IncompleteError if its capture never finished.
     """
     return ReconstructedSession.open(session.folder if isinstance(session, Session) else Path(session))
+
+
+def _documented(run: partial[Any], method: type[Method]) -> Callable[..., Any]:
+    """Return a function that runs a method, with the help and the options of its command."""
+
+    def bound(
+        options: Method | None = None,
+        *,
+        condition: Condition = SYNCHRONIZED,
+        out: str | PathLike[str] | None = None,
+        **chosen: Any,
+    ) -> Any:
+        return run(options, condition=condition, out=out, **chosen)
+
+    described_options = (f"    {of.field}: {of.settings['help']}" for of in described(method))
+    bound.__name__ = bound.__qualname__ = method.name
+    bound.__doc__ = "\n".join(
+        (method.help, "", f"Options by name, as of {method.__name__}:", *described_options)
+    )
+    return bound
 
 
 def _make(kind: type[M], out: str | PathLike[str] | None, run: Callable[[Path], Any]) -> M:

@@ -24,6 +24,7 @@ ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
 """Attributes that a driver must have; see `CameraDriver`."""
 COMMON_OPTIONS = "simulshot.camera_options"
 """Entry-point group of options that every camera has; an entry point's name is the option."""
+_DEVICES = "/dev/video"
 DEFAULT_SIZE = (640, 480)
 DEFAULT_FPS = 30.0
 _WHOLE = {"width": (1, 65_535), "height": (1, 65_535)}
@@ -75,8 +76,14 @@ class CameraSpec:
 
 def parse_spec(spec: str) -> CameraSpec:
     """Parse a camera's spec without looking for the camera. Raises BadInputError."""
-    spec = hide_password(spec)
-    kind, _, rest = spec.strip().partition(":")
+    spec = hide_password(spec).strip()
+    if spec.startswith(_DEVICES):
+        # A device's own path stands for the spec of the driver that takes such paths.
+        kinds = (
+            kind for kind, driver in load_drivers().items() if driver.SPEC.startswith(f"{kind}:{_DEVICES}")
+        )
+        spec = f"{next(kinds, '')}:{spec}"
+    kind, _, rest = spec.partition(":")
     if kind not in camera_kinds():
         forms = " or ".join(driver.SPEC for driver in load_drivers().values())
         hint = f"write {forms}" if forms else f"no driver is installed: install {DISTRIBUTION} again"

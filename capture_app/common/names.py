@@ -26,9 +26,11 @@ def is_name(text: str) -> bool:
 def check_name(text: str, what: str) -> str:
     """Return a valid name unchanged; `what` it names is for the error. Raises BadInputError."""
     if not is_name(text):
+        near = name_like(text, "")
         raise BadInputError(
             f"{text!r} is not a valid name for a {what}",
-            hint=f"up to {_MAX_LENGTH} letters, digits, '_', '.' and '-', beginning with a letter or a digit",
+            hint=f"up to {_MAX_LENGTH} letters, digits, '_', '.' and '-', beginning with a letter or a digit"
+            + (f", such as {near}" if near else ""),
         )
     return text
 

@@ -13,6 +13,8 @@ from capture_app.common.errors import NotAvailableError
 
 DISTRIBUTION = "simulshot"
 RECONSTRUCTION = "reconstruction"
+_OPEN3D = "open3d-cpu"
+"""Open3D without CUDA; it and the distribution `open3d` hold the same module, and pip overwrites either."""
 _SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
 
 
@@ -79,6 +81,7 @@ def how_to_install(extra: str) -> str:
         if need.marker
         and need.marker.evaluate({**here, "extra": extra})
         and not need.marker.evaluate({**here, "extra": ""})
+        and not (need.name == _OPEN3D and find_spec("open3d") is not None)
     ]
     if not needed:
         return (

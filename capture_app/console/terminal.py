@@ -15,6 +15,7 @@ import click
 
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.common.text import ProgressStep, pretty_json, printable, terminal_json
+from capture_app.console.known_words import advise
 from capture_app.console.output import finish_output
 from capture_app.console.usage import Verbosity, set_verbosity, verbosity
 
@@ -140,6 +141,8 @@ class Progress:
         """Create a progress of `total` steps; a `silent` one only counts, as part of another."""
         self.total = total
         self.done = 0
+        self.later = 0
+        """Steps that the caller adds after those which a part of its work counts."""
         self.silent = silent
 
     def step(self, text: str) -> None:
@@ -150,8 +153,8 @@ class Progress:
             show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
-        """Show the last step; those that were skipped are not counted."""
-        self.total = self.done + 1
+        """Show the last step as the last of all, also if others were skipped."""
+        self.done = self.total - 1
         self.step(text)
 
 
@@ -225,9 +228,12 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
         code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
     except SimulshotError as error:
         return _fail(name, str(error), error.exit_code, error)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return ExitCode.USAGE
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx is not None else name
-        return _fail(name, f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
+        return _fail(name, f"{advise(error)} (see {where} --help)", ExitCode.USAGE)
     except click.ClickException as error:
         return _fail(name, error.format_message(), error.exit_code)
     except (KeyboardInterrupt, click.Abort):

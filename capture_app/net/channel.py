@@ -13,6 +13,7 @@ time, so that it cannot occupy the port.
 import asyncio
 import asyncio.sslproto
 import contextlib
+import os
 import socket
 import ssl
 import struct
@@ -354,8 +355,10 @@ async def connect(
         raise NetworkError(what, hint=hint) from error
     except (OSError, UnicodeError) as error:
         port = "" if address.port == DEFAULT_PORT else f" --port {address.port}"
+        # asyncio's own text repeats the address as a tuple.
+        why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
         raise NetworkError(
-            f"no leader at {address}: {getattr(error, 'strerror', None) or error}",
+            f"no leader at {address}: {why}",
             hint=f"start one with: capture-app leader{port}",
         ) from error
     channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))

@@ -34,6 +34,7 @@ from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import MODES, ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionMoved, SessionsRequested
 from capture_app.tui.screen_settings import KEYS_FILE, Settings
@@ -46,6 +47,12 @@ FOREIGN_JOBS_S = 2.0
 """Interval at which the state of another screen's jobs is read, s."""
 SETTLED_S = 5.0
 """Time from the start after which what is in memory stays there, in seconds."""
+_VIEWS: dict[str, type[ModeView]] = {
+    "rig": RigView,
+    "shoot": ShootView,
+    "sessions": SessionsView,
+    "jobs": JobsView,
+}
 NAMED_JOBS = 2
 """Maximum number of jobs named in the quit question; the rest are counted."""
 
@@ -67,8 +74,12 @@ def quit_question(
             "The next start of the screen finds it."
         )
         if status.burst is not None and not status.burst.done:
+            is_recording = status.burst.recording and not status.burst.ended
             lines.append(
-                f"{status.burst.name} is being saved; a rig that stops keeps only the images received."
+                f"{status.burst.name} is recording, and goes on if the rig is left running: "
+                "`capture-app record --stop` ends it. A rig that stops saves what was taken so far."
+                if is_recording
+                else f"{status.burst.name} is being saved; a rig that stops keeps only the images received."
             )
     if jobs:
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
@@ -268,7 +279,7 @@ class SimulshotApp(App[None]):
             self._write_keys()
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Yield all actions with a key on this screen for the command palette, and the theme choice."""
+        """Yield the actions of the command palette: of this screen, of the other modes, and the theme."""
         seen: set[str] = set()
         for node, binding, enabled, _ in screen.active_bindings.values():
             if enabled and binding.id is not None and binding.id not in seen:
@@ -278,7 +289,33 @@ class SimulshotApp(App[None]):
                     f"key {self.get_key_display(binding)}",
                     partial(self.run_action, binding.action, node),
                 )
+        for mode, kind in _VIEWS.items():
+            for one in Binding.make_bindings(kind.BINDINGS):
+                if one.id is not None and one.id not in seen:
+                    seen.add(one.id)
+                    key = self._settings.keys.get(one.id, one.key).partition(",")[0]
+                    yield SystemCommand(
+                        f"{one.description}: {one.tooltip}" if one.tooltip else one.description,
+                        f"in {MODES[mode]}, key {one.key_display or key}",
+                        partial(self._run_in_mode, mode, one.action),
+                    )
+        yield SystemCommand(
+            "Exposure, gain, white balance, focus",
+            "in Rig, enter shows a camera's; `capture-app cameras set` changes them",
+            partial(self.action_switch_mode, "rig"),
+        )
         yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
+
+    async def action_switch_mode(self, mode: str) -> None:
+        """Show a mode itself: a single camera that was open there is closed."""
+        await self.switch_mode(mode)
+        if isinstance(self.screen, CameraScreen):
+            self.screen.action_leave()
+
+    async def _run_in_mode(self, mode: str, action: str) -> None:
+        """Switch to a mode and run an action of its view there."""
+        await self.action_switch_mode(mode)
+        await self.run_action(action, self._views[mode])
 
     # Quitting
 

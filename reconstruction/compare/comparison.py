@@ -170,6 +170,7 @@ class Comparison:
             "staggered": dataset.staggered,
             "sync_residual_us": dataset.worst_residual_us(),
             "sync_bound_us": dataset.worst_hard_bound_us(),
+            "imported_error": dataset.imported_error,
             "studies": (),
         }
         """Fields of the result, as far as they are found."""

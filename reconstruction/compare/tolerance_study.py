@@ -156,7 +156,7 @@ def measure_tolerance(
     steps = whole_frame_offsets(scene.dataset, max_offset_ms)
     with nullcontext() if out is None else comparison_folder(out) as output:
         scene.check_pair(pair)
-        progress = Progress(4)
+        progress = Progress(4 + (max_instants + 1) * len(steps))
         progress.step("calibration")
         scene.calibration  # noqa: B018  (may take long, and may fail)
         progress.step("choosing cameras")
@@ -246,7 +246,6 @@ def measure_curve(
     if not usable:
         raise ValueError("no instant has its images at any of the offsets")
     nows = choose_moving_instants(context.compared.motion, cameras, usable, context.max_instants)
-    context.progress.total += (len(nows) + 1) * len(steps)
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras
     study.prepare()

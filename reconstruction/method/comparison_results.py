@@ -114,6 +114,8 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     sync_residual_us: float | None = None
     """Largest time between an image and its instant, as the session recorded it."""
     sync_bound_us: float | None = None
+    imported_error: tuple[float, str] | None = None
+    """Error (95 %) of the times of an imported session, us, and its source: "by sound"."""
     conditions: tuple[ConditionResult, ...] = ()
     tolerance: OffsetTolerance | None = None
     timing: Timing | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import msgspec
 
@@ -22,7 +22,7 @@ from reconstruction.common.options import Pair, checked, compare_keywords
 from reconstruction.common.templates import render_sentences
 from reconstruction.method.comparison_results import CompareResult
 from reconstruction.method.interface import Method, scored
-from reconstruction.method.phrases import CLEAR_FRACTION, EACH_DELAYED, late_text
+from reconstruction.method.phrases import EACH_DELAYED, LIMITS, late_text
 from reconstruction.method.study_result import Measure, Picture, StudyResult
 from reconstruction.method.tally import CONDITIONS, Measurements, Tally
 from reconstruction.method.words import StudyText
@@ -41,6 +41,7 @@ TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not requested"
 _log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,15 +143,14 @@ class Score:
 
     @classmethod
     def _said(cls, template: str, result: CompareResult, found: StudyResult[Any]) -> str:
-        return render_sentences(
-            template,
-            result=result,
-            found=found,
-            together=result.together(found.cameras),
-            late=late_text(result),
-            each_delayed=EACH_DELAYED,
-            clear_fraction=CLEAR_FRACTION,
-        )
+        view: dict[str, Any] = {
+            "result": result,
+            "found": found,
+            "together": result.together(found.cameras),
+            "late": late_text(result),
+            "each_delayed": EACH_DELAYED,
+        }
+        return render_sentences(template, **view, **LIMITS)
 
     @classmethod
     def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
@@ -397,6 +397,29 @@ class Score:
         nows = choose_moving_instants(self.motion, self.cameras, list(dict(found)), self.context.max_instants)
         pairs = [pair for pair in found if pair[0] in nows]
         return pairs, {} if late_ms is None else {first: 0.0, second: late_ms}
+
+
+class Words:
+    """What scores say and show: words that fail cost their own sentence or section, and are named."""
+
+    def __init__(self) -> None:
+        self.failed: dict[str, str] = {}
+        """The reason by the subject of each score whose words failed."""
+
+    def of(self, score: type[Score], make: Callable[[], T], otherwise: T) -> T:
+        """Return what `make` says for a score, or `otherwise` if that fails, which is logged."""
+        try:
+            return make()
+        except (SimulshotError, OSError):
+            raise
+        except Exception as error:
+            if os.environ.get(TRACEBACK):
+                raise
+            what = unexpected_error(error).what
+            if score.text.subject not in self.failed:
+                _log.warning("the words of %s failed: %s", score.text.subject, what)
+            self.failed[score.text.subject] = what
+            return otherwise
 
 
 @cache

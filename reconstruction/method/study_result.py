@@ -36,7 +36,7 @@ class Measure(Struct, frozen=True, kw_only=True):
         return self.synced if side == "synced" else self.offset
 
 
-class Picture(Struct, frozen=True, kw_only=True):
+class Picture(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One picture of the comparison; paths are relative to the output folder."""
 
     key: str

@@ -2,11 +2,12 @@
 
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 
 import msgspec
+from msgspec import Struct
 
+from capture_app.common.errors import BadInputError
 from reconstruction.common import wording
 from reconstruction.method.study_result import Picture
 
@@ -21,8 +22,7 @@ TEMPLATES = {
 """Files of words beside a method's code, by the field of `StudyText` that holds them."""
 
 
-@dataclass(frozen=True)
-class MeasureText:
+class MeasureText(Struct, frozen=True, forbid_unknown_fields=True):
     """A table row: the measure without its `mover_` or `static_` prefix, its name, explanation and unit.
 
     The explanation may contain the study's `placeholders` in braces.
@@ -34,8 +34,7 @@ class MeasureText:
     unit: str = wording.PERCENT
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(Struct, frozen=True, forbid_unknown_fields=True):
     """A measure that may be a study's main result on the first screen, and what it says in words."""
 
     measure: str
@@ -44,8 +43,7 @@ class Claim:
     note: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StudyText:
+class StudyText(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A study's names, its position on the page, and its measures.
 
     The caption, engine, details and explanations of measures may contain `placeholders` in braces.
@@ -114,10 +112,17 @@ class StudyText:
 
 
 def read_words(package: str) -> StudyText:
-    """Read the words of a method from `WORDS` in its package, and those of `TEMPLATES` that are there."""
+    """Read the words of a method from `WORDS` in its package, and those of `TEMPLATES` that are there.
+
+    Raises:
+        BadInputError: `WORDS` is not TOML, or has a key that does not exist.
+    """
     folder = files(package)
-    words = tomllib.loads((folder / WORDS).read_text("utf-8"))
-    for name, file in TEMPLATES.items():
-        if (template := folder / file).is_file():
-            words[name] = template.read_text("utf-8")
-    return msgspec.convert(words, StudyText)
+    try:
+        words = tomllib.loads((folder / WORDS).read_text("utf-8"))
+        for name, file in TEMPLATES.items():
+            if (template := folder / file).is_file():
+                words[name] = template.read_text("utf-8")
+        return msgspec.convert(words, StudyText)
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise BadInputError(f"{folder / WORDS}: {error}", hint="correct that file") from error

@@ -282,6 +282,15 @@ class Dataset:
         """Return by how much the second camera's images were planned to be later than the first's, ms."""
         return (self.session.camera(second).delay_ns - self.session.camera(first).delay_ns) / 1e6
 
+    @property
+    def imported_error(self) -> tuple[float, str] | None:
+        """The 95 % error of an imported session's times, us, with its source; None if it is unknown."""
+        errors_ns = [record.uncertainty_ns for record in self._records.values()]
+        times, known = self.session.manifest.burst.common_times, [ns for ns in errors_ns if ns is not None]
+        if times is None or times.unknown or not known or len(known) < len(errors_ns):
+            return None
+        return max(known) / 1000, f"by {times.methods}" if times.methods else f"times {times.state}"
+
     def worst_residual_us(self) -> float | None:
         """Return the largest distance of an image from its planned time by the session's record, us.
 

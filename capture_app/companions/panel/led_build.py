@@ -95,7 +95,7 @@ def wiring_text(panel: Panel, pitch_mm: float) -> str:
         "outputs": "\n".join(outputs),
         "tick_us": f"{panel.tick_ns / 1000:.0f}",
     }
-    return _filled("wiring.md", values)
+    return _filled("wiring.md.template", values)
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:

@@ -73,6 +73,11 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return self.state == "unknown"
 
     @property
+    def methods(self) -> str:
+        """The methods that aligned its cameras, in words: "sound, motion"; empty if none did."""
+        return ", ".join(dict.fromkeys(of.source for of in self.cameras.values() if of.source != REFERENCE))
+
+    @property
     def words(self) -> str:
         """The state as a short sentence for people, without a full stop."""
         words = {

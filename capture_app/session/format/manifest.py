@@ -289,8 +289,12 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     @property
     def expected_images(self) -> int:
         """Number of images that were ordered, also of absent cameras and of instants that were not taken."""
-        instants = self.burst.ordered or len(self.burst.instants_ns)
-        return (len(self.cameras) + len(self.burst.absent)) * instants
+        return (len(self.cameras) + len(self.burst.absent)) * self.ordered_instants
+
+    @property
+    def ordered_instants(self) -> int:
+        """Number of instants that were ordered, also of those that were not taken."""
+        return self.burst.ordered or len(self.burst.instants_ns)
 
     @property
     def is_staggered(self) -> bool:

@@ -25,6 +25,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import is_being_written
 from capture_app.session.reading.take_sheet import fit
+from capture_app.session.reading.verdict import frames_lost
 
 if TYPE_CHECKING:
     import numpy as np
@@ -55,6 +56,8 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     images: int = 0
     missing: int = 0
     """Number of missing images, those of absent cameras included."""
+    loss: float = 0.0
+    """Fraction of its frames that the camera lacks which lacks most, 0 to 1."""
     arriving: bool = False
     """Whether the missing images arrive at last."""
     absent: str = ""
@@ -162,6 +165,7 @@ def read_card(folder: Path) -> SessionCard:
         instants=instants,
         images=images,
         missing=manifest.expected_images - images,
+        loss=max(frames_lost(manifest).values(), default=0) / max(1, manifest.ordered_instants),
         absent=manifest.burst.absence,
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and comparable else None,
         unsynchronized=unsynchronized,

@@ -6,7 +6,7 @@ from functools import cached_property
 from itertools import product
 from os import PathLike
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,14 @@ TimeName = Literal[
 """Times that `OpenSession.times` returns: fields of `ImageRecord`, and the simulated true time."""
 Pixels = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.float64]
+V = TypeVar("V")
+
+
+class ByCamera(dict[str, V]):
+    """Values by camera; a name that is not one raises BadInputError, which lists the cameras."""
+
+    def __missing__(self, name: str) -> V:
+        raise BadInputError(f"no camera {name!r}", hint=f"the cameras are {', '.join(self)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +233,19 @@ class CameraFrames:
         return self._matrices
 
 
+class Instants(tuple["InstantFrames", ...]):
+    """All instants of a burst; IndexError for a number beyond them names their range."""
+
+    __slots__ = ()
+
+    def __getitem__(self, key: Any) -> Any:
+        """Return an instant, or a slice of them."""
+        try:
+            return super().__getitem__(key)
+        except IndexError:
+            raise IndexError(f"no instant {key}: the instants are 0 to {len(self) - 1}") from None
+
+
 class OpenSession(Session):
     """A session with its frames by instant and by camera; created by `open_session`."""
 
@@ -238,8 +259,8 @@ class OpenSession(Session):
             place: Frame(*place, reasons.get(place, "nothing says why"), records.get(place), self)
             for place in product(self._cameras, range(len(self.manifest.burst.instants_ns)))
         }
-        return tuple(
-            InstantFrames(k, leader_ns, {camera: frames[camera, k] for camera in self._cameras})
+        return Instants(
+            InstantFrames(k, leader_ns, ByCamera({camera: frames[camera, k] for camera in self._cameras}))
             for k, leader_ns in enumerate(self.manifest.burst.instants_ns)
         )
 
@@ -264,12 +285,15 @@ class OpenSession(Session):
     @cached_property
     def cameras(self) -> dict[str, CameraFrames]:
         """All cameras by name, in the session's order. Raises BadInputError for a malformed calibration."""
-        return {
-            name: CameraFrames(
-                name, record, tuple(instant.frames[name] for instant in self.instants), self._matrices(record)
+        return ByCamera(
+            (
+                name,
+                CameraFrames(
+                    name, record, tuple(of.frames[name] for of in self.instants), self._matrices(record)
+                ),
             )
             for name, record in self._cameras.items()
-        }
+        )
 
     def frame(self, camera: str, instant: int) -> Frame:
         """Return a camera's frame at an instant (from 0). Raises BadInputError if there is no such frame."""

@@ -24,8 +24,8 @@ Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 """Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
 Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: there is no image, no instant has two images,
-or the uncertainty of their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing,
-and at best fair if a camera of the rig is absent or gave no image.
+or the uncertainty of their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing.
+The camera that lacks the largest part of its frames caps the grade, by `LOSS_LIMITS`.
 """
 
 
@@ -38,8 +38,8 @@ LONE_INSTANT_SENTENCE = (
 )
 MAX_MISSING = 1 / 3
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
-MIN_NAMED = 10
-"""Missing images from which a camera is named, if it has more than half of them."""
+LOSS_LIMITS: tuple[tuple[float, Grade], ...] = ((0.01, "excellent"), (0.1, "good"), (1.0, "fair"))
+"""The best grade up to each fraction of frames that the worst camera lacks; 1 is all of them."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -110,7 +110,10 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
         sentence = describe_displacement(sync, staggered=manifest.is_staggered)
     expected = manifest.expected_images
     missing = expected - len(manifest.images)
-    completeness = "; ".join(filter(None, (absence, _completeness(missing, expected, manifest, sync))))
+    lost, ordered = frames_lost(manifest), manifest.ordered_instants
+    capped = cap_grade(grade, max(lost.values(), default=0) / max(1, ordered), missing, expected)
+    worst = "" if silent or manifest.burst.absent else _worst_camera(lost, ordered)
+    completeness = "; ".join(filter(None, (absence, worst, _completeness(missing, expected, sync))))
     if arriving:
         completeness = f"{len(manifest.images)} of {count(expected, 'image')}, {missing} arriving"
     headline = f"{purpose}; {completeness}"
@@ -118,8 +121,8 @@ def judge(manifest: Manifest, *, arriving: bool = False) -> Verdict:
         # Nothing was taken whose times could be good or poor.
         grade, headline = "unknown", f"not taken: {_why_nothing(manifest) or completeness}"
         sentence = "there is no image"
-    elif not arriving and (absence or is_incomplete(missing, expected)):
-        grade = grade_of_part(grade, missing, expected)
+    elif not arriving and (absence or worst or capped != grade):
+        grade = capped
         headline = f"{grade}: {completeness}; the rest is {purpose}"
     return Verdict(
         grade=grade,
@@ -145,11 +148,21 @@ def is_incomplete(missing: int, expected: int) -> bool:
     return missing > MAX_MISSING * expected
 
 
-def grade_of_part(grade: Grade, missing: int, expected: int) -> Grade:
-    """Return the grade of a take without some of the rig's cameras, whose others have this grade."""
+def cap_grade(grade: Grade, loss: float, missing: int, expected: int) -> Grade:
+    """Return the grade of a take whose times have this one, capped by the `loss` of its worst camera."""
     if is_incomplete(missing, expected):
         return "poor"
-    return "fair" if grade in ("excellent", "good") else grade
+    grades = [name for _, name in LOSS_LIMITS]
+    cap = next((name for limit, name in LOSS_LIMITS if loss <= limit), grades[-1])
+    return max(grade, cap, key=grades.index) if grade in grades else grade
+
+
+def frames_lost(manifest: Manifest) -> dict[str, int]:
+    """Return the number of ordered frames that each camera lacks; an absent one lacks all."""
+    images = Counter(image.camera for image in manifest.images)
+    images.update({video.camera: video.frames for video in manifest.videos if video.camera not in images})
+    cameras = [*(camera.name for camera in manifest.cameras), *(of.name for of in manifest.burst.absent)]
+    return {camera: manifest.ordered_instants - images[camera] for camera in cameras}
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:
@@ -212,11 +225,17 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
     return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"
 
 
-def _completeness(missing: int, expected: int, manifest: Manifest, sync: SyncRecord) -> str:
+def _worst_camera(lost: dict[str, int], ordered: int) -> str:
+    """Name the camera that lacks most frames, if it lacks more than others and than costs nothing."""
+    name = max(lost, key=lost.__getitem__, default="")
+    if not name or lost[name] <= LOSS_LIMITS[0][0] * ordered or lost[name] == min(lost.values()):
+        return ""
+    return f"{name} lacks {lost[name]} of {count(ordered, 'frame')}"
+
+
+def _completeness(missing: int, expected: int, sync: SyncRecord) -> str:
     images = count(expected, "image")
-    (name, most), *_ = Counter(gap.camera for gap in manifest.missing).most_common(1) or [("", 0)]
     notes = (
-        (most if most >= MIN_NAMED and most > missing / 2 else 0, f"of them {name}'s"),
         (missing and sync.dropped, "dropped by the camera"),
         (sync.substituted, "from the frame beside it"),
         (sync.late, "off the instant"),

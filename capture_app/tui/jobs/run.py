@@ -24,6 +24,8 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """Report in a run's folder, for commands that write one."""
+WALK = "walk.html"
+"""Page to walk round in, of views and splats."""
 METHODS = "simulshot.methods"
 OWN = f"{gethostname()}:{os.getpid()}"
 """Owner of the runs of this process."""
@@ -48,6 +50,10 @@ class Command:
     result: str = ""
     """File with the figures in its folder; empty if there is none to display."""
     fixed: tuple[str, ...] = ()
+    page: str = REPORT
+    """Page in its folder, for people."""
+    choices: tuple[tuple[str, str], ...] = ()
+    """The choices that matter, each with its options; without any, only `quick` is offered."""
 
     def arguments(self, session: Path, out: Path | None, options: str) -> tuple[str, ...]:
         """Return the arguments after the program's name. Raises BadInputError for unreadable options."""
@@ -86,6 +92,73 @@ _STUDIES = (
         result="multiview.json",
     ),
     Command(
+        "view",
+        "Walk round",
+        "a film, and a page to walk round in",
+        RECONSTRUCT,
+        ("view",),
+        "--instant 0 --quick",
+        result="view.json",
+        fixed=("--page",),
+        page=WALK,
+        choices=(
+            ("one instant, quick", "--instant 0 --quick"),
+            ("one instant, full quality", "--instant 0"),
+            ("all instants, as a film in 3D", "--instants all --quick"),
+        ),
+    ),
+    Command(
+        "splat",
+        "Splat",
+        "Gaussian splats, and a page of them",
+        RECONSTRUCT,
+        ("splat",),
+        "--instant 0 --quick",
+        result="splat.json",
+        fixed=("--page",),
+        page=WALK,
+        choices=(
+            ("one instant, quick", "--instant 0 --quick"),
+            ("one instant, full quality", "--instant 0"),
+            ("all instants", "--instants all --quick"),
+        ),
+    ),
+    Command(
+        "people",
+        "People",
+        "their joints in 3D, with errors",
+        RECONSTRUCT,
+        ("people",),
+        result="people.json",
+    ),
+    Command(
+        "calibrate",
+        "Calibrate",
+        "lenses and places of the cameras",
+        RECONSTRUCT,
+        ("calibrate",),
+        "--from sfm",
+        writes=False,
+        choices=(
+            ("from the scene", "--from sfm"),
+            ("from a board in the pictures", "--from board"),
+            ("anew from the scene, in place of its calibration", "--from sfm --replace"),
+        ),
+    ),
+    Command(
+        "time",
+        "Time offsets",
+        "by what moves, or by a lamp",
+        RECONSTRUCT,
+        ("time",),
+        writes=False,
+        choices=(
+            ("measure", ""),
+            ("measure, and set a recording's times", "--apply"),
+            ("pair again where frames were dropped", "--repair-drops"),
+        ),
+    ),
+    Command(
         "panorama",
         "Panorama",
         "one wide picture, synchronized and offset",
@@ -121,7 +194,9 @@ _STUDIES = (
         result="panel.json",
     ),
 )
-_OF_PLUGINS = {"multiview": METHODS, "panorama": METHODS, "panel": PLUGIN_COMMANDS}
+_OF_PLUGINS = dict.fromkeys(("multiview", "view", "splat", "people", "panorama"), METHODS) | {
+    "panel": PLUGIN_COMMANDS
+}
 """Groups of the plugins that these commands are."""
 STUDIES = tuple(
     one
@@ -249,7 +324,7 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
         """Report in its folder, if any; while it runs, as far as it is written."""
         if self.out is None or (self.state.is_over and self.result is None):
             return None
-        report = self.out / REPORT
+        report = self.out / self.command.page
         return report if report.is_file() else None
 
     @property

@@ -20,7 +20,7 @@ from capture_app.common.names import natural_order
 from capture_app.common.text import count, duration, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import grade_of, grade_of_part, is_incomplete
+from capture_app.session.reading.verdict import cap_grade, grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
@@ -213,7 +213,7 @@ def scatter_of(card: SessionCard) -> Content:
         )
     error_ns = None if card.uncertainty_ns is None else 2 * card.uncertainty_ns
     grade, _ = grade_of(card.spread_ns, error_ns)
-    grade = grade_of_part(grade, 0, 1) if card.absent else grade
+    grade = grade if card.arriving else cap_grade(grade, card.loss, card.missing, card.images + card.missing)
     sign = GRADES[grade]
     if error_ns is None:
         return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")

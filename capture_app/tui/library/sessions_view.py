@@ -26,8 +26,18 @@ from capture_app.session.library.changes import (
 )
 from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.tui.jobs.result_screen import show_result
-from capture_app.tui.jobs.run import COMMANDS, EXPORTS, IMPORT, REPAIR, STUDIES, VERIFY, Command, Run
+from capture_app.tui.jobs.result_screen import open_report, show_result
+from capture_app.tui.jobs.run import (
+    COMMANDS,
+    EXPORTS,
+    IMPORT,
+    REPAIR,
+    STUDIES,
+    VERIFY,
+    Command,
+    Run,
+    RunState,
+)
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, TakePane, arrange
 from capture_app.tui.mode import ModeView
@@ -68,9 +78,16 @@ class SessionsView(ModeView):
             "on_session('analyse')",
             "Analyse",
             id="sessions.analyse",
-            tooltip="depth, panorama, point clouds",
+            tooltip="depth, walk, splat, calibrate, time offsets",
         ),
-        Binding("delete,backspace", "on_session('trash')", "Trash", id="sessions.trash", key_display="del"),
+        Binding(
+            "delete,backspace",
+            "on_session('trash')",
+            "Trash",
+            id="sessions.trash",
+            key_display="del",
+            tooltip="delete it; u restores it",
+        ),
         Binding("n", "on_session('rename')", "Name", id="sessions.rename"),
         Binding("t", "on_session('note')", "Note", id="sessions.note"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
@@ -337,18 +354,31 @@ class SessionsView(ModeView):
         rows = {one.name: (one.title, one.what) for one in commands}
         name = await self.app.push_screen_wait(ListQuestion(f"Run a command on {entry.card.name}", rows))
         if name is not None:
-            command, folder = COMMANDS[name], entry.card.folder
+            command, folder, quick = COMMANDS[name], entry.card.folder, COMMANDS[name].quick
+            if command.choices:
+                choices = {options: (title, options) for title, options in command.choices}
+                chosen = await self.app.push_screen_wait(ListQuestion(command.title, choices))
+                if chosen is None:
+                    return
+                quick = chosen
             out = self._runs.out(command, folder)
             options = await self.app.push_screen_wait(
                 TextQuestion(
                     f"$ {command.line(folder, out, 'OPTIONS')}\n\nOPTIONS; enter starts the job.",
-                    command.quick,
+                    quick,
                     check=partial(command.line, folder, out),
                     title=command.title,
                 )
             )
-            if options is not None:
-                self._start(command, entry, options)
+            if options is not None and (run := self._start(command, entry, options)) is not None:
+                await self._open_at_end(run)
+
+    async def _open_at_end(self, run: Run) -> None:
+        """Open the page of a run, if it writes one, once it is done."""
+        while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
+            await asyncio.sleep(FOLLOW_EVERY_S)
+        if run.state is RunState.DONE and run.report is not None:
+            open_report(self, run.report)
 
     @work
     async def _export(self, entry: Entry) -> None:
@@ -386,15 +416,17 @@ class SessionsView(ModeView):
 
     def _start(
         self, command: Command, entry: Entry, options: str | None = None, out: Path | None = None
-    ) -> None:
+    ) -> Run | None:
+        run = None
         with showing_errors(self):
             state = "is waiting" if self._runs.are_held or self._runs.unfinished else "has started"
-            self._runs.add(command, entry.card.folder, options, out)
+            run = self._runs.add(command, entry.card.folder, options, out)
             self.app.notify(
                 f"{command.title} of {printable(entry.card.name)} {state}: key 4 shows its progress. "
                 "It ends when simulshot quits.",
                 markup=False,
             )
+        return run
 
     # Changing sessions
 

@@ -112,7 +112,7 @@ class ShootView(ModeView):
         """What these takes wait for, in words."""
         self._failure = ""
         """Reason why the last order failed; the next order ends it, and a leader that is back."""
-        self._was_lost = False
+        self._was_lost = self._could_stop = False
         self._wants_depth = False
         self._depth: Worker[None] | None = None
         """Worker that shows live depth."""
@@ -180,23 +180,27 @@ class ShootView(ModeView):
 
     def action_take(self) -> None:
         """Take as planned; take now if waiting for the rig; stop a series; stop a recording."""
-        newest = None if self._record.status is None else self._record.status.burst
         if self._taking.is_waiting:
             self._taking.take_now()
         elif self._taking.is_open:
             self.action_stop()
-        elif newest is not None and newest.recording and not newest.done and not self._has_ended(newest):
-            self._order(EndBurst(burst=newest.burst))
-            for take in self.takes:
-                if take.status.burst == newest.burst and take.ended_s is None:
-                    take.ended_s = self._record.clock()
+        elif (recording := self._recording) is not None:
+            self._order(EndBurst(burst=recording.status.burst))
+            recording.ended_s = self._record.clock()
             self._show_course()
         else:
             self._shoot(self.plan_panel.settings.plan())
 
-    def _has_ended(self, recording: BurstStatus) -> bool:
-        """Return whether a recording that is not saved yet has ended, and Space takes again."""
-        return any(of.status.burst == recording.burst and of.ended_s is not None for of in self.takes)
+    @property
+    def _recording(self) -> Take | None:
+        """The recording under way, which Space ends. It is known by its name: a new leader numbers anew."""
+        newest = None if self._record.status is None else self._record.status.burst
+        name = "" if newest is None else newest.name
+        return next((take for take in self.takes if take.status.name == name and take.is_recording), None)
+
+    def describe_key(self, action: str) -> str:
+        """Name what the key of an action does now; empty for its usual name."""
+        return "Stop" if action == "take" and self._recording is not None else ""
 
     def action_stop(self) -> None:
         """Stop a countdown, a series or a wait; images already taken are saved."""
@@ -459,6 +463,9 @@ class ShootView(ModeView):
         # The sheet hides that pane in a narrow window.
         self.stage.show_subtitle(depth[0] if depth and self.has_class("narrow", "sheet") else Content(""))
         self._line.show(self._words(now_s).wrap(max(self._line.size.width, 1)))
+        if self._could_stop != (can_stop := self._recording is not None):
+            self._could_stop = can_stop
+            self.refresh_bindings()
 
     def _words(self, now_s: float) -> Content:
         """Return the line's text: the pending activity, a failure, the verdict, or the rig's advice."""
@@ -470,6 +477,7 @@ class ShootView(ModeView):
             return Content.styled(printable(f"{NO_LEADER}{remedy}: {self._record.lost}"), NO_LEADER.style)
         if newest is not None and not newest.status.done and not newest.problem:
             words = f"◔ {printable(newest.status.name)}: {progress_words(newest, now_s, self.takes)}"
+            words += "; Space stops" if newest is self._recording else ""
             return Content.styled(words, "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")

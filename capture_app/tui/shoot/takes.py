@@ -22,6 +22,8 @@ SAID_AFTER_S = 2
 """Seconds after which the progress text shows the elapsed time."""
 EARLIER = 8
 BAR = 10
+WIDTH = 36
+"""Columns of the pane before it is laid out."""
 
 
 @dataclass(slots=True)
@@ -55,6 +57,11 @@ class Take:
     def planned_s(self) -> float | None:
         """Length of this recording as ordered here; None if it lasts until it is stopped."""
         return self.plan.seconds if self.plan is not None and self.status.recording else None
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether this recording is under way: no end was ordered or reported."""
+        return self.status.recording and not self.status.done and self.ended_s is None
 
     def length_s(self, now_s: float) -> float:
         """Return the length of this recording until now, at most until its end."""
@@ -104,7 +111,7 @@ def progress_words(take: Take, now_s: float, takes: Sequence[Take] = ()) -> str:
             return f"recorded {length}; {status.received} of {status.expected} frames saved{left}"
         of = "" if take.planned_s is None else f" of {_minutes(take.planned_s)}"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""
-        return f"recording {length}{of}: {status.received} frames{lacking}; Space stops"
+        return f"recording {length}{of}: {status.received} frames{lacking}"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images{after}"
@@ -140,10 +147,10 @@ class TakePanel(VerticalScroll, can_focus=False):
         self._picture.display = picture is not None
         self._picture.show(picture)
         self._earlier.display = len(takes) > 1
-        newest = Content("\n").join(_lines(takes, now_s, depth))
+        width = self.scrollable_content_region.width or WIDTH
+        newest = Content("\n").join(_lines(takes, now_s, depth, width))
         earlier = Content("\n").join(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
         self.plain = f"{newest.plain}\n\n{earlier.plain}".rstrip()
-        width = self.scrollable_content_region.width or newest.cell_length
         self._newest.show(newest.wrap(width))
         self._earlier.show(earlier.wrap(width))
 
@@ -159,22 +166,30 @@ def verdict_line(verdict: Verdict) -> Content:
     )
 
 
-def transfer_line(transfer: CameraTransfer) -> Content:
-    """Return a camera's transfer progress: name, bar, numbers, and the reason if it failed."""
+def transfer_line(transfer: CameraTransfer, columns: int) -> Content:
+    """Return a camera's transfer progress: name, bar, numbers, and the reason if it failed.
+
+    The bar is as long as `columns` leave, at most `BAR`.
+    """
     done = transfer.received >= transfer.expected
-    filled = BAR if done else BAR * transfer.received // max(1, transfer.expected)
-    style = "$success" if done else "$error" if transfer.problem else "$primary"
     sign = " ✔" if done else " ✖" if transfer.problem else ""
-    return Content.assemble(
-        (f"{printable(transfer.camera):<8.12} ", "$foreground"),
-        ("█" * filled, style),
-        ("░" * (BAR - filled), "$foreground-muted"),
+    name, numbers = (
+        f"{printable(transfer.camera):<8.12} ",
         f" {transfer.received}/{transfer.expected}{sign}",
+    )
+    bar = max(1, min(BAR, columns - len(name) - len(numbers)))
+    filled = bar if done else bar * transfer.received // max(1, transfer.expected)
+    style = "$success" if done else "$error" if transfer.problem else "$primary"
+    return Content.assemble(
+        (name, "$foreground"),
+        ("█" * filled, style),
+        ("░" * (bar - filled), "$foreground-muted"),
+        numbers,
         (f" {printable(transfer.problem)}" if transfer.problem else "", "$error"),
     )
 
 
-def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Iterator[Content]:
+def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content], columns: int) -> Iterator[Content]:
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
@@ -184,11 +199,11 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Ite
     if takes[-1].trashed:
         yield Content.styled("in the trash", "$foreground-muted")
     else:
-        yield from _in_full(takes[-1], now_s, takes)
+        yield from _in_full(takes[-1], now_s, takes, columns)
         yield from depth
 
 
-def _in_full(take: Take, now_s: float, takes: Sequence[Take]) -> Iterator[Content]:
+def _in_full(take: Take, now_s: float, takes: Sequence[Take], columns: int) -> Iterator[Content]:
     status = take.status
     if take.sheet is not None and status.done:
         yield _short_verdict(take.sheet.verdict)
@@ -210,7 +225,7 @@ def _in_full(take: Take, now_s: float, takes: Sequence[Take]) -> Iterator[Conten
     begun = status.done or any(one.received or one.problem for one in status.transfer)
     if begun and not (whole and take.sheet is not None):
         yield Content("")
-        yield from map(transfer_line, status.transfer)
+        yield from (transfer_line(one, columns) for one in status.transfer)
 
 
 def _in_short(take: Take, now_s: float) -> Content:

@@ -1,5 +1,7 @@
 """Footer with the keys that are available here."""
 
+from dataclasses import replace
+
 from textual.binding import Binding
 from textual.content import Content
 from textual.screen import Screen
@@ -31,9 +33,12 @@ class KeyFooter(Lines):
         if not self.is_attached or screen is not self.screen or not screen.is_current:
             return
         shown: dict[str, Binding] = {}
-        for _, binding, enabled, _ in screen.active_bindings.values():
+        for node, binding, enabled, _ in screen.active_bindings.values():
             if binding.show and enabled:
-                shown.setdefault(binding.action, binding)
+                # A view may name what its key does now.
+                describe = getattr(node, "describe_key", None)
+                words = (describe and describe(binding.action)) or binding.description
+                shown.setdefault(binding.action, replace(binding, description=words))
         right = Content("").join(self._item(shown.pop(action)) for action in ALWAYS if action in shown)
         room, line = self.size.width - right.cell_length, Content("")
         for binding in sorted(shown.values(), key=lambda binding: binding.action not in FIRST):

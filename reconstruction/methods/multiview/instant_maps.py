@@ -91,7 +91,7 @@ def match_instants(
     """
     still, seen, many, progress = StillScene(), False, len(instants) > 1, options.progress
     if many:
-        progress.total = len(instants)
+        progress.total = len(instants) + progress.later
     for instant in instants:
         if many:
             progress.step(f"instant {instant}")
@@ -113,14 +113,13 @@ def match_instant(
     still: StillScene,
     progress: Progress,
     *,
-    later_steps: int = 0,
     workspace: Path | None = None,
     on_pair: Callable[[CalibratedImage, CalibratedImage, tuple[float, float]], None] | None = None,
 ) -> InstantMaps:
     """Compute the depth of an instant's images under a condition, by those of their step.
 
     `still` is the still scene found at earlier instants; it also stores the new results. COLMAP's workspace
-    is written to `workspace` if given. `later_steps` is the number of progress lines after this.
+    is written to `workspace` if given.
     `on_pair` receives two images and their range of depth before all are matched.
 
     Raises:
@@ -128,7 +127,7 @@ def match_instant(
     """
     shown = instants_shown(inputs.dataset, condition, instant)
     usable, left_out = inputs.usable({c: k for c, k in shown.items() if c not in options.without})
-    progress.total = len(usable) + later_steps
+    progress.total = 1 + len(usable) + progress.later
     progress.step("the scene's range of depth")
     calibrated = {camera: image.calibrated for camera, image in usable.items()}
     still.look(calibrated)
@@ -140,7 +139,7 @@ def match_instant(
         raise refuse_views(views, rough.points)
     left_out |= {c: _why_alone(c, calibrated, rough, steps_ns) for c in usable if not sources.get(c)}
     images = {camera: image for camera, image in usable.items() if sources.get(camera)}
-    progress.total = len(images) + later_steps
+    progress.done += len(usable) - len(images)
     if on_pair is not None:
         reference = choose_reference_view(image_views(images), rough.points)
         on_pair(calibrated[reference], calibrated[sources[reference][0]], rough.depth_ranges[reference])

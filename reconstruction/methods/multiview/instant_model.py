@@ -111,6 +111,7 @@ def model_instant(
         BadInputError: the instant or the condition cannot be used, or nothing was found.
     """
     scene, dataset, progress = inputs.scene, inputs.dataset, options.progress
+    progress.later = 2 if options.cleans_cloud else 1
     maps_found = match_instant(
         inputs,
         instant,
@@ -118,7 +119,6 @@ def model_instant(
         options,
         still or StillScene(),
         progress,
-        later_steps=3 if options.cleans_cloud else 2,
         workspace=part / WORKSPACE if options.workspace else None,
         on_pair=partial(_show_pair, early) if early is not None else None,
     )

@@ -130,9 +130,8 @@ def optimize_moments(seen: Iterable[SeenInstant], count: int, options: SplatOpti
     """Yield the splat of each of `count` instants, beginning with what the instant before has learned."""
     learned: tuple[Gaussians, ...] = ()
     backdrop: Backdrop | None = None
-    for number, one in enumerate(seen):
-        if not number:
-            options.progress.total = options.progress.done + count  # all maps are computed
+    options.progress.later = count
+    for one in seen:
         options.progress.step(f"splat of instant {one.instant}")
         moment = {camera: view.resized(options.width) for camera, view in one.moment.items()}
         # What is beyond all surfaces stands still.

@@ -91,6 +91,7 @@ def render_views(scene: Scene, condition: Condition, folder: Path, options: View
     steps_ns = dataset.steps_ns
     order_ns = sorted({*steps_ns.values()})
     subject: Array | None = None
+    progress.later = 1
     for one in see_moments(
         scene,
         dataset.chosen_instants(options.listed_instants),

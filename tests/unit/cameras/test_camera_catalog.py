@@ -115,3 +115,7 @@ def test_opening_a_test_card_loads_no_heavy_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_path_of_a_device_is_its_camera() -> None:
+    assert specs.parse_spec("/dev/video2,fps=30") == specs.parse_spec("v4l2:/dev/video2,fps=30")

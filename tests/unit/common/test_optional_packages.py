@@ -9,12 +9,13 @@ import pytest
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.optional_packages import how_to_install, load_optional
 
+PC = "(sys_platform == 'linux' and platform_machine == 'x86_64')"
 REQUIRES = [
     "numpy>=2.0",
     'av>=15; extra == "export"',
     'mcap<3,>=1.2; extra == "export"',
-    "open3d>=0.20; (sys_platform == 'linux' and platform_machine == 'x86_64') and extra == 'reconstruction'",
-    "pycolmap>=4.2; (sys_platform == 'linux' and platform_machine == 'x86_64') and extra == 'reconstruction'",
+    f"open3d-cpu>=0.20; {PC} and extra == 'reconstruction'",
+    f"pycolmap>=4.2; {PC} and extra == 'reconstruction'",
 ]
 
 
@@ -41,7 +42,10 @@ def test_the_line_installs_the_packages_by_their_own_names(monkeypatch: pytest.M
 @pytest.mark.usefixtures("machine")
 @pytest.mark.parametrize(
     ("machine_name", "advice"),
-    [("x86_64", "-m pip install 'open3d>=0.20' 'pycolmap>=4.2'"), ("aarch64", "Linux on aarch64: copy the")],
+    [
+        ("x86_64", "-m pip install 'open3d-cpu>=0.20' 'pycolmap>=4.2'"),
+        ("aarch64", "Linux on aarch64: copy the"),
+    ],
 )
 def test_a_machine_that_cannot_have_them_is_told(
     monkeypatch: pytest.MonkeyPatch, machine_name: str, advice: str
@@ -49,11 +53,21 @@ def test_a_machine_that_cannot_have_them_is_told(
     monkeypatch.setattr(platform, "machine", lambda: machine_name)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setitem(sys.modules, "pycolmap", None)
+    monkeypatch.setitem(sys.modules, "open3d", None)
     with pytest.raises(
         NotAvailableError, match="finding poses needs pycolmap, which is not installed"
     ) as caught:
         load_optional("pycolmap", "reconstruction", "finding poses")
     assert advice in str(caught.value)
+
+
+@pytest.mark.usefixtures("machine")
+def test_open3d_with_cuda_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(sys, "platform", "linux")
+    (tmp_path / "open3d.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert how_to_install("reconstruction").endswith("-m pip install 'pycolmap>=4.2'")
 
 
 def test_a_library_of_the_system_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

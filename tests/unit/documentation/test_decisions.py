@@ -20,12 +20,14 @@ DECIDED = (
     "gap_watch",
     "instant_votes",
     "likely_line",
+    "phrases",
     "time_map",
     "timing",
+    "verdict",
 )
 """Modules of which every number carries a verdict."""
-TECHNICAL = {"likely_line.LONG_AGO_NS"}
-"""Numbers without which the same is computed."""
+TECHNICAL = {"likely_line.LONG_AGO_NS", "verdict.PX_PER_S", "verdict._LIMITS_PX"}
+"""Numbers without which the same is computed, or that define the grades (docs/session-format.md)."""
 
 
 def module_file(stem: str) -> Path:
@@ -64,6 +66,19 @@ def test_a_decision_has_the_values_of_the_code(page: Path) -> None:
     assert rows
     stated = {f"{stem}.{name}": eval(value, {"__builtins__": {}}) for stem, name, value, _ in rows}
     assert stated == {f"{stem}.{name}": getattr(module(stem), name) for stem, name, _, _ in rows}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_command_that_measured_it_still_exists(page: Path) -> None:
+    (command,) = re.findall(r"\*\*Measured by\*\*: (.+?)(?=\*\*To change it)", page.read_text(), re.DOTALL)
+    named = re.findall(r"`([^`]+)`", command)
+    assert named
+    makefile = (ROOT / "Makefile").read_text()
+    for words in named:
+        for path in re.findall(r"(?:tests|benchmarks)/\S+", words):
+            assert (ROOT / path.split("::")[0]).exists(), path
+        for name in re.findall(r"NAME=(\S+)", words):
+            assert f"BENCH_{name} :=" in makefile, name
 
 
 @pytest.mark.parametrize("stem", DECIDED)

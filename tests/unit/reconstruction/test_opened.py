@@ -8,9 +8,13 @@ import pytest
 
 from capture_app.console.terminal import talk
 from capture_app.console.usage import silence
+from reconstruction import open_session
 from reconstruction.common.memory import limited_memory, memory_budget
+from reconstruction.common.options import described
 from reconstruction.common.picture_checksums import checked_pictures, picture_checks
 from reconstruction.common.worker_pool import worker_pool
+from reconstruction.method.interface import methods
+from tests.project import JUMPER
 
 
 def test_two_sessions_in_two_threads_neither_silence_nor_limit_each_other(
@@ -40,3 +44,12 @@ def test_two_sessions_in_two_threads_neither_silence_nor_limit_each_other(
         assert cv2.getNumThreads() == before
         both.reset()
     assert capfd.readouterr().err == "heard\n"
+
+
+def test_each_method_has_the_help_of_its_command() -> None:
+    opened = open_session(JUMPER)
+    for name, method in methods().items():
+        bound = getattr(opened, name)
+        assert bound.__name__ == name
+        assert bound.__doc__.startswith(method.help)
+        assert all(f"    {option.field}: " in bound.__doc__ for option in described(method))

@@ -160,3 +160,18 @@ def test_pixels_at_the_border_of_a_wide_lens_are_undistorted() -> None:
     rays = np.array([[1.0, 0.75]])
     pixels = lens.project(np.column_stack([rays, [1.0]]))
     np.testing.assert_allclose(lens.undistort_points(pixels), rays, atol=1e-6)
+
+
+def test_a_camera_or_instant_that_is_not_there_is_answered_with_those_that_are(session: Session) -> None:
+    opened = open_session(session.folder)
+    names = ", ".join(opened.cameras)
+    with pytest.raises(BadInputError, match=f"no camera 'cam9'.*{names}"):
+        opened.cameras["cam9"]
+    with pytest.raises(BadInputError, match=f"no camera 'cam9'.*{names}"):
+        opened.instants[0].frames["cam9"]
+    with pytest.raises(
+        IndexError, match=f"no instant 9999: the instants are 0 to {len(opened.instants) - 1}"
+    ):
+        opened.instants[9999]
+    assert opened.instants[:1] == (opened.instants[0],)
+    assert opened.instants[-1] is opened.instants[len(opened.instants) - 1]

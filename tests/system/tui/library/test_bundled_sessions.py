@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture_app.tui.jobs.result_screen import ResultScreen
-from capture_app.tui.jobs.run import RunState
+from capture_app.tui.jobs.run import STUDIES, RunState
 from capture_app.tui.widgets.look import LookScreen
 from capture_app.tui.widgets.picture import Picture
 from tests.project import SAMPLES
@@ -36,7 +36,9 @@ async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
         key = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/crossing"))
         rows(pilot.app).choose(key)
         await settle(pilot)
-        await pilot.press("A", "down", "down", "enter", "enter")
+        await pilot.press(
+            "A", *["down"] * [study.name for study in STUDIES].index("panorama"), "enter", "enter"
+        )
         await until(pilot, lambda: pilot.app.runs.all and pilot.app.runs.all[0].state.is_over)
         (job,) = pilot.app.runs.all
         assert (job.state, job.kind) == (RunState.DONE, "panorama"), job.message

@@ -78,6 +78,18 @@ def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
     assert found["conclusion"] == ""
 
 
+@pytest.mark.parametrize(("is_offset", "error"), [(False, "± 23 ms"), (True, "33.3 ± 0.5 ms late")])
+def test_an_imported_session_states_its_own_error(is_offset: bool, error: str, tmp_path: Path) -> None:
+    late = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.3, uncertainty_ms=0.5)
+    times = {"sync_residual_us": None, "imported_error": (22_950.0, "by sound")}
+    timing = late if is_offset else TIMING
+    found = exactness(msgspec.structs.replace(whole_result(tmp_path), timing=timing, **times))
+    assert shown(found["error"]) == error
+    assert "by sound, by the session's own record" in found["error_source"]
+    assert ("± 23 ms" in shown(found["error_source"])) == is_offset
+    assert "by what moves" in found["error_source"]
+
+
 def test_an_offset_of_any_camera_counts(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, other="cam_far", synchronized=False, offset=True, late_ms=-17.1)
     rig = SessionTiming(reference="cam2", cameras=(TIMING, late))

@@ -33,3 +33,23 @@ def test_pictures_are_no_nearer_to_their_instants_than_their_stamps_are_known(tm
     edit_manifest(session, lambda manifest: manifest["images"][0].update(hard_bound_ns=None))
     unsure = Dataset.open(session.folder)
     assert (unsure.worst_residual_us(), unsure.worst_hard_bound_us()) == (21_004, None)
+
+
+def test_an_imported_session_says_its_error_and_how_it_was_measured(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "small")
+    data = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH), np.uint8))[1].tobytes()
+    for camera, error_ns in (("left", 0), ("right", 22_950_000)):
+        writer.add_image(data, camera=camera, instant=0, suffix=".png", uncertainty_ns=error_ns, leader_ns=0)
+    session = finish_session(writer, ("left", "right"), 1)
+    assert Dataset.open(session.folder).imported_error is None
+    sound = {"offset_ns": 5, "uncertainty_ns": 22_950_000, "source": "sound"}
+    times = {
+        "state": "aligned",
+        "reference": "left",
+        "cameras": {"left": {"source": "reference"}, "right": sound},
+    }
+    edit_manifest(session, lambda manifest: manifest.update(origin="imported"))
+    edit_manifest(session, lambda manifest: manifest["burst"].update(common_times=times))
+    assert Dataset.open(session.folder).imported_error == (22_950.0, "by sound")
+    edit_manifest(session, lambda manifest: manifest["burst"].update(common_times={"state": "unknown"}))
+    assert Dataset.open(session.folder).imported_error is None

@@ -1,6 +1,6 @@
 """Stands in for `reconstruct compare`: quick, and as the words after the session say.
 
-SESSION [say LINE] [wait FILE] [fail] [flood LINES] [priority] --out DIR --json
+SESSION [say LINE] [wait FILE] [fail] [flood LINES] [priority] [write FILE] --out DIR --json
 """
 
 import json
@@ -15,7 +15,7 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 def main() -> None:
     words = iter(sys.argv[1:])
     out = Path(sys.argv[sys.argv.index("--out") + 1])
-    with OutputFolder(out, replaces_only(["metrics.json"])) as output:
+    with OutputFolder(out, replaces_only(["metrics.json", "splat.json"])) as output:
         for word in words:
             if word == "say":
                 print(next(words), file=sys.stderr, flush=True)
@@ -23,6 +23,8 @@ def main() -> None:
                 path = Path(next(words))
                 while not path.exists():
                     time.sleep(0.01)
+            elif word == "write":
+                (output.folder / next(words)).write_text("{}")
             elif word == "priority":
                 print(f"priority {os.nice(0)}", file=sys.stderr, flush=True)
             elif word == "flood":

@@ -15,6 +15,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.jobs.run import COMMANDS
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from tests.project import ROOT
 from tests.unit.tui.driving import make_app, screen_of, settle, text, toasts, until
@@ -64,6 +65,47 @@ async def test_the_palette_does_what_a_key_does() -> None:
         await pilot.press("down", "enter")
         await settle(pilot)
         assert app.screen.query_one("#start").display
+
+
+async def test_the_palette_knows_the_actions_of_all_modes() -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        offered = {command.title: command for command in app.get_system_commands(app.screen)}
+        for word, where in (("calib", "in Sessions, key A"), ("delete it", "in Sessions, key del")):
+            (found,) = [command for title, command in offered.items() if word in title]
+            assert found.help == where
+        assert any("expos" in title.casefold() for title in offered)
+        assert offered["Take"].help == "in Shoot, key space"
+        await offered["Name"].callback()
+        await settle(pilot)
+        assert app.current_mode in ("shoot", "sessions")
+
+
+async def test_the_key_of_a_mode_shows_the_mode_and_not_what_was_open_in_it() -> None:
+    app = make_app(FakeRig(3))
+    async with app.run_test(size=(100, 30)) as pilot:
+        await settle(pilot)
+        await pilot.press("enter")
+        await settle(pilot)
+        assert isinstance(app.screen, CameraScreen)
+        await pilot.press("2", "1")
+        await settle(pilot)
+        assert app.current_mode == "rig"
+        assert "rig.add" in {each.binding.id for each in app.active_bindings.values()}
+
+
+async def test_a_recording_under_way_is_spoken_of_as_one() -> None:
+    rig = own_rig()
+    status = BurstStatus(burst=1, name="walk", cameras=2, instants=5, received=3, expected=10, recording=True)
+    rig.burst_status = status
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("q")
+        await settle(pilot)
+        said = " ".join(str(app.screen.query_one(".question").render()).split())
+        assert "walk is recording, and goes on if the rig is left running" in said
 
 
 def test_every_action_has_a_name_and_words() -> None:

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.tui.jobs.run import COMMANDS
+from capture_app.tui.jobs.run import COMMANDS, STUDIES
+from capture_app.tui.library import sessions_view
 from tests.unit.tui.driving import settle, until
 from tests.unit.tui.library.screen import choose, library, text, type_text
 
@@ -63,3 +64,29 @@ async def test_a_path_that_none_can_be_is_no_folder_and_no_error(sessions: Path)
         await pilot.press("escape")
         await settle(pilot)
         assert not jobs(pilot)
+
+
+async def test_an_analysis_asks_what_matters_and_opens_its_page(
+    sessions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path | None] = []
+    monkeypatch.setattr(sessions_view, "open_report", lambda _, page: opened.append(page))
+    quick = replace(
+        COMMANDS["splat"],
+        module="tests.unit.tui.jobs.quick_command",
+        choices=(("quick", "write splat.json"), ("with its page", "write splat.json write walk.html")),
+        fixed=(),
+    )
+    monkeypatch.setitem(COMMANDS, quick.name, quick)
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("A", *["down"] * [study.name for study in STUDIES].index("splat"), "enter")
+        await settle(pilot)
+        assert "with its page" in str(pilot.app.screen.query_one(OptionList).get_option_at_index(1).prompt)
+        await pilot.press("down", "enter")
+        await settle(pilot)
+        assert pilot.app.screen.query_one(Input).value == "write splat.json write walk.html"
+        await pilot.press("enter")
+        await until(pilot, lambda: opened)
+        (job,) = jobs(pilot)
+        assert opened == [job.out / "walk.html"]

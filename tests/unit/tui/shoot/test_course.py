@@ -23,7 +23,8 @@ from capture_app.protocol.status import BurstStatus, CameraTransfer, RigStatus
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import Question
 from capture_app.tui.shoot.shoot_view import cancellable_bursts
-from capture_app.tui.shoot.takes import Take, progress_words
+from capture_app.tui.shoot.takes import Take, progress_words, transfer_line
+from capture_app.tui.widgets.key_footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
 from tests.unit.tui.driving import toasts, until
 from tests.unit.tui.fake_rig import FakeRig, make_node, show_motion
@@ -33,6 +34,10 @@ from tests.unit.tui.takes import make_take
 
 def line_of(studio: Studio) -> str:
     return studio.view.query_one("#shoot-advice", Lines).plain[0]
+
+
+def footer_of(studio: Studio) -> str:
+    return studio.app.screen.query_one(KeyFooter).plain[0]
 
 
 async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
@@ -317,7 +322,7 @@ def test_a_recording_of_a_planned_length_ends_by_itself() -> None:
         burst=1, name="walk", recording=True, cameras=2, instants=90, received=0, expected=180
     )
     take = Take(status, TakePlan(video=True, seconds=5.0), begun_s=100.0)
-    said = "recording 0:03 of 0:05: 0 frames, 180 in transit; Space stops"
+    said = "recording 0:03 of 0:05: 0 frames, 180 in transit"
     assert progress_words(take, 103.5) == said
     # The leader reports the end a little later than the screen's clock would.
     take.ended_s = 105.4
@@ -341,6 +346,37 @@ def test_a_wait_says_for_what_and_how_long() -> None:
         second.status = replace_fields(second.status, received=received)
         second.note_saved(now_s)
     assert progress_words(second, 120.0, takes) == "recorded 0:05; 60 of 180 frames saved, some 30 s left"
+
+
+async def test_space_ends_the_recording_of_a_leader_that_numbers_anew(tmp_path: Path) -> None:
+    """The ended burst of that number counted as this one's end, and Space recorded beside it."""
+    rig = ready_rig(2)
+    studio = Studio(rig, tmp_path)
+    recording = BurstStatus(
+        burst=1, name="walk", recording=True, cameras=2, instants=41, received=80, expected=82
+    )
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        rig.burst_status = recording
+        rig.tell()
+        await studio.settle(pilot)
+        await pilot.press("space")
+        rig.burst_status = replace_fields(recording, ended=True, done=True)
+        rig.tell()
+        await studio.settle(pilot)
+        assert "Stop" not in footer_of(studio)
+        # Another screen or a shell began it, with a leader that was started again.
+        rig.burst_status = replace_fields(recording, name="run")
+        rig.tell()
+        await studio.settle(pilot)
+        assert line_of(studio).endswith("; Space stops")
+        assert "space Stop" in footer_of(studio)
+        rig.asked.clear()
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert rig.asked == [("order", EndBurst(burst=1))]
+        assert "Space stops" not in line_of(studio)
+        assert "space Take" in footer_of(studio)
 
 
 async def test_a_recording_that_others_ended_is_not_stopped_once_more(tmp_path: Path) -> None:
@@ -484,3 +520,12 @@ async def test_a_take_that_a_newer_one_replaced_is_done_when_its_session_is_save
         rig.tell()
         await until(pilot, lambda: "burst-001  ● excellent" in studio.view.take_panel.plain)
         assert "burst-002\n◔ taken" in studio.view.take_panel.plain
+
+
+def test_a_bar_leaves_its_numbers_on_its_line() -> None:
+    transfer = CameraTransfer(camera="cam00", received=1234, expected=1800)
+    for columns in (25, 36, 60):
+        line = transfer_line(transfer, columns)
+        assert line.cell_length <= columns
+        assert line.plain.endswith(" 1234/1800")
+    assert transfer_line(transfer, 60).plain.count("█") == 6

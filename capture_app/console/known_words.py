@@ -1,0 +1,171 @@
+"""Words that people know from other programs, and the command or option of ours that each one means.
+
+They are ffmpeg's, git's, docker's, OpenCV's, COLMAP's, nerfstudio's and those of camera apps.
+"""
+
+from difflib import get_close_matches
+
+import click
+
+_COMMANDS = {
+    "capture-app": {
+        "capture-app burst": "capture shoot take snap photo picture snapshot shot trigger frames grab",
+        "capture-app record": "video film movie stream rec recording",
+        "capture-app record --stop": "end-recording stop-recording",
+        "capture-app rig start": "start up run launch",
+        "capture-app rig stop": "stop down quit kill shutdown end",
+        "capture-app rig list": "ps rigs",
+        "capture-app": "ui tui gui screen app open",
+        "capture-app serve": "web browser",
+        "capture-app leader": "server master host main controller serve-rig",
+        "capture-app node --camera SPEC": "client slave join connect worker agent attach",
+        "capture-app cameras": "devices list-devices list-cameras webcam webcams ls-cameras scan discover",
+        "capture-app cameras set CONTROL=VALUE": "exposure gain focus settings config controls set",
+        "capture-app trust pair LEADER": "pair login auth key keys",
+        "capture-app sessions list": "ls list takes library history",
+        "capture-app sessions trash SESSION": "delete rm remove del",
+        "capture-app sessions export SESSION": "convert to",
+        "capture-app sessions show SESSION": "inspect describe probe",
+        "capture-app status": "info stats state health sync synchronize",
+        "capture-app doctor": "check diagnose test",
+        "capture-app phones": "phone mobile android ios qr",
+        "capture-app monitor": "dashboard live watch",
+        "capture-app --version": "version",
+        "capture-app --help": "help",
+        "reconstruct calibrate SESSION": "calibrate calibration calib",
+        "reconstruct, a command of its own": "reconstruct",
+        "reconstruct multiview SESSION": "depth mesh pointcloud 3d multiview sfm mvs",
+        "reconstruct stereo SESSION": "stereo disparity",
+        "reconstruct splat SESSION": "splat splats gsplat gaussians train 3dgs",
+        "reconstruct panorama SESSION": "panorama stitch pano",
+        "reconstruct compare SESSION": "compare evaluate",
+        "reconstruct time SESSION": "time align offset offsets",
+        "reconstruct board FILE": "board charuco chessboard checkerboard",
+        "reconstruct view SESSION": "view walk render bullet-time bullettime",
+    },
+    "capture-app sessions": {
+        "capture-app sessions trash SESSION": "delete rm remove del",
+        "capture-app sessions list": "ls dir",
+        "capture-app sessions show SESSION": "info inspect describe open view",
+        "capture-app sessions rename SESSION NAME": "mv move name",
+        "capture-app sessions verify SESSION": "check validate fsck",
+        "capture-app sessions repair SESSION": "fix recover resume",
+        "capture-app sessions export SESSION": "convert save to",
+        "capture-app sessions import SOURCE": "add load read from",
+        "capture-app sessions note SESSION TEXT": "annotate comment tag",
+        "capture-app sessions restore SESSION": "undelete undo untrash",
+        "capture-app sessions empty-trash": "purge clean prune empty",
+    },
+    "reconstruct": {
+        "reconstruct multiview SESSION": "depth dense mvs pointcloud point-cloud cloud fuse fusion 3d",
+        "reconstruct multiview SESSION --mesh": "mesh poisson mesher",
+        "reconstruct stereo SESSION": "disparity sgbm pair",
+        "reconstruct calibrate SESSION": "sfm mapper calib calibration intrinsics extrinsics poses colmap",
+        "reconstruct splat SESSION": "splats gsplat gaussian gaussians splatfacto train 3dgs nerf nerfacto",
+        "reconstruct panorama SESSION": "stitch pano stitching",
+        "reconstruct view SESSION": "walk render novel-view bullet-time bullettime wiggle viewer",
+        "reconstruct time SESSION": "sync synchronize align offset offsets",
+        "reconstruct trajectory SESSION": "track ball path",
+        "reconstruct compare SESSION": "evaluate eval quality report",
+        "reconstruct board FILE": "charuco chessboard checkerboard",
+        "reconstruct batch SESSIONS": "all jobs slurm",
+        "capture-app sessions import SOURCE": "import",
+        "capture-app sessions export SESSION": "export convert",
+        "capture-app sessions list": "list ls",
+        "capture-app sessions show SESSION": "show info",
+        "reconstruct --version": "version",
+        "reconstruct --help": "help",
+    },
+    "capture-app cameras": {
+        "capture-app cameras list": "ls devices scan discover find",
+        "capture-app cameras show NAME": "info get inspect",
+        "capture-app cameras remove NAME": "rm delete del disconnect",
+        "capture-app cameras add SPEC": "open connect new attach",
+        "capture-app cameras set CONTROL=VALUE": "config settings exposure gain focus control",
+    },
+    "capture-app rig": {
+        "capture-app rig stop": "down kill quit end",
+        "capture-app rig start": "up run launch new",
+        "capture-app rig list": "ls ps status show",
+    },
+    "capture-app trust": {
+        "capture-app trust list": "ls show",
+        "capture-app trust pair LEADER": "join connect login",
+        "capture-app trust remove MACHINE": "rm delete del revoke forget",
+        "capture-app trust invite": "code qr new",
+    },
+}
+"""Command lines by the group that was typed, with the words that mean them."""
+_OPTIONS = (
+    "--frames count n num number num-frames shots burst images vframes",
+    "--count n num frames number max-frames vframes",
+    "--out output o out-dir output-dir output-path dir dest destination outfile workspace-path to",
+    "--to format f type output-format as",
+    "--seconds duration t time length for",
+    "--interval-s interval timelapse delay",
+    "--fps rate framerate frame-rate r hz",
+    "--camera device source src input i cam spec cameras",
+    "--leader server host address ip connect url",
+    "--sessions dir folder out output data output-dir",
+    "--name label title tag n",
+    "--json output-json as-json machine",
+    "--port p listen",
+    "--host bind address ip listen",
+    "--instant frame frames index at time",
+    "--instants frames range",
+    "--width size resolution scale res",
+    "--cameras count n num devices",
+    "--simulated fake sim dummy",
+    "--replace overwrite force f y",
+    "--yes y force",
+    "--jobs j threads workers parallel num-workers",
+    "--from method mode using",
+    "--square-mm square square-size square-length size",
+    "--marker-mm marker marker-size marker-length",
+    "--watch follow f w",
+    "--stop end finish",
+    "--detach d background daemon",
+    "--min-nodes min-cameras nodes cameras",
+    "--quick fast preview draft quality",
+    "--mesh poisson",
+    "--iterations steps iters max-iterations",
+    "--verbose debug trace log-level",
+    "--calibration intrinsics camera-params calib",
+    "--every step stride skip",
+    "--field-of-view fov hfov",
+)
+"""Options, each with other programs' words for it, without hyphens; the first that a command has wins."""
+_CLOSE = 0.75
+"""Similarity from which a name counts as mistyped; click's own 0.6 takes `--json` for `--count`."""
+
+
+def advise(error: click.UsageError) -> str:
+    """Return the message of a usage error, with what was probably meant by an unknown command or option."""
+    if error.ctx is None:
+        return error.format_message()
+    if isinstance(error, click.NoSuchOption):
+        mine = [
+            name
+            for param in error.ctx.command.get_params(error.ctx)
+            for name in param.opts
+            if name[:1] == "-"
+        ]
+        word = error.option_name.lstrip("-").replace("_", "-").casefold()
+        known = (line.split() for line in _OPTIONS)
+        meant = next((option for option, *words in known if option in mine and word in words), None)
+        close = get_close_matches(error.option_name, mine, 1, _CLOSE)
+        return _message(f"No such option '{error.option_name}'", meant, close)
+    if isinstance(error, click.NoSuchCommand) and isinstance(error.ctx.command, click.Group):
+        word = error.command_name.casefold()
+        program = error.ctx.command_path
+        table = _COMMANDS.get(program, {})
+        meant = next((line for line, words in table.items() if word in words.split()), None)
+        close = get_close_matches(word, error.ctx.command.list_commands(error.ctx), 1, _CLOSE)
+        return _message(f"No such command '{error.command_name}'", meant, close)
+    return error.format_message()
+
+
+def _message(unknown: str, meant: str | None, close: list[str]) -> str:
+    if meant is not None:
+        return f"{unknown}: it is {meant}"
+    return f"{unknown}. Did you mean '{close[0]}'?" if close else unknown

@@ -1,0 +1,195 @@
+"""First guesses of people who know other programs, and what each is answered with."""
+
+import shlex
+
+import click
+import pytest
+
+from capture_app.cli import run as run_capture_app
+from capture_app.common.errors import ExitCode
+from capture_app.console.known_words import _COMMANDS, _OPTIONS
+from reconstruction.cli import run as run_reconstruct
+from tests.command_lines import every_command
+
+RUN = {"capture-app": run_capture_app, "reconstruct": run_reconstruct}
+
+GUESSES = """
+capture-app capture > capture-app burst
+capture-app shoot > capture-app burst
+capture-app take > capture-app burst
+capture-app snapshot > capture-app burst
+capture-app trigger > capture-app burst
+capture-app video > capture-app record
+capture-app stream > capture-app record
+capture-app Record > 'record'
+capture-app start > capture-app rig start
+capture-app up > capture-app rig start
+capture-app down > capture-app rig stop
+capture-app stop > capture-app rig stop
+capture-app ps > capture-app rig list
+capture-app ui > capture-app
+capture-app gui > capture-app
+capture-app web > capture-app serve
+capture-app server > capture-app leader
+capture-app master > capture-app leader
+capture-app client > capture-app node --camera SPEC
+capture-app join > capture-app node --camera SPEC
+capture-app devices > capture-app cameras
+capture-app list-devices > capture-app cameras
+capture-app webcam > capture-app cameras
+capture-app camera > 'cameras'
+capture-app exposure > capture-app cameras set CONTROL=VALUE
+capture-app focus > capture-app cameras set CONTROL=VALUE
+capture-app config > capture-app cameras set CONTROL=VALUE
+capture-app pair > capture-app trust pair LEADER
+capture-app login > capture-app trust pair LEADER
+capture-app ls > capture-app sessions list
+capture-app list > capture-app sessions list
+capture-app delete > capture-app sessions trash SESSION
+capture-app rm > capture-app sessions trash SESSION
+capture-app import > capture-app sessions import
+capture-app export > capture-app sessions export
+capture-app convert > capture-app sessions export SESSION
+capture-app verify > capture-app sessions verify
+capture-app info > capture-app status
+capture-app sync > capture-app status
+capture-app version > capture-app --version
+capture-app help > capture-app --help
+capture-app phone > capture-app phones
+capture-app qr > capture-app phones
+capture-app dashboard > capture-app monitor
+capture-app calibrate > reconstruct calibrate SESSION
+capture-app stereo > reconstruct stereo SESSION
+capture-app splat > reconstruct splat SESSION
+capture-app depth > reconstruct multiview SESSION
+capture-app mesh > reconstruct multiview SESSION
+capture-app stitch > reconstruct panorama SESSION
+capture-app compare > reconstruct compare SESSION
+capture-app time > reconstruct time SESSION
+capture-app reconstruct > reconstruct, a command of its own
+capture-app statsu > 'status'
+capture-app rcord > 'record'
+capture-app sessions delete x > capture-app sessions trash SESSION
+capture-app sessions rm x > capture-app sessions trash SESSION
+capture-app sessions ls > capture-app sessions list
+capture-app sessions info x > capture-app sessions show SESSION
+capture-app sessions open x > capture-app sessions show SESSION
+capture-app sessions mv x y > capture-app sessions rename SESSION NAME
+capture-app sessions check x > capture-app sessions verify SESSION
+capture-app sessions recover x > capture-app sessions repair SESSION
+capture-app sessions convert x > capture-app sessions export SESSION
+capture-app sessions add x > capture-app sessions import SOURCE
+capture-app sessions undelete x > capture-app sessions restore SESSION
+capture-app sessions prune > capture-app sessions empty-trash
+capture-app cameras ls > capture-app cameras list
+capture-app cameras rm x > capture-app cameras remove NAME
+capture-app cameras info x > capture-app cameras show NAME
+capture-app cameras connect x > capture-app cameras add SPEC
+capture-app rig down > capture-app rig stop
+capture-app rig ls > capture-app rig list
+capture-app trust revoke x > capture-app trust remove MACHINE
+capture-app trust code > capture-app trust invite
+capture-app burst --count 5 > --frames
+capture-app burst -n 5 > --frames
+capture-app burst --num-frames 5 > --frames
+capture-app burst --shots 5 > --frames
+capture-app burst --timelapse 5 > --interval-s
+capture-app burst --server 127.0.0.1:1 > --leader
+capture-app burst --title x > --name
+capture-app record --duration 5 > --seconds
+capture-app record -t 5 > --seconds
+capture-app record --framerate 30 > --fps
+capture-app record -r 30 > --fps
+capture-app record --background > --detach
+capture-app node --device 0 > --camera
+capture-app node -i 0 > --camera
+capture-app node --host 127.0.0.1 > --leader
+capture-app leader --framerate 30 > --fps
+capture-app leader -p 1 > --port
+capture-app sessions export x --format mp4 > --to
+capture-app sessions export x -f mp4 > --to
+capture-app sessions export x -o y > --out
+capture-app sessions import x --output y > --out
+capture-app sessions import x --framerate 30 > --fps
+capture-app sessions import x --intrinsics y > --calibration
+capture-app demo --num 3 > --cameras
+reconstruct depth x > reconstruct multiview SESSION
+reconstruct mvs x > reconstruct multiview SESSION
+reconstruct mesh x > reconstruct multiview SESSION --mesh
+reconstruct sfm x > reconstruct calibrate SESSION
+reconstruct mapper x > reconstruct calibrate SESSION
+reconstruct splatfacto x > reconstruct splat SESSION
+reconstruct gsplat x > reconstruct splat SESSION
+reconstruct stitch x > reconstruct panorama SESSION
+reconstruct walk x > reconstruct view SESSION
+reconstruct bullet-time x > reconstruct view SESSION
+reconstruct align x > reconstruct time SESSION
+reconstruct track x > reconstruct trajectory SESSION
+reconstruct charuco x > reconstruct board FILE
+reconstruct import x > capture-app sessions import SOURCE
+reconstruct version > reconstruct --version
+reconstruct stereo x -o y > --out
+reconstruct stereo x --frame 3 > --instant
+reconstruct multiview x --preview > --quick
+reconstruct multiview x --poisson > --mesh
+reconstruct calibrate x --mode sfm > --from
+reconstruct calibrate x --square-size 30 > --square-mm
+reconstruct calibrate x --overwrite > --replace
+reconstruct calibrate x --hfov 60 > --field-of-view
+reconstruct splat x --steps 7 > --iterations
+reconstruct batch x --workers 2 > --jobs
+""".strip().splitlines()
+
+
+@pytest.mark.parametrize("guess", GUESSES)
+def test_a_first_guess_is_answered_with_what_is_meant(guess: str, capfd: pytest.CaptureFixture[str]) -> None:
+    typed, meant = guess.split(" > ")
+    program, *words = shlex.split(typed)
+    assert RUN[program](words) == ExitCode.USAGE
+    printed = capfd.readouterr()
+    answer = f"Did you mean {meant}?" if meant.startswith("'") else f": it is {meant}"
+    assert f"{answer} (see " in printed.err
+    assert (printed.out, printed.err.count("\n")) == ("", 1)
+
+
+def test_every_answer_is_a_command_line_of_ours() -> None:
+    typed = dict(every_command())
+    for answers in _COMMANDS.values():
+        for line in answers:
+            command = line.split(",")[0].split(" -")[0]
+            words = [word for word in command.split() if not (word.isupper() or "=" in word)]
+            assert " ".join(words) in typed, line
+            options = {name for param in typed[" ".join(words)].params for name in param.opts}
+            assert {word for word in line.split() if word.startswith("--")} <= options | {"--help"}, line
+
+
+def test_no_known_word_is_a_name_of_ours() -> None:
+    for group, answers in _COMMANDS.items():
+        command: click.Command = dict(every_command())[group]
+        assert isinstance(command, click.Group)
+        names = set(command.list_commands(click.Context(command)))
+        words = [word for known in answers.values() for word in known.split()]
+        assert not names & set(words), group
+        assert len(words) == len(set(words)), group
+
+
+def test_every_option_that_is_advised_exists() -> None:
+    ours = {
+        name
+        for _, command in every_command()
+        for param in command.get_params(click.Context(command))
+        for name in param.opts
+    }
+    assert {line.split()[0] for line in _OPTIONS} <= ours
+
+
+@pytest.mark.parametrize("line", ["reconstruct", "capture-app sessions", "capture-app trust"])
+def test_a_group_without_a_command_prints_its_help_as_help(
+    line: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    program, *words = line.split()
+    assert RUN[program](words) == ExitCode.USAGE
+    printed = capfd.readouterr().err
+    assert printed.startswith(f"Usage: {line} ")
+    assert "error:" not in printed
+    assert printed.count("\n") > 8
